@@ -32,7 +32,7 @@ list(JOIN suggests ", " CPACK_DEBIAN_HEADERS_PACKAGE_SUGGESTS)
 
 if(TARGET lumo_program)
   list(APPEND CPACK_COMPONENTS_ALL program)
-  set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "The commands lumo and lumo-sensing: sections, meshes, presses, light,
+  set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "The command lumo: sections, meshes, presses, light,
 objectives, searches that are kept in a store, reports, and logs of sensors.")
   set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME lumo-bin)
   set(CPACK_DEBIAN_PROGRAM_PACKAGE_SECTION science)

@@ -11,7 +11,7 @@ int main() {
                                         {.finest = 0.7_mm, .growth = 0.5});
   const Simulator simulator{NeoHookean{.mu = silicone.mu_Pa, .lambda = silicone.lambda_Pa}, SDFContact{}};
   const auto states = simulator.press(pad, mesh, ball);
-  for (const MechanicalState& s : states)
+  for (const auto& s : states)
     std::cout << s.force_N << " N at " << 1e3 * s.depth_m << " mm, " << to_string(s.status) << '\n';
   std::ofstream picture("press.svg");
   write_press_svg(picture, pad, mesh, ball, states.back());

@@ -19,8 +19,11 @@ Body dome(double ring_mm, double tilt_deg) {  // radius of the ring of LEDs, and
                                               // camera looks through a thick window
   const double R = 12.0_mm, tilt = tilt_deg * pi / 180.0, q = 0.5 * pi / 8;  // eight facets along each quarter
   Body b;
-  b.symmetry = {true, true}, b.sizing.edge = [](const Vec3d&) { return 2.5_mm; }, b.medium = {1.41, 14.5},
-  b.surroundings = {1.49}, b.vertices = {{0, 0, 0}, {0, 0, R}};
+  b.symmetry = {true, true};
+  b.sizing.edge = [](const Vec3d&) { return 2.5_mm; };
+  b.medium = {1.41, 14.5};
+  b.surroundings = {1.49};
+  b.vertices = {{0, 0, 0}, {0, 0, R}};
   b.patches = {{"coat", SphereShape{{0, 0, 0}, R}, false, true, false, Lambertian{0.7}},
                {"window", Plane{{0, 0, 0}, -Vec3d::UnitZ()}, true, false, false, Dielectric{}}};
   for (int i = 1; i < 9; ++i)
@@ -29,9 +32,11 @@ Body dome(double ring_mm, double tilt_deg) {  // radius of the ring of LEDs, and
           R * Vec3d(std::sin(q * i) * std::cos(q * j), std::sin(q * i) * std::sin(q * j), std::cos(q * i)));
   const auto at = [](int i, int j) { return i == 0 ? 1 : 9 * i + j - 7; };
   b.facets = {{{0}, 1}, {{0}, Body::mirror_patch}, {{0}, Body::mirror_patch}};
-  for (int i = 0; i < 9; ++i)
-    b.facets[0].loop.push_back(at(8, 8 - i)), b.facets[1].loop.push_back(at(8 - i, 0)),
-        b.facets[2].loop.push_back(at(i, 8));
+  for (int i = 0; i < 9; ++i) {
+    b.facets[0].loop.push_back(at(8, 8 - i));
+    b.facets[1].loop.push_back(at(8 - i, 0));
+    b.facets[2].loop.push_back(at(i, 8));
+  }
   for (int i = 0; i < 8; ++i)
     for (int j = 0; j < 8; ++j)
       b.facets.push_back(i == 0 ? Facet{{1, at(1, j), at(1, j + 1)}, 0}
@@ -70,8 +75,8 @@ int main() {
                                2 * n * zoom);  // a row for each design: at rest, under 4 N, and under 1.6 N from aside
   for (int row = 0; const auto& [ring_mm, tilt_deg, mu_Pa] : std::vector<std::array<double, 3>>{
                         {6.0, 0.0, 100.0_kPa}, {10.0, 40.0, 120.0_kPa}}) {  // mu: of the gel
-    const Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>, decltype(light)> tools{
-        {}, {{mu_Pa, 99.0 * mu_Pa}}, light, {0.6_mm, 0.4, 1.0}};
+    const Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>, decltype(light)>
+        tools{{}, {{mu_Pa, 99.0 * mu_Pa}}, light, {0.6_mm, 0.4, 1.0}};
     const Scores s = evaluate(dome(ring_mm, tilt_deg), presses, tools, TbbExecutor{2}, std::tuple{&contrast});
     if (!s.converged) return 1;
     std::printf("ring %4.1f mm, tilt %2.0f deg, gel %3.0f kPa: contrast %.2e ± %.0e\n", ring_mm, tilt_deg, 1e-3 * mu_Pa,

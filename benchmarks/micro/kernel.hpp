@@ -17,8 +17,8 @@
 namespace lumo::micro {
 
 /// A benchmark's name as table.py takes it apart: what is done, on how much, and by which of several ways. The input's
-/// first number is what the time is also told for one of; of benchmarks with the same kernel and input, the first is
-/// what the others are compared with.
+/// first number is a count, and the table also gives the time for one. Benchmarks with the same kernel and input are
+/// compared with the first of them.
 inline std::string named(const std::string& kernel, const std::string& input, const std::string& way = "") {
   return kernel + " | " + input + " | " + way;
 }

@@ -109,11 +109,12 @@ TEST_CASE("optimize: acquisition", "[optimize]") {
   const auto b = sampled.prepare(models, EachOutput{}, evidence, 3);
   REQUIRE(a(candidates).array().isFinite().all());
   REQUIRE(b(candidates).array().isFinite().all());
-  const std::string told = "1 set of 40 designs told", asked = "64 candidates, 40 designs told";
-  BENCHMARK(named("acquisition prepared", told, "LogNehvi, 16 draws")) {
+  const std::string evidence_set = "1 set of 40 evaluated designs";
+  const std::string asked = "64 candidates, 40 evaluated designs";
+  BENCHMARK(named("acquisition prepared", evidence_set, "LogNehvi, 16 draws")) {
     return closed.prepare(models, EachOutput{}, evidence, 3);
   };
-  BENCHMARK(named("acquisition prepared", told, "QLogNehvi, 128 draws")) {
+  BENCHMARK(named("acquisition prepared", evidence_set, "QLogNehvi, 128 draws")) {
     return sampled.prepare(models, EachOutput{}, evidence, 3);
   };
   BENCHMARK(named("acquisition value", asked, "LogNehvi, 16 draws")) { return a(candidates); };

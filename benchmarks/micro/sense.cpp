@@ -31,7 +31,8 @@ struct Finger {
     const double px_per_m = 0.8 * 640 / 0.055, askew = 3.0 / 180.0 * pi;
     map.origin_px = {320.0, 240.0};
     map.direction = {std::cos(askew), std::sin(askew)};
-    map.half_length_px = 0.022 * px_per_m, map.coefficients = {0.0, 22.0_mm, 0.0};
+    map.half_length_px = 0.022 * px_per_m;
+    map.coefficients = {0.0, 22.0_mm, 0.0};
   }
   GreenProfile::Config config() const {
     const double half = 0.165 * 480 * map.scale_m_per_px(0.0);
@@ -78,7 +79,9 @@ struct Recording {
   }
   BayesLocalizer bayes() const {
     BayesLocalizer::Config c;
-    c.position_m = readout.positions_m(), c.noise = reference.noise(), c.unloaded = reference.mean();
+    c.position_m = readout.positions_m();
+    c.noise = reference.noise();
+    c.unloaded = reference.mean();
     return BayesLocalizer(c);
   }
 };
@@ -121,7 +124,7 @@ template <class Localizer> void time_estimator(const std::string& name, Localize
   Fed<Frame> camera;
   Fed<JointSample> actuator;
   using Estimator = ForceEstimator<Fed<Frame>, Fed<JointSample>, Localizer>;
-  Estimator estimator(camera, actuator, r.readout, std::move(localizer), MomentArm{0.05}, r.reference,
+  Estimator estimator(camera, actuator, {r.readout, r.reference}, std::move(localizer), MomentArm{0.05},
                       typename Estimator::Config{});
   std::int64_t k = 0;
   ForceEstimate last;

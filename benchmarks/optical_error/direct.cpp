@@ -26,14 +26,22 @@ double norm(const std::vector<double>& v) {
   return Eigen::Map<const Eigen::VectorXd>(v.data(), Eigen::Index(v.size())).norm();
 }
 
-Quality quality(const Light& light, const Body& body, const TetMesh& mesh, const MechanicalState& state,
-                Symmetry symmetry, const Eigen::VectorXd& change, Response& rest) {
+/// What is traced, and the change of its response.
+struct TracedPress {
+  const Body& body;
+  const TetMesh& mesh;
+  const MechanicalState& state;
+  Symmetry symmetry;
+  Eigen::VectorXd change;
+};
+
+Quality quality(const Light& light, const TracedPress& press) {
   const Stopwatch watch;
-  rest = light.trace(body, mesh);
-  const Response loaded = light.trace(body, mesh, state, symmetry);
+  const Response rest = light.trace(press.body, press.mesh);
+  const Response loaded = light.trace(press.body, press.mesh, press.state, press.symmetry);
   const double seconds = watch.seconds();
   return {norm(rest.error_W) / norm(rest.power_W),
-          norm(standard_error(loaded.replicates - rest.replicates)) / change.norm(), seconds};
+          norm(standard_error(loaded.replicates - rest.replicates)) / press.change.norm(), seconds};
 }
 
 }  // namespace
@@ -52,7 +60,7 @@ int main() {
         const Body body = finger(d, silicone, options);
         const std::vector<Scenario<Sphere>> scenarios{{Sphere{10.0_mm}, 0.0, 0.0, {1.0}}};
         const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), scenarios, mesher);
-        const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{
+        const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
             NeoHookean{silicone.mu_Pa, silicone.lambda_Pa}};
         const MechanicalState state = simulator.prepare(body, mesh).press(scenarios[0])[0];
         const Symmetry symmetry = symmetry_of(body, mesh, scenarios[0]);
@@ -60,12 +68,10 @@ int main() {
         Light::Config paths;
         paths.exit_rays = 0;
         paths.rays_per_emitter *= 8;
-        Response rest;
         const Response best = Light().refined(16).trace(body, mesh),
                        pressed = Light().refined(16).trace(body, mesh, state, symmetry);
-        const Eigen::VectorXd change = (pressed.replicates - best.replicates).colwise().mean();
-        const Quality p = quality(Light(paths), body, mesh, state, symmetry, change, rest),
-                      g = quality(Light(), body, mesh, state, symmetry, change, rest);
+        const TracedPress press{body, mesh, state, symmetry, (pressed.replicates - best.replicates).colwise().mean()};
+        const Quality p = quality(Light(paths), press), g = quality(Light(), press);
         const auto gain = [&](double a, double b) { return a * a * p.seconds / (b * b * g.seconds); };
         std::printf(
             "%g,%g,%g,%g,%g  %-4s  %.1f  %6.1f %%          %6.3f %%  %6.2f %%  %6.2f          %6.3f %%  %6.2f %%  "

@@ -100,13 +100,17 @@ std::map<std::string, std::map<std::string, Row>> read(const std::string& file) 
     std::string key = cell[0];
     for (std::size_t k = 1; k < 8; ++k) key += ',' + cell[k];
     Row r;
-    r.level = cell[8], r.status = cell[9];
+    r.level = cell[8];
+    r.status = cell[9];
     const auto number = [&](std::size_t k) { return std::stod(cell[k]); };
-    r.nodes = number(10), r.factors = number(11), r.seconds = number(12);
+    r.nodes = number(10);
+    r.factors = number(11);
+    r.seconds = number(12);
     std::size_t at = 13;
     for (PerLoad* list : {&r.depth, &r.area, &r.area0, &r.area_fit})
       for (double& v : *list) v = number(at++);
-    r.iou = number(at++), r.iou_fit = number(at);
+    r.iou = number(at++);
+    r.iou_fit = number(at);
     all[key][r.level] = r;
   }
   return all;
@@ -143,7 +147,8 @@ Row own_solution(const Case& c, const std::string& level, const TetgenMesher& me
   const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), place, mesher, focus);
   const Stopwatch clock;
   const Silicone card = dragon_skin();
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{card.mu_Pa, card.lambda_Pa}};
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+      NeoHookean{card.mu_Pa, card.lambda_Pa}};
   const auto states = simulator.press(body, mesh, c.scenario());
   row.seconds = clock.seconds();
   row.nodes = double(mesh.nodes.size());
@@ -174,21 +179,26 @@ std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const 
     for (int i = 0; i < n; ++i)
       for (int j = 0; j < n; ++j) {
         double u = (i + 1.0 / 3.0) / n, v = (j + 1.0 / 3.0) / n;
-        if (i + j >= n) u = 1.0 - u, v = 1.0 - v;
+        if (i + j >= n) {
+          u = 1.0 - u;
+          v = 1.0 - v;
+        }
         const auto shape = face_shape(u, v, 2);
         const auto slope = face_shape_derivatives(u, v, 2);
         Vec3d at = Vec3d::Zero(), by_u = at, by_v = at, by_u0 = at, by_v0 = at;
         for (std::size_t a = 0; a < 6; ++a) {
           at += shape[a] * x.col(f.nodes[a]);
-          by_u += slope[a][0] * x.col(f.nodes[a]), by_v += slope[a][1] * x.col(f.nodes[a]);
-          by_u0 += slope[a][0] * mesh.nodes[std::size_t(f.nodes[a])],
-              by_v0 += slope[a][1] * mesh.nodes[std::size_t(f.nodes[a])];
+          by_u += slope[a][0] * x.col(f.nodes[a]);
+          by_v += slope[a][1] * x.col(f.nodes[a]);
+          by_u0 += slope[a][0] * mesh.nodes[std::size_t(f.nodes[a])];
+          by_v0 += slope[a][1] * mesh.nodes[std::size_t(f.nodes[a])];
         }
         const double gap = sphere.distance(at - origin);
         for (std::size_t k = 0; k < levels; ++k)
-          if (gap < level[k])
-            sum[0][k] += 0.5 / (n * n) * by_u.cross(by_v).norm(),
-                sum[1][k] += 0.5 / (n * n) * by_u0.cross(by_v0).norm();
+          if (gap < level[k]) {
+            sum[0][k] += 0.5 / (n * n) * by_u.cross(by_v).norm();
+            sum[1][k] += 0.5 / (n * n) * by_u0.cross(by_v0).norm();
+          }
       }
   }
   Eigen::Matrix<double, levels, 3> A;
@@ -213,10 +223,12 @@ Body spelled_out(Body b, int axis) {
     Patch p = b.patches[k];
     std::visit(
         [&](auto& shape) {
-          if constexpr (requires { shape.direction; })
-            shape.point = reflect(shape.point), shape.direction = reflect(shape.direction);
-          else
+          if constexpr (requires { shape.direction; }) {
+            shape.point = reflect(shape.point);
+            shape.direction = reflect(shape.direction);
+          } else {
             shape.center = reflect(shape.center);
+          }
         },
         p.shape);
     b.patches.push_back(p);
@@ -256,10 +268,14 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   row.level = level;
   FingerOptions options;
   options.mesh = base_mesh;
-  options.mesh.contact_edge *= size, options.mesh.coarsest_edge *= size, options.mesh.growth *= size,
-      options.mesh.max_turn_rad *= size;
+  options.mesh.contact_edge *= size;
+  options.mesh.coarsest_edge *= size;
+  options.mesh.growth *= size;
+  options.mesh.max_turn_rad *= size;
   Focus focus = base_focus;
-  focus.finest *= size, focus.growth *= size, focus.depth_growth *= size;
+  focus.finest *= size;
+  focus.growth *= size;
+  focus.depth_growth *= size;
   const Body coarse = finger(c.design, dragon_skin());
   const Scenario<Sphere> scenario = c.scenario();
   const Touch touch = first_touch(coarse, mesh_body(coarse, mesher), scenario);
@@ -364,57 +380,102 @@ std::vector<Quantity> quantities() {
   return q;
 }
 
-/// Markdown: deviations of lumo's solution `compared` from the extrapolated reference, per case and in summary.
-void table(const std::string& file, const std::string& compared, std::ostream& out) {
-  const auto all = read(file);
-  const auto list = quantities();
-  std::vector<std::vector<double>> deviation(list.size()), noise(list.size());
-  std::vector<std::string> worst(list.size());
-  std::ostringstream body;
+using Rows = std::map<std::string, Row>;             // of one case, by level
+using Levels = std::vector<std::pair<double, Row>>;  // the reference's, by size, coarsest first
+
+Levels reference_levels(const Rows& rows) {
+  Levels levels;
+  for (const auto& [level, row] : rows)
+    if (!level.starts_with("lumo") && row.status == "converged") levels.emplace_back(std::stod(level), row);
+  std::sort(levels.begin(), levels.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+  return levels;
+}
+
+/// The numbers of a case's key: five lengths, diameter, angle, place.
+std::vector<double> numbers_of(const std::string& key) {
+  std::istringstream cells(key);
+  std::vector<double> number;
+  for (std::string cell; std::getline(cells, cell, ',');) number.push_back(std::stod(cell));
+  return number;
+}
+
+/// `v` as std::printf would write it.
+std::string written(const char* format, double v) {
+  char text[64];
+  std::snprintf(text, sizeof text, format, v);
+  return text;
+}
+
+/// Deviations of lumo's solution from the extrapolated reference: per quantity, over all cases.
+struct Deviations {
+  std::vector<Quantity> list = quantities();
+  std::vector<std::vector<double>> deviation = std::vector<std::vector<double>>(list.size()), noise = deviation;
+  std::vector<std::string> worst = std::vector<std::string>(list.size());
   double fit_area = 0, fit_iou = 0;
-  for (const auto& [key, rows] : all) {
-    const auto own = rows.find(compared);
-    std::vector<std::pair<double, Row>> levels;
-    for (const auto& [level, row] : rows)
-      if (!level.starts_with("lumo") && row.status == "converged") levels.emplace_back(std::stod(level), row);
-    std::sort(levels.begin(), levels.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
-    if (own == rows.end() || own->second.status != "converged" || levels.size() < 2) continue;
-    std::istringstream cells(key);
-    std::vector<double> number;
-    for (std::string cell; std::getline(cells, cell, ',');) number.push_back(std::stod(cell));
-    const double d = number[5];
-    body << "\n### [" << number[0] << ", " << number[1] << ", " << number[2] << ", " << number[3] << ", " << number[4]
-         << "], d = " << d << " mm, alpha = " << number[6] << " deg, y = " << number[7] << " mm\n\n| quantity |";
-    for (const auto& l : levels)
-      body << " size " << l.first << " (" << l.second.nodes << " nodes, " << l.second.seconds << " s) |";
-    body << " extrapolated | ± | lumo (" << own->second.nodes << " nodes, " << own->second.seconds
-         << " s) | difference |\n|---|";
-    for (std::size_t k = 0; k < levels.size() + 4; ++k) body << "---|";
-    body << '\n';
-    char text[64];
-    const auto put = [&](double v, const char* format) { body << (std::snprintf(text, sizeof text, format, v), text); };
-    for (std::size_t q = 0; q < list.size(); ++q) {
-      std::vector<std::pair<double, double>> by_size;
-      body << "| " << list[q].name << " |";
-      for (const auto& l : levels)
-        by_size.emplace_back(l.first, list[q].of(l.second, d)), put(by_size.back().second, " %.4f |");
-      const Extrapolated e = extrapolate(by_size, list[q].smooth);
-      const double mine = list[q].of(own->second, d), scale = list[q].relative ? e.value : 1.0;
-      const double off = (mine - e.value) / scale;
-      put(e.value, " %.4f |"), put(e.error, " %.4f |"), put(mine, " %.4f |");
-      if (list[q].relative)
-        put(100.0 * off, " %+.2f %% |\n");
-      else
-        put(off, " %+.4f |\n");
-      if (deviation[q].empty() || std::abs(off) > *std::max_element(deviation[q].begin(), deviation[q].end()))
-        worst[q] = key;
-      deviation[q].push_back(std::abs(off));
-      noise[q].push_back(std::abs(e.error / scale));
-    }
-    for (std::size_t k = 1; k < loads_n; ++k)
-      fit_area = std::max(fit_area, std::abs(levels.back().second.area_fit[k] / levels.back().second.area[k] - 1.0));
-    fit_iou = std::max(fit_iou, std::abs(levels.back().second.iou_fit - levels.back().second.iou));
+
+  void add(const std::string& key, const Row& own, const Levels& levels, std::ostream& out);
+  void add_quantity(std::size_t q, const std::string& key, const Row& own, const Levels& levels, std::ostream& out);
+  void write_summary(std::ostream& out) const;
+};
+
+/// One row of a case's table.
+void Deviations::add_quantity(std::size_t q, const std::string& key, const Row& own, const Levels& levels,
+                              std::ostream& out) {
+  const double d = numbers_of(key)[5];
+  std::vector<std::pair<double, double>> by_size;
+  out << "| " << list[q].name << " |";
+  for (const auto& l : levels) {
+    by_size.emplace_back(l.first, list[q].of(l.second, d));
+    out << written(" %.4f |", by_size.back().second);
   }
+  const Extrapolated e = extrapolate(by_size, list[q].smooth);
+  const double mine = list[q].of(own, d), scale = list[q].relative ? e.value : 1.0;
+  const double off = (mine - e.value) / scale;
+  out << written(" %.4f |", e.value) << written(" %.4f |", e.error) << written(" %.4f |", mine)
+      << (list[q].relative ? written(" %+.2f %% |\n", 100.0 * off) : written(" %+.4f |\n", off));
+  if (deviation[q].empty() || std::abs(off) > *std::max_element(deviation[q].begin(), deviation[q].end()))
+    worst[q] = key;
+  deviation[q].push_back(std::abs(off));
+  noise[q].push_back(std::abs(e.error / scale));
+}
+
+/// A case's table.
+void Deviations::add(const std::string& key, const Row& own, const Levels& levels, std::ostream& out) {
+  const std::vector<double> number = numbers_of(key);
+  out << "\n### [" << number[0] << ", " << number[1] << ", " << number[2] << ", " << number[3] << ", " << number[4]
+      << "], d = " << number[5] << " mm, alpha = " << number[6] << " deg, y = " << number[7] << " mm\n\n| quantity |";
+  for (const auto& l : levels)
+    out << " size " << l.first << " (" << l.second.nodes << " nodes, " << l.second.seconds << " s) |";
+  out << " extrapolated | ± | lumo (" << own.nodes << " nodes, " << own.seconds << " s) | difference |\n|---|";
+  for (std::size_t k = 0; k < levels.size() + 4; ++k) out << "---|";
+  out << '\n';
+  for (std::size_t q = 0; q < list.size(); ++q) add_quantity(q, key, own, levels, out);
+  const Row& finest = levels.back().second;
+  for (std::size_t k = 1; k < loads_n; ++k)
+    fit_area = std::max(fit_area, std::abs(finest.area_fit[k] / finest.area[k] - 1.0));
+  fit_iou = std::max(fit_iou, std::abs(finest.iou_fit - finest.iou));
+}
+
+void Deviations::write_summary(std::ostream& out) const {
+  for (std::size_t q = 0; q < list.size(); ++q) {
+    if (deviation[q].empty()) continue;
+    auto v = deviation[q], n = noise[q];
+    std::sort(v.begin(), v.end());
+    std::sort(n.begin(), n.end());
+    double square = 0;
+    std::size_t beyond = 0;
+    for (double x : v) {
+      square += x * x;
+      beyond += x > list[q].limit;
+    }
+    const auto shown = [&](double x) { return list[q].relative ? written("%.2f %%", 100.0 * x) : written("%.4f", x); };
+    out << "| " << list[q].name << " | " << v.size() << " | " << shown(v.back()) << " | " << shown(v[v.size() / 2])
+        << " | " << shown(std::sqrt(square / double(v.size()))) << " | " << shown(list[q].limit) << " | " << beyond
+        << " | " << shown(n[n.size() / 2]) << " | " << worst[q] << " |\n";
+  }
+}
+
+void write_introduction(const std::string& compared, std::ostream& out) {
   out << "# `" << compared
       << "` against the extrapolated Taylor–Hood reference\n\n"
          "Presses at the default setting beside equilibria of another formulation: quadratic displacement and "
@@ -432,27 +493,23 @@ void table(const std::string& file, const std::string& compared, std::ostream& o
          "benchmarks/reference/results.md\n```\n\n| quantity | cases | largest | median | root mean square | limit | "
          "beyond limit | reference ± (median) | worst case |\n"
          "|---|---|---|---|---|---|---|---|---|\n";
-  for (std::size_t q = 0; q < list.size(); ++q) {
-    if (deviation[q].empty()) continue;
-    auto v = deviation[q], n = noise[q];
-    std::sort(v.begin(), v.end());
-    std::sort(n.begin(), n.end());
-    double square = 0;
-    std::size_t beyond = 0;
-    for (double x : v) square += x * x, beyond += x > list[q].limit;
-    const double unit = list[q].relative ? 100.0 : 1.0;
-    const char* format = list[q].relative ? "%.2f %%" : "%.4f";
-    char text[64];
-    const auto put = [&](double x) { out << (std::snprintf(text, sizeof text, format, unit * x), text) << " | "; };
-    out << "| " << list[q].name << " | " << v.size() << " | ";
-    put(v.back()), put(v[v.size() / 2]), put(std::sqrt(square / double(v.size()))), put(list[q].limit);
-    out << beyond << " | ";
-    put(n[n.size() / 2]);
-    out << worst[q] << " |\n";
+}
+
+/// Markdown: deviations of lumo's solution `compared` from the extrapolated reference, per case and in summary.
+void table(const std::string& file, const std::string& compared, std::ostream& out) {
+  Deviations deviations;
+  std::ostringstream cases;
+  for (const auto& [key, rows] : read(file)) {
+    const auto own = rows.find(compared);
+    const Levels levels = reference_levels(rows);
+    if (own == rows.end() || own->second.status != "converged" || levels.size() < 2) continue;
+    deviations.add(key, own->second, levels, cases);
   }
-  out << "\nAreas measured from gap levels instead of the edge fit, finest reference: at most " << 100 * fit_area
-      << " % from them; IoU " << fit_iou << ".\n";
-  out << body.str();
+  write_introduction(compared, out);
+  deviations.write_summary(out);
+  out << "\nAreas measured from gap levels instead of the edge fit, finest reference: at most "
+      << 100 * deviations.fit_area << " % from them; IoU " << deviations.fit_iou << ".\n";
+  out << cases.str();
 }
 
 std::vector<std::string> split(const std::string& text) {

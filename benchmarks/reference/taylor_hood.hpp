@@ -10,6 +10,7 @@
 #include <array>
 #include <chrono>
 #include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -111,8 +112,30 @@ class TaylorHood {
     return l;
   }
   double smallest_J(const Points& x) const;
+  /// Gradients by the undeformed position, and weights, at all points of the elements.
+  void set_up_elements();
+  /// Shapes and slopes of a curved face at its points.
+  void set_up_faces();
+  /// Contact and bonded faces, symmetry planes.
+  void set_up_boundary(const Body& body, Symmetry planes);
   void add_elements(const Place& at, Eigen::VectorXd& r, bool with_matrix);
   void add_contact(std::size_t side, const Place& at, const Contacts* seen, Eigen::VectorXd& r, bool with_matrix);
+  /// One step of Newton's method: of the positions, the pressures and the advance.
+  struct Step {
+    Points x;
+    Eigen::VectorXd p;
+    double advance = 0.0;
+  };
+  /// The step at `at` towards equilibrium with `load`; updates `out`'s factors and stability. nullopt if the matrix is
+  /// singular or the step is not finite.
+  std::optional<Step> newton_step(const Place& at, double load, Equilibrium& out);
+  /// Adds the fraction `t` of a step. Contact pressures follow it as it was linearised; a point leaves contact if that
+  /// predicts a pull.
+  void take(const Step& step, double t, Place& at);
+  /// Points that overlap take part from now on.
+  void join_overlapping(const Place& at);
+  /// Advances rigidly until the overlap pushes back with the load: the start of the first load.
+  void advance_to_load(Place& at, double load);
   /// Calls visit(face, point, position) where the gap may be small; the others get `far`.
   template <class Visit> void near(std::size_t side, const Place& at, Visit&& visit) const;
   DistanceSample sample(std::size_t side, const Vec3d& x, double advance) const {
@@ -158,6 +181,13 @@ class TaylorHood {
 
 inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry planes, const Constants& constants)
     : mesh_(mesh), constants_(constants), carrier_{body.carrier} {
+  set_up_elements();
+  set_up_faces();
+  set_up_boundary(body, planes);
+  number();
+}
+
+inline void TaylorHood::set_up_elements() {
   static constexpr std::size_t ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
   Eigen::Matrix<double, 3, 4> corner;
   corner << -1, 1, 0, 0, -1, 0, 1, 0, -1, 0, 0, 1;
@@ -179,7 +209,9 @@ inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry pl
       gradient_.push_back(jacobian.inverse().transpose() * by_xi[q]);
       weight_.push_back(point_weight_[q] / 6.0 * jacobian.determinant());
     }
+}
 
+inline void TaylorHood::set_up_faces() {
   std::size_t at = 0;
   for (int i = 0; i < splits; ++i)
     for (int j = 0; j < splits; ++j)
@@ -188,7 +220,10 @@ inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry pl
         // triangles.
         const bool folded = i + j >= splits;
         double u = (i + (q == 1 ? 2.0 / 3.0 : 1.0 / 6.0)) / splits, v = (j + (q == 2 ? 2.0 / 3.0 : 1.0 / 6.0)) / splits;
-        if (folded) u = 1.0 - u, v = 1.0 - v;
+        if (folded) {
+          u = 1.0 - u;
+          v = 1.0 - v;
+        }
         shape_[at] = {(1 - u - v) * (1 - 2 * u - 2 * v),
                       u * (2 * u - 1),
                       v * (2 * v - 1),
@@ -203,6 +238,9 @@ inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry pl
                        {4 * v, 4 * u},
                        {-4 * v, 4 * (w - v)}}};
       }
+}
+
+inline void TaylorHood::set_up_boundary(const Body& body, Symmetry planes) {
   std::vector<BoundaryFace> outer, inner;
   for (const BoundaryFace& f : mesh_.faces) {
     const Patch& patch = body.patches[std::size_t(f.patch)];
@@ -218,7 +256,6 @@ inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry pl
     if (planes.x && mesh_.nodes[k].x() == 0.0) fix(int(k), 0);
     if (planes.y && mesh_.nodes[k].y() == 0.0) fix(int(k), 1);
   }
-  number();
 }
 
 inline TaylorHood::Surface TaylorHood::surface(const std::vector<BoundaryFace>& faces) const {
@@ -320,7 +357,9 @@ inline void TaylorHood::add_elements(const Place& at, Eigen::VectorXd& r, bool w
     const auto l = local(e, at.x);
     Eigen::Matrix<double, 3, 10> force = Eigen::Matrix<double, 3, 10>::Zero();
     Eigen::Vector4d volume = Eigen::Vector4d::Zero();
-    laplacian.setZero(), divergence.setZero(), mass.setZero();
+    laplacian.setZero();
+    divergence.setZero();
+    mass.setZero();
     for (int q = 0; q < points; ++q) {
       const double w = weight(e, q);
       const Gradients& g = gradient(e, q);
@@ -406,7 +445,9 @@ inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Con
     if (f != open) {
       flush();
       open = f;
-      K.setZero(), force.setZero(), toward.setZero();
+      K.setZero();
+      force.setZero();
+      toward.setZero();
     }
     const DistanceSample d = sample(side, x, at.advance);
     const double area = s.area[id];
@@ -446,24 +487,65 @@ inline Eigen::VectorXd TaylorHood::residual(const Place& at, const Contacts* see
   return r;
 }
 
+inline void TaylorHood::join_overlapping(const Place& at) {
+  for (std::size_t side = 0; side < 2; ++side)
+    near(side, at, [&](std::size_t f, std::size_t k, const Vec3d& x) {
+      Touching& t = contacts_[side][f * face_points + k];
+      if (!t.active && distance(side, x, at.advance) < 0.0) t = {0.0, true};
+    });
+}
+
+inline void TaylorHood::advance_to_load(Place& at, double load) {
+  for (at.advance = 1e-9; at.advance < 0.2 * sphere_.radius_m(); at.advance *= 1.5) {
+    residual(at, nullptr, false);
+    if (push_ >= load) break;
+  }
+  join_overlapping(at);
+}
+
+inline std::optional<TaylorHood::Step> TaylorHood::newton_step(const Place& at, double load, Equilibrium& out) {
+  const Eigen::VectorXd r = residual(at, &contacts_, true);
+  const double push = push_ - load, push_stiffness = push_stiffness_;
+  const int negative = factor_.factorize(matrix_);
+  ++out.factors;
+  if (negative < 0) return std::nullopt;
+  out.stable = negative == pressures_;
+  const Eigen::VectorXd z = factor_.solve(r), response = factor_.solve(coupling_);
+  const double schur = push_stiffness - coupling_.dot(response);
+  out.stable = out.stable && schur > 0.0;
+  const double ds = (-push + coupling_.dot(z)) / schur;
+  const Eigen::VectorXd du = -z - response * ds;
+  if (!du.allFinite() || !std::isfinite(ds)) return std::nullopt;
+
+  Step step{Points::Zero(3, at.x.cols()), Eigen::VectorXd::Zero(at.p.size()), ds};
+  for (std::size_t k = 0; k < equation_.size(); ++k)
+    if (equation_[k] >= 0) step.x.data()[k] = du[equation_[k]];
+  for (std::size_t k = 0; k < pressure_equation_.size(); ++k)
+    if (pressure_equation_[k] >= 0) step.p[Eigen::Index(k)] = du[pressure_equation_[k]];
+  return step;
+}
+
+inline void TaylorHood::take(const Step& step, double t, Place& at) {
+  for (std::size_t side = 0; side < 2; ++side)
+    for (std::size_t f = 0; f < surfaces_[side].faces.size(); ++f)
+      for (std::size_t k = 0; k < std::size_t(face_points); ++k) {
+        Touching& c = contacts_[side][f * face_points + k];
+        if (!c.active) continue;
+        const BoundaryFace& face = surfaces_[side].faces[f];
+        const DistanceSample d = sample(side, position(face, k, at.x), at.advance);
+        const double moved = d.gradient.dot(position(face, k, step.x) - (side == 0 ? step.advance : 0.0) * direction_);
+        c.pressure += t * (-constants_.penalty * (d.distance + moved) - c.pressure);
+        if (c.pressure <= 0.0) c = {};
+      }
+  at.x += t * step.x;
+  at.p += t * step.p;
+  at.advance += t * step.advance;
+}
+
 inline Equilibrium TaylorHood::solve(Place& at, double load, double tolerance) {
   Equilibrium out;
   const int solid = count_ - pressures_;
-  // A rigid overlap that pushes back with the load is where the first load starts.
-  const auto touch = [&](Contacts& c) {
-    for (std::size_t side = 0; side < 2; ++side)
-      near(side, at, [&](std::size_t f, std::size_t k, const Vec3d& x) {
-        Touching& t = c[side][f * face_points + k];
-        if (!t.active && distance(side, x, at.advance) < 0.0) t = {0.0, true};
-      });
-  };
-  if (at.advance == 0.0) {
-    for (at.advance = 1e-9; at.advance < 0.2 * sphere_.radius_m(); at.advance *= 1.5) {
-      residual(at, nullptr, false);
-      if (push_ >= load) break;
-    }
-    touch(contacts_);
-  }
+  if (at.advance == 0.0) advance_to_load(at, load);
   double last_step = 1.0;
   for (int iteration = 0; iteration < 60; ++iteration) {
     const Eigen::VectorXd plain = residual(at, nullptr, false);
@@ -474,46 +556,14 @@ inline Equilibrium TaylorHood::solve(Place& at, double load, double tolerance) {
       out.converged = true;
       break;
     }
-    const Eigen::VectorXd r = residual(at, &contacts_, true);
-    const double push = push_ - load, push_stiffness = push_stiffness_;
-    const int negative = factor_.factorize(matrix_);
-    ++out.factors;
-    if (negative < 0) return out;
-    out.stable = negative == pressures_;
-    const Eigen::VectorXd z = factor_.solve(r), response = factor_.solve(coupling_);
-    const double schur = push_stiffness - coupling_.dot(response);
-    out.stable = out.stable && schur > 0.0;
-    const double ds = (-push + coupling_.dot(z)) / schur;
-    const Eigen::VectorXd du = -z - response * ds;
-    if (!du.allFinite() || !std::isfinite(ds)) return out;
-
-    Points dx = Points::Zero(3, at.x.cols());
-    for (std::size_t k = 0; k < equation_.size(); ++k)
-      if (equation_[k] >= 0) dx.data()[k] = du[equation_[k]];
-    Eigen::VectorXd dp = Eigen::VectorXd::Zero(at.p.size());
-    for (std::size_t k = 0; k < pressure_equation_.size(); ++k)
-      if (pressure_equation_[k] >= 0) dp[Eigen::Index(k)] = du[pressure_equation_[k]];
+    const std::optional<Step> step = newton_step(at, load, out);
+    if (!step) return out;
     const double now = smallest_J(at.x);
-    double t = std::min(1.0, 0.2 * sphere_.radius_m() / std::max(std::abs(ds), 1e-300));
-    for (int k = 0; k < 20 && !(smallest_J(at.x + t * dx) > 0.2 * now); ++k) t *= 0.5;
-    // Contact pressures follow the step as it was linearised; a point leaves where that predicts a pull, and joins
-    // where it overlaps.
-    for (std::size_t side = 0; side < 2; ++side)
-      for (std::size_t f = 0; f < surfaces_[side].faces.size(); ++f)
-        for (std::size_t k = 0; k < std::size_t(face_points); ++k) {
-          Touching& c = contacts_[side][f * face_points + k];
-          if (!c.active) continue;
-          const BoundaryFace& face = surfaces_[side].faces[f];
-          const DistanceSample d = sample(side, position(face, k, at.x), at.advance);
-          const double moved = d.gradient.dot(position(face, k, dx) - (side == 0 ? ds : 0.0) * direction_);
-          c.pressure += t * (-constants_.penalty * (d.distance + moved) - c.pressure);
-          if (c.pressure <= 0.0) c = {};
-        }
-    at.x += t * dx;
-    at.p += t * dp;
-    at.advance += t * ds;
-    last_step = std::max(dx.cwiseAbs().maxCoeff(), std::abs(ds));
-    touch(contacts_);
+    double t = std::min(1.0, 0.2 * sphere_.radius_m() / std::max(std::abs(step->advance), 1e-300));
+    for (int k = 0; k < 20 && !(smallest_J(at.x + t * step->x) > 0.2 * now); ++k) t *= 0.5;
+    take(*step, t, at);
+    last_step = std::max(step->x.cwiseAbs().maxCoeff(), std::abs(step->advance));
+    join_overlapping(at);
   }
   return out;
 }

@@ -24,7 +24,7 @@ using namespace lumo;
 namespace {
 
 using Light = Tracer<BeerLambert, ExitPower, Embree>;
-using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
 
 struct Setting {
   double mesh = 1.0;  // factor on all wanted edge lengths
@@ -96,6 +96,16 @@ void append(std::ofstream& out, const std::string& key, const Evaluation& e) {
   out.flush();
 }
 
+/// Keys of the lines that a file of results holds.
+std::set<std::string> keys_of(const char* file) {
+  std::set<std::string> done;
+  std::ifstream in(file);
+  for (std::string line; std::getline(in, line);)
+    if (const auto a = line.find(":\""); a != std::string::npos)
+      done.insert(line.substr(a + 2, line.find('"', a + 2) - a - 2));
+  return done;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -126,13 +136,7 @@ int main(int argc, char** argv) {
   const Silicone card = silicone(material);
   const TetgenMesher mesher;  // before threads start
 
-  std::set<std::string> done;
-  {
-    std::ifstream in(argv[1]);
-    for (std::string line; std::getline(in, line);)
-      if (const auto a = line.find(":\""); a != std::string::npos)
-        done.insert(line.substr(a + 2, line.find('"', a + 2) - a - 2));
-  }
+  const std::set<std::string> done = keys_of(argv[1]);
   std::ofstream out(argv[1], std::ios::app);
   const std::vector<FingerDesign> list = designs(count);
   for (std::size_t from = 0; from < settings.size();) {
@@ -152,7 +156,7 @@ int main(int argc, char** argv) {
       options.mesh = options.mesh.scaled(s.mesh);
       const Pipeline<TetgenMesher, Simulation, Light> pipeline{
           mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), Focus{}.scaled(s.mesh)};
-      const Evaluation e = evaluate(d, card, ensemble, pipeline, options, TbbExecutor{threads});
+      const Evaluation e = evaluate({d, card, options}, ensemble, pipeline, TbbExecutor{threads});
       append(out, key, e);
       std::fprintf(stderr, "%s: %.1f s\n", key.c_str(), e.observations.seconds.total);
     }

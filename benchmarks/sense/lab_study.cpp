@@ -1,9 +1,10 @@
 // What the sensing library makes of logs of the virtual lab, over many seeds; the tables of results.md.
 //   lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]
-// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their
-// own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache
-// DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
+// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: the offset that the localisers assume
+// of themselves, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab …
+// --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
+#include "drawing/chart.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
@@ -12,10 +13,9 @@
 #include "lumo/sense/decode/linear_decoder.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
-#include "lumo/sense/force/log_estimates.hpp"
-#include "lumo/sense/localize/peak_localizer.hpp"
-#include "program/chart.hpp"
+#include "lumo/sense/estimate.hpp"
 
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -47,23 +47,17 @@ struct PaintedCamera {
 
 struct Painted {
   explicit Painted(const VirtualRig& r) : rig(&r) {
-    for (std::size_t k = 0; k < r.frames().size(); ++k)
-      images.push_back(r.image(k)), stamps.push_back(r.frames()[k].stamp_ns);
+    for (std::size_t k = 0; k < r.frames().size(); ++k) images.push_back(r.image(k));
   }
   PaintedCamera camera() const { return {rig, &images}; }
 
   const VirtualRig* rig;
   std::vector<Image> images;
-  std::vector<std::int64_t> stamps;
 };
 
 LogTruth truth_of(const VirtualRig& rig) {
   std::istringstream table(truth_text(rig.truth()));
   return LogTruth::from_table(table, "truth");
-}
-
-std::optional<ContactLocation> seen(const LogEstimate& e) {
-  return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt;
 }
 
 /// Sums over the frames of one sequence.
@@ -82,16 +76,18 @@ struct Totals {
 
   double mae(ForceErrors::Error ForceErrors::*way) const {
     double sum = 0.0, count = 0.0;
-    for (const Sequence& s : sequences)
-      sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples, count += (s.score.errors.*way).samples;
+    for (const Sequence& s : sequences) {
+      sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples;
+      count += (s.score.errors.*way).samples;
+    }
     return count > 0.0 ? sum / count : 0.0;
   }
   static double recovery(const std::vector<Sequence>& list, const std::vector<std::size_t>& chosen) {
     double gap = 0.0, won = 0.0;
     for (const std::size_t i : chosen) {
       const ForceErrors& e = list[i].score.errors;
-      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples,
-          won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
+      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples;
+      won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
     }
     return won / gap;
   }
@@ -106,38 +102,36 @@ struct Totals {
       for (auto& i : some) i = random() % all.size();
       drawn.push_back(recovery(sequences, some));
     }
-    r.low = quantile(drawn, 0.025), r.high = quantile(drawn, 0.975);
+    r.low = quantile(drawn, 0.025);
+    r.high = quantile(drawn, 0.975);
     return r;
   }
 };
 
-template <class Make> void run_force(const Painted& log, Totals& totals, Make make) {
+template <class Make> void run_force(const Painted& log, Totals& totals, Make make, const FingerOptics& assumed) {
   const VirtualRig& rig = *log.rig;
-  const UnloadedStretch rest = UnloadedStretch::of(rig.session(), log.stamps.front());
-  PaintedCamera first = log.camera(), all = log.camera();
-  LogReference reference{view_finger(first, rig.session(), rest, "lab"), {}, {}};
-  const LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
-  GreenProfile readout = reference.view.readout(bins);
-  reference.unloaded = unloaded_reference(read_profiles(all, readout), rest, "lab");
-  reference.joints = identify_joints(rig.joints(), rig.session(), rest.to_ns);
-  const MomentArm arm{rig.session().joint_to_origin_m};
-  const auto estimates = estimate_forces([&] { return log.camera(); }, rig.joints(), log.stamps, reference, bins,
-                                         make(readout, reference.unloaded), arm, rig.session(),
-                                         std::sqrt(reference.view.leds.map.variance_m2(0.0)));
+  const Recording recording{"lab", rig.session(), rig.frames(), rig.joints(), {}, {}, {}};
+  const auto camera = [&] { return log.camera(); };
+  const FingerModel<> finger = known_finger(recording, camera, assumed);
+  const auto estimates = estimate(recording, camera, finger, make);
+  const PadRange tested{finger.link, -25.0_mm, 25.0_mm};
   const LogTruth truth = truth_of(rig);
-  const LocationScore where = location_score(estimates, truth, 5.0, seen);
-  totals.samples += where.samples, totals.located += where.located, totals.location += where.mae_m * where.located,
-      totals.location_held += where.coverage_90 * where.located;
+  const LocationScore where = location_score(estimates, truth, 5.0);
+  totals.samples += where.samples;
+  totals.located += where.located;
+  totals.location += where.mae_m * where.located;
+  totals.location_held += where.coverage_90 * where.located;
   for (int c = 0; c < int(rig.plan().contacts.size()); ++c) {
-    std::vector<LogEstimate> part;
+    std::vector<FrameEstimate> part;
     for (std::size_t k = 0; k < estimates.size(); ++k)
       if (rig.truth()[k].contact == c) part.push_back(estimates[k]);
-    const LocationScore there = location_score(part, truth, 5.0, seen);
+    const LocationScore there = location_score(part, truth, 5.0);
     const int place = rig.plan().contacts[std::size_t(c)].place;
     totals.held_at_place[place] += there.coverage_90 * there.located;
-    totals.at_place[place] += there.mae_m * there.located, totals.at_place_count[place] += there.located;
+    totals.at_place[place] += there.mae_m * there.located;
+    totals.at_place_count[place] += there.located;
     totals.sequences.push_back(
-        {force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.joints.torque[0].noise_Nm), place});
+        {force_score(part, truth, finger.jacobian, tested, finger.joints.torque[0].noise_Nm), place});
     totals.force_samples += totals.sequences.back().score.samples;
     totals.force_held += totals.sequences.back().score.coverage_90 * totals.sequences.back().score.samples;
   }
@@ -160,20 +154,12 @@ void print(const char* name, double noise, const Totals& t) {
   std::fflush(stdout);
 }
 
-double bias_m = 0.75_mm, end_bias_m = 1.25_mm;
-
-BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
-  return BayesLocalizer(finger_localizer(readout, unloaded, bias_m, end_bias_m));
-}
-PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) {
-  return PeakLocalizer({readout.positions_m(), unloaded.noise()});
-}
-
 /// What decoders say of the same folds.
 struct Tally {
   int right = 0, all = 0;
   void add(const DecodingReport& r) {
-    right += int(std::lround(r.accuracy.value * double(r.predictions.size()))), all += int(r.predictions.size());
+    right += int(std::lround(r.accuracy.value * double(r.predictions.size())));
+    all += int(r.predictions.size());
   }
   double percent() const { return 100.0 * right / std::max(1, all); }
 };
@@ -186,34 +172,29 @@ void draw_curves(const std::string& file, const char* title, const char* of, con
     std::fprintf(stderr, "%s: cannot be written\n", file.c_str());
 }
 
-}  // namespace
+constexpr std::array<double, 4> noises = {0.5, 1.0, 2.0, 4.0};  // times the assumed one
 
-int main(int argc, char** argv) {
-  if (argc < 3)
-    return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]\n"),
-           2;
-  const std::string folder = argv[2];
-  if (!std::filesystem::is_directory(folder)) return std::fprintf(stderr, "%s: no such folder\n", argv[2]), 5;
-  const int seeds = argc > 3 ? std::atoi(argv[3]) : 50, first = argc > 4 ? std::atoi(argv[4]) : 1;
-  if (argc > 5) bias_m = 1e-3 * std::atof(argv[5]);
-  if (argc > 6) end_bias_m = 1e-3 * std::atof(argv[6]);
-  const auto kept = read_pad_responses(argv[1]);
-  if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
-  const PadLight light(*kept);
+/// A computed pad, and the seeds of its logs.
+struct Study {
+  const PadLight& light;
+  int first, seeds;
+  FingerOptics assumed = {};  ///< what the localisers assume of their bias
+};
 
+void study_location_and_force(const Study& study, const std::string& folder) {
   std::vector<program::Curve> errors{{"probabilistic", std::string(program::palette[0]), {}, 2.0, true},
                                      {"peak", std::string(program::palette[1]), {}, 2.0, true}},
       gaps = errors;
   std::printf(
       "| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | "
       "fixed arm N | fused N | fused 90 %% holds %% | gap recovered %% |\n");
-  for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
+  for (const double noise : noises) {
     Totals a, b;
-    for (int s = first; s < first + seeds; ++s) {
-      const VirtualRig rig(light, force_plan(), std::uint64_t(s), noise);
+    for (int s = study.first; s < study.first + study.seeds; ++s) {
+      const VirtualRig rig(study.light, force_plan(), std::uint64_t(s), noise);
       const Painted log(rig);
-      run_force(log, a, bayes);
-      run_force(log, b, peak);
+      run_force(log, a, bayes_localizer, study.assumed);
+      run_force(log, b, peak_localizer, study.assumed);
     }
     print("probabilistic", noise, a);
     print("peak", noise, b);
@@ -227,38 +208,69 @@ int main(int argc, char** argv) {
               "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
   draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen",
               "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
+}
 
+/// What all decoders and metrics say of re-contacts at one noise.
+struct Decoding {
+  Tally nearest, linear, process, filter;
+  std::vector<double> D, W, Q;
+
+  void add(const VirtualRig& rig) {
+    VirtualCamera start(rig), camera(rig);
+    const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
+    GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+    const std::vector<Profile> profiles = read_profiles(camera, fine);
+    const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
+    D.push_back(m.D_neighbor);
+    W.push_back(m.W_recontact);
+    Q.push_back(m.Q.value_or(0.0));
+    std::vector<Profile> regions;  // five bins each
+    for (const Profile& p : profiles)
+      regions.push_back(
+          {p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
+    const auto holds = hold_responses(regions, rig.session().segments);
+    const DecodingTask task = decoding_task(holds, {2.0, 5.0});
+    const std::vector<double> loads = common_loads(holds, 2.0);
+    const DecodingTask whole = decoding_task(holds, loads);
+    nearest.add(cross_validate(NearestTemplate{}, task.data, task.fold));
+    linear.add(cross_validate(LinearDecoder{}, task.data, task.fold));
+    process.add(cross_validate(GaussianProcessDecoder{}, task.data, task.fold));
+    filter.add(cross_validate(BayesDecoder{int(loads.size()) - 1}, whole.data, whole.fold));
+  }
+};
+
+void study_decoding(const Study& study) {
   std::printf(
       "\n| noise | predictions | right %%: nearest | Wilson 95 %% | linear | Gaussian process | Bayes filter | "
       "D_neighbor DN/N | W_recontact DN/N | Q |\n");
-  for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
-    Tally nearest, linear, process, filter;
-    std::vector<double> D, W, Q;
-    for (int s = first; s < first + seeds; ++s) {
-      const VirtualRig rig(light, recontact_plan(), std::uint64_t(s), noise);
-      VirtualCamera start(rig), camera(rig);
-      const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
-      GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
-      const std::vector<Profile> profiles = read_profiles(camera, fine);
-      const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
-      D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
-      std::vector<Profile> regions;  // five bins each
-      for (const Profile& p : profiles)
-        regions.push_back(
-            {p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
-      const auto holds = hold_responses(regions, rig.session().segments);
-      const DecodingTask task = decoding_task(holds, {2.0, 5.0});
-      const std::vector<double> loads = common_loads(holds, 2.0);
-      const DecodingTask whole = decoding_task(holds, loads);
-      nearest.add(cross_validate(NearestTemplate{}, task.data, task.fold));
-      linear.add(cross_validate(LinearDecoder{}, task.data, task.fold));
-      process.add(cross_validate(GaussianProcessDecoder{}, task.data, task.fold));
-      filter.add(cross_validate(BayesDecoder{int(loads.size()) - 1}, whole.data, whole.fold));
-    }
-    const Interval w = wilson_interval(nearest.right, nearest.all);
-    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, nearest.all,
-                100.0 * w.value, 100.0 * w.low, 100.0 * w.high, linear.percent(), process.percent(), filter.percent(),
-                median(D), median(W), median(Q));
+  for (const double noise : noises) {
+    Decoding d;
+    for (int s = study.first; s < study.first + study.seeds; ++s)
+      d.add(VirtualRig(study.light, recontact_plan(), std::uint64_t(s), noise));
+    const Interval w = wilson_interval(d.nearest.right, d.nearest.all);
+    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, d.nearest.all,
+                100.0 * w.value, 100.0 * w.low, 100.0 * w.high, d.linear.percent(), d.process.percent(),
+                d.filter.percent(), median(d.D), median(d.W), median(d.Q));
     std::fflush(stdout);
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 3)
+    return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]\n"),
+           2;
+  const std::string folder = argv[2];
+  if (!std::filesystem::is_directory(folder)) return std::fprintf(stderr, "%s: no such folder\n", argv[2]), 5;
+  const int seeds = argc > 3 ? std::atoi(argv[3]) : 50, first = argc > 4 ? std::atoi(argv[4]) : 1;
+  FingerOptics assumed;
+  if (argc > 5) assumed.bias_sigma_m = 1e-3 * std::atof(argv[5]);
+  if (argc > 6) assumed.end_bias_sigma_m = 1e-3 * std::atof(argv[6]);
+  const auto kept = read_pad_responses(argv[1]);
+  if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
+  const PadLight light(*kept);
+  const Study study{light, first, seeds, assumed};
+  study_location_and_force(study, folder);
+  study_decoding(study);
 }

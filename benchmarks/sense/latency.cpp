@@ -67,7 +67,8 @@ struct Setup {
     const double px_per_m = 0.8 * w / 0.055, pitch = 3.0 / 180.0 * pi;  // a camera that is three degrees askew
     map.origin_px = {0.5 * w, 0.5 * h};
     map.direction = {std::cos(pitch), std::sin(pitch)};
-    map.half_length_px = 0.022 * px_per_m, map.coefficients = {0.0, 22.0_mm, 0.0};
+    map.half_length_px = 0.022 * px_per_m;
+    map.coefficients = {0.0, 22.0_mm, 0.0};
     for (int k = 0; k < 24; ++k)
       for (const bool contact : {false, true}) {
         Image image = Image::black(w, h);
@@ -100,11 +101,14 @@ template <class Localizer, class Make> void run(const Setup& setup, const char* 
   GreenProfile readout = setup.readout();
   UnloadedReference reference;
   Profile p;
-  for (const Image& i : setup.untouched) readout.read(Frame{i.view()}, p), reference.add(p);
+  for (const Image& i : setup.untouched) {
+    readout.read(Frame{i.view()}, p);
+    reference.add(p);
+  }
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, Localizer>;
-  Estimator estimator(camera, actuator, readout, make(readout.positions_m(), reference), MomentArm{0.05}, reference,
+  Estimator estimator(camera, actuator, {readout, reference}, make(readout.positions_m(), reference), MomentArm{0.05},
                       typename Estimator::Config{});
   std::vector<double> whole, reading;
   ForceEstimate e;
@@ -143,13 +147,18 @@ void paced(const Setup& setup, int frames) {
   GreenProfile readout = setup.readout();
   UnloadedReference reference;
   Profile p;
-  for (const Image& i : setup.untouched) readout.read(Frame{i.view()}, p), reference.add(p);
+  for (const Image& i : setup.untouched) {
+    readout.read(Frame{i.view()}, p);
+    reference.add(p);
+  }
   BayesLocalizer::Config c;
-  c.position_m = readout.positions_m(), c.noise = reference.noise(), c.unloaded = reference.mean();
+  c.position_m = readout.positions_m();
+  c.noise = reference.noise();
+  c.unloaded = reference.mean();
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, BayesLocalizer>;
-  Estimator estimator(camera, actuator, readout, BayesLocalizer(c), MomentArm{0.05}, reference,
+  Estimator estimator(camera, actuator, {readout, reference}, BayesLocalizer(c), MomentArm{0.05},
                       typename Estimator::Config{});
   std::mutex lock;
   std::deque<Frame> arriving;
@@ -169,8 +178,10 @@ void paced(const Setup& setup, int frames) {
     std::vector<std::int64_t> taken;
     {
       const std::lock_guard hold(lock);
-      for (; !arriving.empty(); arriving.pop_front())
-        taken.push_back(arriving.front().stamp_ns), camera.queue.push_back(arriving.front());
+      for (; !arriving.empty(); arriving.pop_front()) {
+        taken.push_back(arriving.front().stamp_ns);
+        camera.queue.push_back(arriving.front());
+      }
     }
     const std::int64_t now = stamp();
     actuator.queue.push_back({now, JointVector::Zero(1), JointVector::Zero(1),
@@ -195,7 +206,9 @@ int main(int argc, char** argv) {
     run<BayesLocalizer>(setup, "probabilistic localiser", frames,
                         [](const Eigen::VectorXd& at, const UnloadedReference& r) {
                           BayesLocalizer::Config c;
-                          c.position_m = at, c.noise = r.noise(), c.unloaded = r.mean();
+                          c.position_m = at;
+                          c.noise = r.noise();
+                          c.unloaded = r.mean();
                           return BayesLocalizer(c);
                         });
     paced(setup, std::min(frames, 600));

@@ -36,6 +36,7 @@ void draw(const std::string& path, std::uint64_t number, bool touched) {
 
 int main() {
   using namespace lumo;
+  using namespace lumo::sense;
   const std::string folder = "own_sensing_log";
   std::filesystem::create_directories(folder);
   std::stringstream joint;
@@ -51,7 +52,8 @@ int main() {
   //! [reference]
   AxisMap map;  // the finger's y axis runs along the rows of the picture
   map.origin_px = {0.5 * width, 0.5 * height};
-  map.half_length_px = 60.0, map.coefficients = {0.0, 60.0 / px_per_m, 0.0};
+  map.half_length_px = 60.0;
+  map.coefficients = {0.0, 60.0 / px_per_m, 0.0};
   const LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
   GreenProfile readout({map, bins, -8.0_mm, 8.0_mm, width, height, PixelFormat::grey});
   UnloadedReference unloaded;
@@ -65,11 +67,12 @@ int main() {
   own::PgmCamera camera(folder, period_s);
   own::TextActuator actuator(joint);
   PeakLocalizer localizer({.position_m = readout.positions_m(), .noise = unloaded.noise()});
-  ForceEstimator<own::PgmCamera, own::TextActuator, PeakLocalizer>::Config config;
+  ForceEstimatorConfig config;
   config.torque = {TorqueModel{.torque_constant_Nm_per_A = 1.0, .noise_Nm = 0.01}};
   // Both recordings give what they have at once: a step takes a picture, and what the motor said meanwhile.
-  config.max_samples = 33, config.max_frames = 1;
-  ForceEstimator estimator(camera, actuator, readout, localizer, MomentArm{arm_m}, unloaded, config);
+  config.max_samples = 33;
+  config.max_frames = 1;
+  ForceEstimator estimator(camera, actuator, {readout, unloaded}, localizer, MomentArm{arm_m}, config);
   ForceEstimate last;
   for (int k = 1; k <= pictures; ++k) last = estimator.step(std::int64_t(1e9 * period_s * k));
   //! [estimate]

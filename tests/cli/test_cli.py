@@ -67,7 +67,7 @@ class Refusals(unittest.TestCase):
             check_refusal(self, done, code, words)
             self.assertEqual(os.listdir(folder), [])
 
-    def bad_store(self, words, *arguments):   # where the build lacks SQLite, it is the build that is told of
+    def bad_store(self, words, *arguments):   # where the build lacks SQLite, the refusal names the build
         on = [c["name"] for c in json.loads(run("doctor", "--json").stdout)["components"] if c["on"]]
         if "SQLite" in on:
             self.refused(BAD_FILE, words, *arguments)
@@ -312,13 +312,13 @@ class Answers(unittest.TestCase):
             self.assertEqual(component["version"] is not None, component["on"], component)
         self.assertIn("Eigen", run("doctor").stdout)
 
-    def test_without_the_program_beside_it(self):   # that of the commands that need OpenCV; where the build lacks OpenCV, it is that which is missing
+    def test_without_the_module_beside_it(self):   # that of OpenCV, for commands on pictures; where the build lacks a library, its package is named
         with tempfile.TemporaryDirectory() as folder:
             alone = shutil.copy(LUMO, folder)
             for arguments in [["decode", "log"], ["lab", "force", "--out", "log"], ["doctor", "--camera", "0"]]:
                 done = subprocess.run([alone, *arguments], cwd=folder, capture_output=True, text=True, timeout=60)
                 self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (FAULT, "", 1), done.stderr)
-                self.assertRegex(done.stderr, f"'{folder}/lumo-sensing': No such file or directory .*lumo_sensing|OpenCV")
+                self.assertRegex(done.stderr, f"OpenCV: '{folder}/lumo-opencv.so' is missing.*libopencv-dev|needs: lib")
             self.assertEqual(subprocess.run([alone, "section"], cwd=folder, capture_output=True, timeout=60).returncode, 0)
             self.assertEqual(os.listdir(folder), [os.path.basename(LUMO)])
 

@@ -223,8 +223,8 @@ class Lab(unittest.TestCase):
     def test_an_mcap_file_is_the_same_log(self):
         for kind, commands in [("recontact", ["decode", "metrics", "locate"]), ("cycle", ["metrics"]), ("force", ["locate", "force"]), ("imaging", ["calibrate"])]:
             file = self.folder / f"{kind}.mcap"
-            told = self.result("convert", self.folder / kind, file)
-            self.assertEqual((told["frames"], told["truth"], told["fault"]), (getattr(self, kind)["frames"], True, None))
+            result = self.result("convert", self.folder / kind, file)
+            self.assertEqual((result["frames"], result["truth"], result["fault"]), (getattr(self, kind)["frames"], True, None))
             self.assertEqual((self.folder / f"{kind}.truth.csv").read_bytes(), (self.folder / kind / "truth.csv").read_bytes())
             for command in commands:
                 more = ["--coarse", "--cache", self.folder / "cache"] if command == "calibrate" else []

@@ -184,8 +184,8 @@ class Mcap(unittest.TestCase):
         for options in [("zstd",), ("lz4",), ("none",), ("zstd", "--raw")]:
             with self.subTest(options):
                 back = self.scratch / f"back{''.join(options)}"
-                told = self.converted(self.mcap_of(*options), back)
-                self.assertEqual((told["frames"], told["joint_samples"], told["fault"]), (FRAMES, 4 * FRAMES, None))
+                result = self.converted(self.mcap_of(*options), back)
+                self.assertEqual((result["frames"], result["joint_samples"], result["fault"]), (FRAMES, 4 * FRAMES, None))
                 self.assertEqual(tables_of(back), tables_of(self.folder))
                 again = self.scratch / f"again{''.join(options)}.mcap"   # written sessions have all keys
                 self.converted(back, again, "--compression", options[0], *options[1:])
@@ -229,8 +229,8 @@ class Mcap(unittest.TestCase):
                 with self.subTest(compression=compression, raw=raw, **options):
                     path, back = self.scratch / f"python{number}{raw}.mcap", self.scratch / f"python{number}{raw}"
                     self.write_by_python(path, compression, raw, **options)
-                    told = self.converted(path, back)
-                    self.assertEqual((told["frames"], told["joint_samples"], told["wrench_samples"], told["fault"]), (FRAMES, FRAMES, FRAMES, None))
+                    result = self.converted(path, back)
+                    self.assertEqual((result["frames"], result["joint_samples"], result["wrench_samples"], result["fault"]), (FRAMES, FRAMES, FRAMES, None))
                     stamps = [START_NS + 33_333_333 * k for k in range(FRAMES)]
                     tables = tables_of(back)
                     self.assertEqual([list(r.values()) for r in tables["joint.csv"]], [[t, 0.1 * k, 1 / 3, -0.5 * k] for k, t in enumerate(stamps)])
@@ -249,8 +249,8 @@ class Mcap(unittest.TestCase):
         whole = self.mcap_of("none").read_bytes()
         cut, damaged = self.scratch / "cut.mcap", self.scratch / "damaged.mcap"
         cut.write_bytes(whole[:-300])
-        told = self.converted(cut, self.scratch / "of_cut")
-        self.assertIn("cut.mcap: byte ", told["fault"])
+        result = self.converted(cut, self.scratch / "of_cut")
+        self.assertIn("cut.mcap: byte ", result["fault"])
         done = run("convert", cut, self.scratch / "of_cut_again")
         self.assertIn("read up to there", done.stderr)
         damaged.write_bytes(whole[:2000] + bytes([whole[2000] ^ 4]) + whole[2001:])

@@ -140,12 +140,12 @@ class Page(unittest.TestCase):
 class OneCampaign(Page):
     @classmethod
     def setUpClass(cls):
-        cls.page, cls.told = one_campaign()
+        cls.page, cls.reported = one_campaign()
         cls.trials = exported("DS_flat")
         cls.best = next(t for t in cls.trials if t["selected"])
 
     def test_file(self):
-        self.assertEqual(self.told, {"page": str(self.page), "bytes": self.page.stat().st_size})
+        self.assertEqual(self.reported, {"page": str(self.page), "bytes": self.page.stat().st_size})
         links = Links()
         links.feed(self.page.read_text())
         self.assertEqual(links.found, [])
@@ -365,7 +365,7 @@ class Refusals(unittest.TestCase):
         self.refused(BAD_FILE, ["none.db"], "--store", "none.db")
         self.refused(BAD_FILE, ["none.db"], "--store", store("DS_flat"), "--store", "none.db")
         self.refused(BAD_FILE, ["directory"], "--store", store("DS_flat"), "--out", "pages/")
-        (FOLDER / "taken.html").mkdir(exist_ok=True)   # told before anything is pressed: there is no progress
+        (FOLDER / "taken.html").mkdir(exist_ok=True)   # refused before anything is pressed: there is no progress
         self.refused(BAD_FILE, ["taken.html", "directory"], "--store", store("DS_flat"), "--out", "taken.html")
         self.assertEqual([p.name for p in FOLDER.glob("pages*")], [])
 

@@ -136,14 +136,14 @@ class Stores(unittest.TestCase):
         self.assertEqual((done.returncode, done.stdout), (BAD_FILE, ""))
         self.assertIn("belongs to another problem", done.stderr)
 
-    def test_an_emptied_store_is_told_of(self):
+    def test_an_emptied_store_is_reported(self):
         for command in (["campaign", "run"], ["study", "carrier"]):
             self.store.write_bytes(b"")
             begun = subprocess.Popen([LUMO, *command, "--store", self.store, "--threads", "1"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-            told = begun.stderr.readline()
+            warning = begun.stderr.readline()
             begun.terminate()
             begun.communicate(timeout=60)
-            self.assertIn("is empty (0 bytes)", told)
+            self.assertIn("is empty (0 bytes)", warning)
 
 
 if __name__ == "__main__":

@@ -3,8 +3,8 @@
 
 #include "lumo/geometry/surface_file.hpp"
 #include "lumo/lab/pad_file.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/recording/tables.hpp"
 #include "lumo/support/json.hpp"
 
 #include <cmath>

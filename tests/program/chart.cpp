@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
-#include "program/chart.hpp"
-#include "program/contact_picture.hpp"
+#include "drawing/chart.hpp"
+#include "drawing/contact_picture.hpp"
 
 #include <limits>
 

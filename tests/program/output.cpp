@@ -1,6 +1,6 @@
 #include "catch.hpp"
 
-#include "program/output.hpp"
+#include "console/output.hpp"
 
 #include "lumo/core/error.hpp"
 #include "temporary_folder.hpp"

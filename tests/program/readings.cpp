@@ -1,8 +1,7 @@
 #include "catch.hpp"
 
-#include "program/commands.hpp"
-#include "program/json.hpp"
-#include "program/study.hpp"
+#include "commands/study_readings.hpp"
+#include "report/json.hpp"
 
 #include "lumo/study/assumptions.hpp"
 #include "temporary_folder.hpp"
@@ -39,10 +38,10 @@ Json made_up(const Design& x, int reading) {
   return j;
 }
 
-std::string run(const Options& o, const fs::path& out) {
+std::string run(const StudyReadings& o, const fs::path& out) {
   Output files(out.string());
   Progress progress(true);
-  const std::string text = study_readings(o, files, progress);
+  const std::string text = o.run(files, progress).text;
   files.write();
   return text;
 }
@@ -52,11 +51,11 @@ std::string run(const Options& o, const fs::path& out) {
 namespace lumo::program {
 
 /// In place of simulations.
-Evaluator readings_evaluator(const Options&, const std::vector<Scenario<Sphere>>& contacts, Progress&) {
+Evaluator readings_evaluator(const StudyTools&, const std::vector<Scenario<Sphere>>& contacts, Progress&) {
   return [contacts](const Design& x) {
-    Verdict v;
+    TrialResult v;
     Json record = {{"theta_mm", numbers(x)}};
-    for (int r = 0; r <= int(departures().size()); ++r) record["readings"].push_back(made_up(x, r));
+    for (int r = 0; r <= int(assumption_variants().size()); ++r) record["readings"].push_back(made_up(x, r));
     v.outputs = {record["readings"][0]["J_contact"], record["readings"][0]["J_obs"]};
     v.record = record.dump();
     v.notes = "{}";
@@ -66,15 +65,15 @@ Evaluator readings_evaluator(const Options&, const std::vector<Scenario<Sphere>>
 
 }  // namespace lumo::program
 
-TEST_CASE("a readings study tells each reading once, the largest change first, and what conclusions depend on") {
+TEST_CASE(
+    "a study of assumptions reports each assumption once, the largest change first, and what conclusions depend on") {
   const TemporaryFolder scratch;
-  Options o;
-  o.command = Command::study_readings;
+  StudyReadings o;
   o.designs = 8;
   o.store = (scratch.path / "readings.db").string();
   const std::string text = run(o, scratch.path / "out");
   CHECK(run(o, scratch.path / "again") == text);  // from the store
-  for (const Departure& d : departures()) CHECK(text.find(d.name()) != std::string::npos);
+  for (const AssumptionVariant& d : assumption_variants()) CHECK(text.find(d.name()) != std::string::npos);
   CHECK(text.find("end faces: held, clear, ranking by J_contact (τ -1.00)") != std::string::npos);
   CHECK(text.find("ranking by J_obs") == std::string::npos);
   CHECK(text.find("carrier albedo: 0.95") < text.find("carrier albedo: 0.5"));  // 36 % before 34 %
@@ -87,14 +86,17 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
     for (; std::getline(table, line); ++lines) {
       bool quoted = false;
       std::size_t commas = 0;
-      for (const char c : line) quoted = quoted != (c == '"'), commas += c == ',' && !quoted;
+      for (const char c : line) {
+        quoted = quoted != (c == '"');
+        commas += c == ',' && !quoted;
+      }
       fields.insert(commas + 1);
     }
     return std::pair(lines, fields);
   };
-  const std::size_t readings = departures().size();
-  CHECK(shape("study_readings.csv") == std::pair(readings + 1, std::set<std::size_t>{16}));
-  CHECK(shape("study_readings_designs.csv") == std::pair(13 * (readings + 1) + 1, std::set<std::size_t>{11}));
+  const std::size_t others = assumption_variants().size();
+  CHECK(shape("study_readings.csv") == std::pair(others + 1, std::set<std::size_t>{16}));
+  CHECK(shape("study_readings_designs.csv") == std::pair(13 * (others + 1) + 1, std::set<std::size_t>{11}));
   CHECK(scratch.read("out/study_readings_designs.csv").find("\"mesh: none, \"\"at all\"\"\"") != std::string::npos);
   for (const char* name : {"study_readings_J_contact.svg", "study_readings_J_obs.svg"}) {
     const std::string picture = scratch.read(std::string("out/") + name);
@@ -105,7 +107,7 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
   const Json whole = Json::parse(run(o, scratch.path / "json"));
   REQUIRE(whole["designs"].size() == 13);  // five references first
   CHECK(whole["designs"][0]["theta_mm"] == Json({6, 6, 8, 5, 0}));
-  REQUIRE(whole["readings"].size() == departures().size());
+  REQUIRE(whole["readings"].size() == assumption_variants().size());
   const Json& narrow = whole["readings"][0];
   CHECK(narrow["compared"].get<int>() + narrow["lost"].get<int>() == 13);
   CHECK(narrow["lost"].get<int>() > 0);
@@ -116,6 +118,6 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
 
   o.designs = 3;  // a store may hold more than are asked for
   CHECK(Json::parse(run(o, scratch.path / "fewer"))["designs"].size() == 8);
-  o.material = "Sol";
+  o.tools.material = "Sol";
   CHECK_THROWS_AS(run(o, scratch.path / "other"), StoreError);
 }

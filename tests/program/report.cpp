@@ -1,8 +1,8 @@
 #include "catch.hpp"
 
-#include "program/chart_library.hpp"
-#include "program/contact_outline.hpp"
-#include "program/report_press.hpp"
+#include "drawing/contact_outline.hpp"
+#include "report/chart_library.hpp"
+#include "report/report_press.hpp"
 
 #include <limits>
 #include <numbers>
@@ -112,10 +112,13 @@ TEST_CASE("where nothing can touch, the edge of contact is at the last node that
 }
 
 TEST_CASE("a press in the page: whole micrometres, four triangles a face, the sphere above its depth") {
-  Options request;
-  request.theta_mm = {5.0, 7.0, 8.0, 4.0, 1.0}, request.diameter_mm = 30.0;
+  PressRequest request;
+  request.theta_mm = {5.0, 7.0, 8.0, 4.0, 1.0};
+  request.diameter_mm = 30.0;
   MechanicalState s;
-  s.status = Status::converged, s.load_N = 2.0, s.depth_m = 1.5e-3;
+  s.status = Status::converged;
+  s.load_N = 2.0;
+  s.depth_m = 1.5e-3;
   const Json j = press_model(request, press_of({s}));
   CHECK(j["note"] == "");
   CHECK(j["triangles"].size() == 3 * 4 * 8);  // 2 × 2 squares of two curved faces
@@ -129,10 +132,12 @@ TEST_CASE("a press in the page: whole micrometres, four triangles a face, the sp
 }
 
 TEST_CASE("a press that fails leaves what is sound, and a sentence") {
-  Options request;
+  PressRequest request;
   MechanicalState good, bad;
-  good.status = Status::converged, good.load_N = 5.0;
-  bad.status = Status::not_positive_definite, bad.load_N = 10.0;
+  good.status = Status::converged;
+  good.load_N = 5.0;
+  bad.status = Status::not_positive_definite;
+  bad.load_N = 10.0;
   const Json part = press_model(request, press_of({good, bad}));
   CHECK(part["states"].size() == 1);
   CHECK(part["note"] == "no equilibrium at 10 N (not_positive_definite)");

@@ -11,7 +11,7 @@ import sys
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "cli"))
 sys.dont_write_bytecode = True
 
-PAGES = {"index": 2, "page_solver": 30, "page_contact": 20, "page_optics": 20, "page_objectives": 10, "page_acquisition": 20, "page_estimator": 25, "page_own": 1, "page_readings": 0, "page_benchmarks": 0, "page_inclusion": 0}
+PAGES = {"index": 2, "page_solver": 30, "page_contact": 20, "page_optics": 20, "page_objectives": 10, "page_acquisition": 20, "page_estimator": 25, "page_own": 1, "page_assumptions": 0, "page_benchmarks": 0, "page_inclusion": 0}
 
 # MathJax works through its queue; each formula leaves a script and, when it is understood, a picture.
 DONE = "typeof MathJax !== 'undefined' && !!MathJax.Hub && new Promise(done => MathJax.Hub.Queue(() => done(true)))"

@@ -1,40 +1,82 @@
-"""Checks that include arrows point one way, along the order of the stages, and that lumo.hpp includes nothing that is dear to compile.
+"""Checks that include arrows point one way, along the order of the rooms, and that only adapters include foreign
+libraries.
 
 usage: check_includes.py include/lumo
+A room is a folder with headers, named by its path: mechanics/contact.
 """
+
 import pathlib
 import re
 import sys
 
-# A stage may include itself and what stands after the colon.
-STAGES = ["core", "morphology", "mesh", "mechanics", "optics", "objective"]
-ALLOWED = {stage: set(STAGES[: i + 1]) for i, stage in enumerate(STAGES)}
-ALLOWED["optimize"] = {"core", "optimize"}
-ALLOWED["sense"] = {"core", "sense"}
-ALLOWED["lab"] = set(STAGES) | {"sense", "lab"}
-ALLOWED["fabrication"] = {"core", "morphology", "mesh", "fabrication"}
-ALLOWED["campaign"] = set(STAGES) | {"optimize", "sense", "lab", "fabrication", "campaign"}
-ALLOWED["support"] = ALLOWED["campaign"] | {"support"}
-ALLOWED[""] = ALLOWED["campaign"] | {""}  # umbrella headers, which need Eigen only
+# Each room and the rooms whose headers it may include, beside its own. A room stands below those that it includes; only
+# a room and one inside it may include each other.
+ROOMS = {
+    "core": "",
+    "drawing": "core",
+    "geometry": "core",
+    "morphology": "core geometry",
+    "mesh": "core geometry morphology",
+    "mechanics/materials": "core",
+    "mechanics/indenters": "core geometry",
+    "mechanics/elements": "core mechanics/materials mesh morphology",
+    "mechanics/contact": "core mechanics/elements mechanics/indenters mesh morphology",
+    "mechanics/solvers": "core mechanics/contact mechanics/elements mechanics/indenters mesh",
+    "mechanics": "core drawing mechanics/contact mechanics/elements mechanics/solvers mesh",
+    "optics/surface": "core mesh morphology",
+    "optics/transport": "core mesh morphology optics optics/surface",
+    "optics": "core mechanics/contact mesh morphology optics/surface optics/transport",
+    "objective": "core mechanics/contact morphology optics",
+    "pipeline": "core mechanics mechanics/contact mesh morphology objective optics",
+    "model": "core",
+    "optimize": "core model",
+    "campaign": "core optimize pipeline",
+    "study": "campaign core objective optimize pipeline",
+    "fabrication": "core drawing geometry morphology",
+    "sense/devices": "core",
+    "sense/hand": "core sense/devices",
+    "sense/recording": "core sense/devices sense/hand sense/recording/mcap",
+    "sense/recording/mcap": "core sense/devices sense/recording",
+    "sense/profile": "core sense/devices sense/recording",
+    "sense/localize": "core sense/devices",
+    "sense/joints": "core sense/devices sense/recording",
+    "sense/force": "core sense/devices sense/joints sense/localize sense/profile sense/recording",
+    "sense/decode": "core model sense/devices sense/recording",
+    "sense/live": "core sense/devices sense/force sense/localize sense/profile sense/recording",
+    "lab": "core morphology optics pipeline sense/devices sense/hand sense/recording",
+    "support/process": "core mesh sense/devices",
+    "support": "campaign core fabrication geometry mechanics/elements mesh optics sense/devices sense/recording "
+    "sense/recording/mcap support/process",
+}
+ALLOWED = {room: set(others.split()) | {room} for room, others in ROOMS.items()}
+ALLOWED[""] = {room for room in ROOMS if not room.startswith("support")} | {
+    ""
+}  # umbrella headers, which need Eigen only
 
 STANDARD = set(
-    """algorithm any array atomic barrier bit bitset charconv chrono cmath compare complex concepts condition_variable
-    coroutine cstddef cstdint cstdio cstdlib cstring ctime deque exception execution expected filesystem format forward_list fstream
-    functional future initializer_list iomanip ios iosfwd iostream istream iterator latch limits list locale map memory
-    memory_resource mutex new numbers numeric optional ostream queue random ranges ratio regex scoped_allocator semaphore
-    set shared_mutex source_location span sstream stack stdexcept stop_token streambuf string string_view syncstream
-    system_error thread tuple type_traits typeindex typeinfo unordered_map unordered_set utility valarray variant vector
-    version cassert cctype cerrno cfenv cfloat cinttypes climits clocale csetjmp csignal cstdarg cuchar cwchar cwctype""".split()
+    """algorithm any array atomic barrier bit bitset charconv chrono cmath compare complex concepts
+    condition_variable coroutine cstddef cstdint cstdio cstdlib cstring ctime deque exception execution
+    expected filesystem format forward_list fstream functional future initializer_list iomanip ios iosfwd
+    iostream istream iterator latch limits list locale map memory memory_resource mutex new numbers numeric
+    optional ostream queue random ranges ratio regex scoped_allocator semaphore set shared_mutex
+    source_location span sstream stack stdexcept stop_token streambuf string string_view syncstream
+    system_error thread tuple type_traits typeindex typeinfo unordered_map unordered_set utility valarray
+    variant vector version cassert cctype cerrno cfenv cfloat cinttypes climits clocale csetjmp csignal
+    cstdarg cuchar cwchar cwctype""".split()
 )
-SYSTEM = {"sys/stat.h", "time.h"}   # in place of what is dear
-DEAR = {"chrono", "condition_variable", "filesystem", "future", "iomanip", "iostream", "locale", "random", "ranges", "regex", "thread"}
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
-def stage_of(path):
-    """First folder of a path inside include/lumo; empty for a header that lies in no folder."""
-    parts = pathlib.PurePosixPath(path).parts
-    return parts[0] if len(parts) > 1 else ""
+def room_of(path):
+    """Folder of a path inside include/lumo, empty for a header in no folder. Details belong to the room about them."""
+    folder = pathlib.PurePosixPath(path).parent
+    if folder.name == "detail":
+        folder = folder.parent
+    return "" if folder == pathlib.PurePosixPath(".") else folder.as_posix()
+
+
+def shown(room):
+    return room or "the umbrella"
 
 
 def cycle(graph):
@@ -43,7 +85,7 @@ def cycle(graph):
 
     def visit(node):
         if node in trail:
-            return trail[trail.index(node):] + [node]
+            return trail[trail.index(node) :] + [node]
         if node in done:
             return None
         trail.append(node)
@@ -62,28 +104,17 @@ def cycle(graph):
     return None
 
 
-def reached(graph, start):
-    """All headers that `start` includes, itself too."""
-    found, waiting = set(), [start]
-    while waiting:
-        header = waiting.pop()
-        if header not in found:
-            found.add(header)
-            waiting += graph.get(header, ())
-    return found
-
-
 def check(root):
     root = pathlib.Path(root)
-    faults, graph, dear = [], {}, []
+    faults, graph = [], {}
     headers = sorted(root.rglob("*.hpp"))
     if not headers:
         return [f"{root}: no headers found"]
     for header in headers:
         here = header.relative_to(root).as_posix()
-        stage = stage_of(here)
-        if stage not in ALLOWED:
-            faults.append(f"{here}: folder '{stage}' is no stage")
+        room = room_of(here)
+        if room not in ALLOWED:
+            faults.append(f"{here}: folder '{room}' is no room")
             continue
         graph[here] = []
         for number, line in enumerate(header.read_text(encoding="utf-8").splitlines(), 1):
@@ -92,23 +123,27 @@ def check(root):
                 continue
             bracket, target = match.groups()
             where = f"{here}:{number}"
-            if target in DEAR:
-                dear.append((here, f"{where}: lumo.hpp must not include <{target}>, which is dear to compile"))
             if target.startswith("lumo/"):
-                inside = target[len("lumo/"):]
+                inside = target[len("lumo/") :]
                 if bracket == "<":
                     faults.append(f"{where}: lumo's own headers are included with quotes: <{target}>")
                 if not (root / inside).is_file():
                     faults.append(f"{where}: no such header: {target}")
                 graph[here].append(inside)
-                if stage_of(inside) not in ALLOWED[stage]:
-                    faults.append(f"{where}: {stage or 'the umbrella'} must not include {stage_of(inside)} ({target})")
+                if "/detail/" in inside and not here.startswith(inside[: inside.index("detail/")]):
+                    faults.append(f"{where}: {target} is a detail, for headers of its own room only")
+                if room_of(inside) not in ALLOWED[room]:
+                    faults.append(
+                        f"{where}: {shown(room)} must not include {shown(room_of(inside))} ({target})"
+                    )
             elif bracket == '"':
                 faults.append(f'{where}: write the path from the include folder: "{target}"')
-            elif stage != "support" and target not in STANDARD | SYSTEM and not target.startswith(("Eigen/", "unsupported/Eigen/")):
+            elif (
+                not (room + "/").startswith("support/")
+                and target not in STANDARD
+                and not target.startswith(("Eigen/", "unsupported/Eigen/"))
+            ):
                 faults.append(f"{where}: only support/ may include a foreign library: <{target}>")
-    behind_lumo = reached(graph, "lumo.hpp")
-    faults += [fault for header, fault in dear if header in behind_lumo]
     ring = cycle(graph)
     if ring:
         faults.append("headers include each other: " + " -> ".join(ring))

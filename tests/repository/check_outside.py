@@ -35,7 +35,7 @@ def main(a):
 
     whole = run(program, project / "whole.db")
     designs, end = whole[:-1], whole[-1]
-    if len(designs) != EVALUATIONS or not end.startswith(f"told {EVALUATIONS}, hypervolume ") or float(end.split()[-1]) <= 0.0:
+    if len(designs) != EVALUATIONS or not end.startswith(f"observed {EVALUATIONS}, hypervolume ") or float(end.split()[-1]) <= 0.0:
         sys.exit("\n".join(["not the campaign that was asked for:", *whole]))
     for line in designs:   # number, five lengths, two objectives
         even, firm = map(float, line.split()[6:])

@@ -83,13 +83,16 @@ def main(a):
         package = made["lumo-bin"]
         architecture = run("dpkg", "--print-architecture").strip()
         require(field(package, "Architecture") == architecture, "lumo-bin: wrong architecture")
-        for library in ("libc6", "libtet", "libcholmod", "libembree"):
+        for library in ("libc6", "libtet", "libcholmod", "libembree", *(["libopencv-videoio"] if "opencv" in a.components else [])):
             require(library in field(package, "Depends"), f"lumo-bin does not depend on {library}: {field(package, 'Depends')}")
         lumo = root / "usr/bin/lumo"
         require(os.stat(lumo).st_mode & stat.S_IXOTH, "lumo may not be run by all")
-        require(a.version in run(lumo, "--version"), "lumo tells another version")
+        require(a.version in run(lumo, "--version"), "lumo states another version")
         run(lumo, "section", "--theta", "6,6,8,5,0", "--out", scratch / "out")
         require("<svg" in (scratch / "out/section.svg").read_text(encoding="utf-8"), "no drawing")
+        if {"opencv", "lz4", "zstd"} <= set(a.components):   # its module is found where it is installed
+            done = subprocess.run([lumo, "decode", scratch / "none"], capture_output=True, text=True)
+            require(done.returncode == 5 and "OpenCV" not in done.stderr, f"lumo decode: {done.stderr}")
     print("packages:", ", ".join(p.name for p in made.values()))
 
 

@@ -198,7 +198,9 @@ inline sense::Segment read_segment(const nlohmann::json& j, const std::string& w
   sense::Segment g;
   o.get("from_ns", g.from_ns);
   o.get("to_ns", g.to_ns);
-  o.get("kind", g.kind);
+  std::string kind = g.kind_name();
+  o.get("kind", kind);
+  g.set_kind_name(std::move(kind));
   o.get("place", g.place);
   o.get("y_mm", g.y_mm);
   o.get("repetition", g.repetition);
@@ -330,7 +332,7 @@ inline std::string to_json(const sense::Session& s) {
   for (const sense::Segment& g : s.segments)
     j["segments"].push_back({{"from_ns", g.from_ns},
                              {"to_ns", g.to_ns},
-                             {"kind", g.kind},
+                             {"kind", g.kind_name()},
                              {"place", g.place},
                              {"y_mm", g.y_mm},
                              {"repetition", g.repetition},
@@ -346,8 +348,8 @@ inline std::string to_json(const sense::Session& s) {
 }
 
 /// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
-inline sense::RecordedLog read_log_folder(const std::string& path) {
-  sense::RecordedLog log;
+inline sense::Recording read_log_folder(const std::string& path) {
+  sense::Recording log;
   log.path = path;
   log.session = read_session(path + "/session.json");
   const auto table = [&](const char* name, auto read) {
@@ -385,7 +387,7 @@ sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::Mc
 /// Writes session.json and the tables that are not empty into an existing folder, and removes earlier tables of the
 /// others; each file whole or not at all. Throws InputError, and InvalidArgument before anything is written for what
 /// could not be read again.
-inline void write_log_folder(const sense::RecordedLog& log) {
+inline void write_log_folder(const sense::Recording& log) {
   const std::pair<const char*, std::string> files[] = {
       {"session.json", to_json(log.session)},
       {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},

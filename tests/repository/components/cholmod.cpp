@@ -6,7 +6,9 @@
 
 int main() {
   lumo::SparseLower lower(2, 2);  // 4 2; 2 5
-  lower.insert(0, 0) = 4.0, lower.insert(1, 0) = 2.0, lower.insert(1, 1) = 5.0;
+  lower.insert(0, 0) = 4.0;
+  lower.insert(1, 0) = 2.0;
+  lower.insert(1, 1) = 5.0;
   lower.makeCompressed();
   lumo::Cholmod solver;
   solver.analyze(lower);

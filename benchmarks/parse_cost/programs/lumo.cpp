@@ -1,3 +1,0 @@
-#include "lumo/lumo.hpp"
-
-int main() {}

@@ -1,0 +1,246 @@
+#include "asking/space.hpp"
+
+#include "lumo/optimize/design_sampler.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <initializer_list>
+#include <iterator>
+#include <limits>
+
+namespace lumo::program {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::string short_form(const Json& value) {
+  std::string s = value.dump(-1, ' ', true, Json::error_handler_t::replace);
+  return s.size() > 60 ? s.substr(0, 57) + "..." : s;
+}
+
+/// Reads values by key and says which key is wrong.
+class Reader {
+ public:
+  explicit Reader(std::string file) : file_(std::move(file)) {}
+
+  [[noreturn]] void refuse(const std::string& key, const std::string& what) const {
+    throw InputError("space file '" + file_ + "': " + key + " " + what);
+  }
+
+  void keys(const Json& object, const std::string& where, std::initializer_list<const char*> known) const {
+    if (!object.is_object())
+      refuse(where.empty() ? "the whole" : where, "is " + short_form(object) + ", must be an object {...}");
+    for (const auto& [key, value] : object.items()) {
+      bool found = false;
+      std::string list;
+      for (const char* k : known) {
+        found = found || key == k;
+        list += (list.empty() ? "" : ", ") + std::string(k);
+      }
+      if (!found)
+        refuse((where.empty() ? "" : where + ": ") + "unknown key " + short_form(key) + ",", "must be one of " + list);
+    }
+  }
+  const Json& at(const Json& object, const std::string& where, const char* key) const {
+    if (!object.contains(key)) refuse(where + key, "is missing");
+    return object[key];
+  }
+  double number(const Json& value, const std::string& where) const {
+    // Sums and products of such numbers are finite.
+    if (!value.is_number() || !(std::abs(value.get<double>()) <= 1e150))
+      refuse(where, "is " + short_form(value) + ", must be a number within +-1e150");
+    return value.get<double>();
+  }
+  std::int64_t whole(const Json& value, const std::string& where, std::int64_t low, std::int64_t high) const {
+    const bool fits =
+        value.is_number_unsigned() ? value.get<std::uint64_t>() <= std::uint64_t(high) : value.is_number_integer();
+    if (!fits || value.get<std::int64_t>() < low || value.get<std::int64_t>() > high)
+      refuse(where, "is " + short_form(value) + lumo::message(", must be a whole number from ", low, " to ", high));
+    return value.get<std::int64_t>();
+  }
+  std::string word(const Json& value, const std::string& where) const {
+    if (!value.is_string() || value.get<std::string>().empty())
+      refuse(where, "is " + short_form(value) + ", must be a word");
+    return value.get<std::string>();
+  }
+  std::string one_of(const Json& value, const std::string& where, const char* a, const char* b) const {
+    if (value != a && value != b) refuse(where, "is " + short_form(value) + ", must be \"" + a + "\" or \"" + b + "\"");
+    return value.get<std::string>();
+  }
+  const Json& list(const Json& value, const std::string& where) const {
+    if (!value.is_array()) refuse(where, "is " + short_form(value) + ", must be a list [...]");
+    return value;
+  }
+
+ private:
+  std::string file_;
+};
+
+Variable read_variable(const Reader& reader, const Json& j, const std::string& where) {
+  reader.keys(j, where, {"name", "lower", "upper", "step"});
+  Variable v;
+  v.name = reader.word(reader.at(j, where + ".", "name"), where + ".name");
+  v.lower = reader.number(reader.at(j, where + ".", "lower"), where + ".lower");
+  v.upper = reader.number(reader.at(j, where + ".", "upper"), where + ".upper");
+  if (!(v.lower <= v.upper))
+    reader.refuse(where, lumo::message("(", v.name, ") has lower ", v.lower, " above upper ", v.upper));
+  if (v.lower < v.upper && v.upper - v.lower < 1e-12 * std::max({std::abs(v.lower), std::abs(v.upper), 1e-100}))
+    reader.refuse(where,
+                  lumo::message("(", v.name, ") is ", v.upper - v.lower, " wide, too little to tell numbers apart"));
+  if (!j.contains("step")) return v;
+  v.step = reader.number(j["step"], where + ".step");
+  if (!(v.step > 0.0))
+    reader.refuse(where + ".step",
+                  lumo::message("is ", v.step, ", must be > 0 (leave it out for a continuous variable)"));
+  // A lattice is counted from zero where the lower bound lies on it, as 2 does on 0.5, and from the lower bound
+  // otherwise.
+  const double steps = v.lower / v.step;
+  if (std::abs(steps - std::round(steps)) > 1e-9 * std::max(1.0, std::abs(steps))) v.origin = v.lower;
+  return v;
+}
+
+LinearConstraint read_constraint(const Reader& reader, const Json& j, const std::string& where,
+                                 const std::vector<Variable>& variables) {
+  reader.keys(j, where, {"terms", "lower", "upper"});
+  LinearConstraint c;
+  c.coefficients.assign(variables.size(), 0.0);
+  const Json& terms = reader.at(j, where + ".", "terms");
+  if (!terms.is_object() || terms.empty())
+    reader.refuse(where + ".terms", "is " + short_form(terms) + ", must be an object {\"variable\": coefficient, ...}");
+  for (const auto& [name, coefficient] : terms.items()) {
+    std::size_t i = 0;
+    while (i < variables.size() && variables[i].name != name) ++i;
+    if (i == variables.size()) reader.refuse(where + ".terms", "names " + short_form(name) + ", which is no variable");
+    c.coefficients[i] = reader.number(coefficient, where + ".terms." + name);
+    c.name += (c.name.empty() ? "" : " + ") + short_form(coefficient) + " " + name;
+  }
+  if (!j.contains("lower") && !j.contains("upper")) reader.refuse(where, "has neither lower nor upper");
+  if (j.contains("lower")) c.lower = reader.number(j["lower"], where + ".lower");
+  if (j.contains("upper")) c.upper = reader.number(j["upper"], where + ".upper");
+  if (c.lower > c.upper) reader.refuse(where, lumo::message("has lower ", c.lower, " above upper ", c.upper));
+  return c;
+}
+
+std::string numbered(const char* key, std::size_t i) { return lumo::message(key, "[", i, "]"); }
+
+Objective read_objective(const Reader& reader, const Json& j, const std::string& where) {
+  reader.keys(j, where, {"name", "goal", "reference"});
+  return {reader.word(reader.at(j, where + ".", "name"), where + ".name"),
+          reader.one_of(reader.at(j, where + ".", "goal"), where + ".goal", "maximize", "minimize") == "maximize",
+          reader.number(reader.at(j, where + ".", "reference"), where + ".reference")};
+}
+
+Design read_design(const Reader& reader, const Json& j, const std::string& where, const DesignSpace& space) {
+  const std::size_t wanted = space.variables.size();
+  if (reader.list(j, where).size() != wanted)
+    reader.refuse(where, lumo::message("has ", j.size(), " values, must have ", wanted, ", one for each variable"));
+  Design x;
+  for (std::size_t k = 0; k < j.size(); ++k) x.push_back(reader.number(j[k], numbered(where.c_str(), k)));
+  try {
+    space.check(x);
+  } catch (const InfeasibleDesign& e) {
+    reader.refuse(where, std::string("is an ") + e.what());
+  }
+  return x;
+}
+
+Json parse_file(const std::string& path) {
+  if (std::filesystem::is_directory(path)) throw InputError("cannot read space file '" + path + "': it is a directory");
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw InputError("cannot read space file '" + path + "': " + std::strerror(errno));
+  const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  if (in.bad()) throw InputError("cannot read space file '" + path + "'");
+  try {
+    return Json::parse(text, flat_enough);
+  } catch (const nlohmann::json::parse_error& e) {
+    throw InputError(lumo::message("space file '", path, "' is not JSON: something is wrong near byte ", e.byte));
+  } catch (const nlohmann::json::exception&) {
+    throw InputError("space file '" + path + "' holds a number that is not finite");
+  } catch (const InvalidArgument& e) {
+    throw InputError("space file '" + path + "' " + e.what());
+  }
+}
+
+}  // namespace
+
+bool flat_enough(int depth, Json::parse_event_t, Json&) {
+  if (depth > 32) throw InvalidArgument("nests values more than 32 deep");
+  return true;
+}
+
+SpaceFile read_space(const std::string& path) {
+  const Json j = parse_file(path);
+  const Reader reader(path);
+  reader.keys(j, "", {"variables", "constraints", "objectives", "initial", "sobol", "evaluations", "seed", "source"});
+  SpaceFile space;
+  Problem& p = space.problem;
+
+  const Json none = Json::array();
+  const Json& variables = reader.list(reader.at(j, "", "variables"), "variables");
+  const Json& constraints = j.contains("constraints") ? reader.list(j["constraints"], "constraints") : none;
+  const Json& objectives = reader.list(reader.at(j, "", "objectives"), "objectives");
+  const Json& initial = j.contains("initial") ? reader.list(j["initial"], "initial") : none;
+  if (variables.empty()) reader.refuse("variables", "is empty, must hold at least 1");
+  if (objectives.empty()) reader.refuse("objectives", "is empty, must hold at least 1");
+  for (std::size_t i = 0; i < variables.size(); ++i) {
+    p.space.variables.push_back(read_variable(reader, variables[i], numbered("variables", i)));
+    for (std::size_t k = 0; k < i; ++k)
+      if (p.space.variables[k].name == p.space.variables[i].name)
+        reader.refuse(numbered("variables", i) + ".name", short_form(p.space.variables[i].name) + " is there twice");
+  }
+  for (std::size_t i = 0; i < constraints.size(); ++i)
+    p.space.constraints.push_back(
+        read_constraint(reader, constraints[i], numbered("constraints", i), p.space.variables));
+  for (std::size_t i = 0; i < objectives.size(); ++i)
+    p.objectives.push_back(read_objective(reader, objectives[i], numbered("objectives", i)));
+  for (std::size_t i = 0; i < initial.size(); ++i)
+    p.initial.push_back(read_design(reader, initial[i], numbered("initial", i), p.space));
+  if (j.contains("sobol")) p.sobol = int(reader.whole(j["sobol"], "sobol", 0, 100000));
+  p.evaluations = int(reader.whole(reader.at(j, "", "evaluations"), "evaluations", 1, 100000));
+  if (j.contains("seed"))
+    p.seed = std::uint64_t(reader.whole(j["seed"], "seed", 0, std::numeric_limits<std::int64_t>::max()));
+  space.source = j.contains("source") ? reader.one_of(j["source"], "source", "paper", "default") : "default";
+
+  try {
+    p.validate();
+    const DesignSampler sampler(p.space);
+    if (sampler.fresh(1, 0, {}).empty())
+      reader.refuse("the whole",
+                    sampler.feasible_count() ? "has no feasible design" : "has no feasible design that can be found");
+  } catch (const InvalidArgument& e) {
+    throw InputError("space file '" + path + "': " + e.what());
+  }
+  space.whole = {{"variables", variables}, {"constraints", constraints}, {"objectives", objectives},
+                 {"initial", initial},     {"sobol", p.sobol},           {"evaluations", p.evaluations},
+                 {"seed", p.seed},         {"source", space.source}};
+  return space;
+}
+
+std::string difference(const Json& now, const Json& before, const std::string& key) {
+  if (now == before) return "";
+  if (now.is_object() && before.is_object()) {
+    for (const auto& [name, value] : now.items()) {
+      const std::string inner = key.empty() ? name : key + "." + name;
+      if (!before.contains(name)) return inner + " is " + short_form(value) + ", was absent";
+      if (const std::string found = difference(value, before[name], inner); !found.empty()) return found;
+    }
+    for (const auto& [name, value] : before.items())
+      if (!now.contains(name)) return (key.empty() ? name : key + "." + name) + " is absent, was " + short_form(value);
+    return "";  // the same keys in another order
+  }
+  if (now.is_array() && before.is_array()) {
+    for (std::size_t i = 0; i < std::min(now.size(), before.size()); ++i)
+      if (const std::string found = difference(now[i], before[i], lumo::message(key, "[", i, "]")); !found.empty())
+        return found;
+    if (now.size() != before.size()) return lumo::message(key, " has ", now.size(), " entries, had ", before.size());
+    return "";
+  }
+  return key + " is " + short_form(now) + ", was " + short_form(before);
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,241 @@
+#include "commands/logs.hpp"
+#include "console/interrupt.hpp"
+#include "console/new_folder.hpp"
+#include "report/json.hpp"
+#include "sensing/log.hpp"
+
+#include "lumo/core/files.hpp"
+#include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+namespace lumo::program {
+
+using namespace sense;
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// A file that takes its name only when it is whole.
+class NewFile {
+ public:
+  explicit NewFile(const std::string& path) : path_(path), part_(path + ".part-" + std::to_string(getpid())) {
+    std::error_code error;
+    if (fs::exists(path_, error)) throw InputError("cannot write to '" + path + "': it is there");
+    errno = 0;
+    stream.open(part_, std::ios::binary);
+    if (!stream) throw InputError("cannot write to '" + path + "': " + std::strerror(errno != 0 ? errno : EIO));
+  }
+  ~NewFile() {
+    std::error_code error;
+    if (!part_.empty()) fs::remove(part_, error);
+  }
+  NewFile(const NewFile&) = delete;
+  NewFile& operator=(const NewFile&) = delete;
+
+  void keep() {
+    const FilesBeingWritten whole;
+    stream.close();
+    std::error_code error;
+    if (!stream)
+      error = std::make_error_code(std::errc::io_error);
+    else
+      fs::rename(part_, path_, error);
+    if (error) throw InputError("cannot write to '" + path_ + "': " + error.message());
+    part_.clear();
+  }
+
+  std::ofstream stream;
+
+ private:
+  std::string path_, part_;
+};
+
+/// Writes a log in the other form: an MCAP file where the target ends in .mcap, else a folder. Image files are copied
+/// as they are; `raw` makes pixels of them, and what is no image file (a video's frames, pixels of an MCAP file)
+/// becomes PNG otherwise. The truth of a virtual lab is copied beside.
+struct Convert : LogCommand {
+  std::string target, compression = "zstd";  ///< of an MCAP file's chunks
+  bool raw = false;                          ///< pixels instead of image files, in an MCAP file
+  McapTopics topics;                         ///< of an MCAP file that has several
+
+  void declare(CLI::App& app) {
+    add_log(app);
+    app.add_option("OUT", target,
+                   "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
+    add_word(app, "--compression", compression, {"zstd", "lz4", "none"},
+             "Of an MCAP file: zstd (default), lz4 or none");
+    add_flag(app, "--raw", raw, "Pixels in an MCAP file (sensor_msgs/Image), not PNG or JPEG (CompressedImage)");
+    add_text(app, "--image-topic", topics.image, "TOPIC", "Topic of the pictures, where an MCAP file has several");
+    add_text(app, "--joint-topic", topics.joints, "TOPIC", "Topic of the joint states, where it has several");
+    add_text(app, "--wrench-topic", topics.wrench, "TOPIC", "Topic of the wrenches, where it has several");
+    add_common(app, *this);
+  }
+  void check() const {
+    require_log();
+    if (target.empty()) throw UsageError("the folder or file to write is missing" + hint);
+    pictures();
+  }
+  Result run(Output& files, Progress& progress) const;
+};
+
+/// A log's pictures one after the other, as files where they are files.
+class LogPictures {
+ public:
+  explicit LogPictures(const OpenLog& log) : log_(log) {
+    if (!log.frames.empty()) camera_.emplace(log);
+  }
+
+  /// Goes to the next picture. Throws InputError where a video has fewer than its table.
+  void next() {
+    const std::size_t k = count_++;
+    file_.clear();
+    view_ = {};
+    if (log_.file && log_.pictures[k].compressed) {
+      const McapMessage m = log_.file->read(log_.pictures[k].at);
+      const auto data = from_cdr<RosCompressedImage>(m.data).data;
+      file_.assign(data.begin(), data.end());
+    } else if (!log_.file && log_.session.video.empty()) {
+      const auto bytes = read_whole(fs::path(log_.path) / "frames" / log_.frames[k].file);
+      if (bytes) file_.assign(bytes->begin(), bytes->end());
+    } else if (const auto f = camera_->next()) {
+      view_ = f->image;
+    } else {
+      throw InputError(lumo::message(log_.path, ": ends after ", k, " of ", log_.frames.size(), " pictures"));
+    }
+  }
+  /// Bytes of a PNG or JPEG, and their ending; else the picture's pixels are all there is.
+  const std::vector<std::uint8_t>& file() const { return file_; }
+  std::string ending() const { return std::string(sense::picture_ending(file_)); }
+  /// May be empty.
+  ImageView pixels() { return file_.empty() ? view_ : decode_(file_); }
+
+ private:
+  const OpenLog& log_;
+  std::optional<LogCamera> camera_;
+  std::vector<std::uint8_t> file_;
+  ImageView view_;
+  Decoder decode_;
+  std::size_t count_ = 0;
+};
+
+void copy_truth(const std::string& from, const std::string& to, bool& copied) {
+  std::error_code error;
+  if (!fs::exists(from, error)) return;
+  const auto bytes = read_whole(from);
+  if (!bytes) throw InputError(from + ": cannot be read");
+  write_whole(to, *bytes);
+  copied = true;
+}
+
+void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
+  NewFile out(o.target);
+  Recording tables = log;
+  tables.session.video.clear();  // its frames go into the file
+  LogPictures taken(log);
+  int width = 0, height = 0;
+  const auto picture = [&](std::size_t) {
+    taken.next();
+    McapPictureData p;
+    const std::string ending = taken.ending();
+    const bool as_it_is = !o.raw && !ending.empty();
+    if (!as_it_is || width == 0) {
+      p.pixels = taken.pixels();
+      if (!p.pixels.empty()) width = p.pixels.width, height = p.pixels.height;
+    }
+    p.width = width, p.height = height;
+    if (as_it_is)
+      p.format = ending == ".jpg" ? "jpeg" : "png", p.file = taken.file();
+    else if (!o.raw)
+      p.format = "png", p.file = p.pixels.empty() ? std::vector<std::uint8_t>() : pictures().encode(".png", p.pixels);
+    progress.step();
+    return p;
+  };
+  const auto write = [&](const auto& codec) {
+    write_mcap_log(out.stream, tables, to_json(tables.session), picture, codec);
+  };
+  if (o.compression == "none")
+    write(Uncompressed{});
+  else if (o.compression == "lz4")
+    write(Lz4{});
+  else
+    write(Zstd{});
+  out.keep();
+}
+
+void write_folder(const OpenLog& log, const Convert& o, Progress& progress, bool& truth) {
+  NewFolder folder(o.target);
+  Recording tables = log;
+  tables.path = folder.path().string();
+  tables.session.video.clear();
+  LogPictures taken(log);
+  for (std::size_t k = 0; k < tables.frames.size(); ++k) {
+    taken.next();
+    std::string& name = tables.frames[k].file;
+    if (name.empty()) name = frame_file(k);  // of a video
+    const fs::path to = folder.path() / "frames" / name;
+    std::error_code error;
+    fs::create_directories(to.parent_path(), error);
+    const bool as_it_is = !taken.file().empty() && (!log.file || !taken.ending().empty());
+    if (as_it_is)
+      write_bytes(to.string(), taken.file());
+    else if (const ImageView v = taken.pixels(); !v.empty())
+      write_bytes(to.string(), pictures().encode(to.extension().string(), v));
+    progress.step();
+  }
+  write_log_folder(tables);
+  copy_truth(log.truth_file(), (folder.path() / "truth.csv").string(), truth);
+  folder.keep();
+}
+
+Result Convert::run(Output&, Progress& progress) const {
+  progress.stage("reading the log");
+  const OpenLog from = open_log(log, progress, topics);
+  progress.step();
+  bool truth = false;
+  progress.stage("pictures", int(from.frames.size()));
+  try {
+    if (fs::path(target).extension() == ".mcap") {
+      write_file(from, *this, progress);
+      copy_truth(from.truth_file(), fs::path(target).replace_extension(".truth.csv").string(), truth);
+    } else {
+      write_folder(from, *this, progress, truth);
+    }
+  } catch (const InvalidArgument& e) {
+    throw InputError(log + ": " + e.what());
+  }
+  progress.finish();
+  const bool cut = from.file && !from.file->fault().empty();
+  if (json)
+    return Json{{"out", target},
+                {"frames", from.frames.size()},
+                {"joint_samples", from.joints.size()},
+                {"wrench_samples", from.wrenches.size()},
+                {"marker_samples", from.markers.size()},
+                {"photodiode_samples", from.photodiodes.size()},
+                {"truth", truth},
+                {"fault", cut ? Json(from.file->fault()) : Json(nullptr)}}
+               .dump(2) +
+           "\n";
+  return lumo::message(target, ": ", from.frames.size(), " pictures, ", from.joints.size(), " joint samples, ",
+                       from.wrenches.size(), " wrenches, ", from.markers.size(), " displacements, ",
+                       from.photodiodes.size(), " photodiode samples", truth ? ", truth beside them" : "",
+                       cut ? "; the log was cut" : "", "\n");
+}
+
+}  // namespace
+
+void add_convert(CommandLine& line) {
+  line.add<Convert>("convert", "A log's folder as an MCAP file, as ROS 2 has them, or the other way round");
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,44 @@
+#include "commands/estimating.hpp"
+
+#include "report/json.hpp"
+
+#include "lumo/sense/recording/csv.hpp"
+
+#include <utility>
+
+namespace lumo::program {
+
+using namespace sense;
+
+/// A further column of a table, empty for what is not known.
+std::string field(const std::optional<double>& v, double scale) {
+  return ',' + (v ? csv_number(scale * *v) : std::string());
+}
+
+double seconds_between(const FrameEstimate& first, const FrameEstimate& e) {
+  return 1e-9 * double(e.stamp_ns - first.stamp_ns);
+}
+
+namespace {
+
+void add_curve(LineChart& chart, std::string label, std::string_view colour, double width,
+               const std::vector<Point>& points) {
+  constexpr double gap_s = 0.15;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (i == 0 || points[i][0] - points[i - 1][0] > gap_s)
+      chart.curves.push_back({std::exchange(label, ""), std::string(colour), {}, width, true});
+    chart.curves.back().points.push_back(points[i]);
+    chart.curves.back().markers = chart.curves.back().points.size() == 1;  // which no line shows
+  }
+}
+
+}  // namespace
+
+std::string draw(const Timeline& t) {
+  LineChart chart = {t.title, "estimate at each frame against the truth", "time [s]", t.quantity, {}};
+  add_curve(chart, "truth", palette[6], 2.4, t.truth);
+  add_curve(chart, "estimate", palette[1], 1.4, t.estimate);
+  return draw(chart);
+}
+
+}  // namespace lumo::program

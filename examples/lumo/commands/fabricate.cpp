@@ -1,0 +1,176 @@
+#include "commands/commands.hpp"
+
+#include "console/text.hpp"
+#include "lumo/fabrication/casting_drawings.hpp"
+#include "lumo/fabrication/casting_kit.hpp"
+#include "lumo/fabrication/dxf.hpp"
+#include "lumo/fabrication/scaled_svg.hpp"
+#include "lumo/fabrication/stl.hpp"
+#include "lumo/morphology/silicone.hpp"
+#include "lumo/support/zip.hpp"
+#include "report/json.hpp"
+#include "report/present.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+#include <sstream>
+#include <vector>
+
+namespace lumo::program {
+
+namespace {
+
+constexpr double print_density_kg_per_m3 = 1240.0;  // PLA: NatureWorks, Ingeo 4043D data sheet (ASTM D792)
+constexpr double reserve = 1.25;                    // what stays in cups, on sticks and in syringes
+
+/// What `write` writes, for a file that appears with the others.
+template <class Write> void add(Output& files, const std::string& name, const Write& write) {
+  std::ostringstream out;
+  write(out);
+  files.add(name, out.str());
+}
+
+void add(Output& files, const std::string& name, const Drawing& drawing) {
+  add(files, name + ".dxf", [&](std::ostream& out) { write_dxf(out, drawing); });
+  add(files, name + ".svg", [&](std::ostream& out) { write_svg(out, drawing); });
+}
+
+void add_files(const HalfSection& s, const CastingOptions& o, const std::vector<CastingPart>& kit, Output& files) {
+  std::vector<PrintItem> carrier, mould;
+  for (const CastingPart& part : kit) {
+    add(files, part.name + ".stl", [&](std::ostream& out) { write_stl(out, part.printed); });
+    (part.name == "carrier" ? carrier : mould).push_back({part.name, part.printed, part.copies});
+  }
+  add(files, "carrier.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(carrier), Zip{}); });
+  add(files, "mould.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(mould), Zip{}); });
+  add(files, "casting_section", section_drawing(s, o));
+  add(files, "led_strip", strip_drawing(s, o));
+  if (s.design.w_v > 0.0) add(files, "core", core_drawing(s, o));
+}
+
+/// What a printer or a caster has to know about this design.
+std::vector<std::string> notes(const HalfSection& s, const CastingOptions& o) {
+  std::vector<std::string> list;
+  const CastingLayout at(s, o);
+  if (at.void_width > 0.0 && at.void_width < CastingOptions::thinnest_wall)
+    list.push_back("the cores are " + short_number(1e3 * at.void_width) +
+                   " mm thick, less than two lines of a 0.4 mm nozzle: cut them from sheet, by core.dxf");
+  const double beside = at.stem_x - 0.5 * o.strip_width - o.clearance;
+  if (beside < CastingOptions::thinnest_wall - 1e-9)
+    list.push_back("the carrier is " + short_number(1e3 * beside) +
+                   " mm thick beside the LED strip, less than two lines of a 0.4 mm nozzle");
+  return list;
+}
+
+double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m3 * density_kg_per_m3; }
+
+Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
+  const auto mass_g = [&](double volume_m3) { return number(grams(volume_m3, rubber.density_kg_per_m3)); };
+  const Json half_g = number(0.5 * reserve * grams(volume.total(), rubber.density_kg_per_m3));
+  return {{"density_kg_per_m3", rubber.density_kg_per_m3},
+          {"source", "paper Table I"},
+          {"pad_volume_mm3", number(1e9 * volume.pad)},
+          {"pad_mass_g", mass_g(volume.pad)},
+          {"fits_volume_mm3", number(1e9 * volume.fits)},
+          {"openings_volume_mm3", number(1e9 * volume.openings)},
+          {"cast_volume_mm3", number(1e9 * volume.total())},
+          {"cast_mass_g", mass_g(volume.total())},
+          {"mix", "1A:1B by weight"},
+          {"reserve_percent", 100.0 * (reserve - 1.0)},
+          {"part_a_g", half_g},
+          {"part_b_g", half_g}};
+}
+
+/// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
+std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json, Output& files) {
+  const HalfSection s = casting_section(FingerDesign::from(pad_request.theta_mm));
+  const Silicone rubber = silicone(pad_request.material);
+  const std::vector<CastingPart> kit = casting_kit(s, o);
+  const CastVolume volume = cast_volume(s, o);
+  const std::vector<std::string> remarks = notes(s, o);
+  const Vec3d direction = opening_direction();
+  const double draft_deg =
+      std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3d(-direction))) *
+      180.0 / pi;
+  const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
+
+  Json j = heading(pad_request);
+  j["options_mm"] = {{"clearance", mm(o.clearance)},
+                     {"plate", mm(o.plate)},
+                     {"wall", mm(o.wall)},
+                     {"strip_width", mm(o.strip_width)},
+                     {"strip_height", mm(o.strip_height)},
+                     {"gate", mm(o.gate_diameter)},
+                     {"vent", mm(o.vent_diameter)}};
+  j["parts"] = Json::array();
+  std::string table = pad("part", -9) + pad("copies", 7) + pad("volume [mm³]", 14) + pad("mass [g]", 10) +
+                      "  printed, x × y × z [mm]\n";
+  for (const CastingPart& part : kit) {
+    const double mass_g = grams(part.volume_m3, print_density_kg_per_m3);
+    j["parts"].push_back({{"name", part.name},
+                          {"file", part.name + ".stl"},
+                          {"copies", part.copies},
+                          {"volume_mm3", number(1e9 * part.volume_m3)},
+                          {"mass_g", number(mass_g)},
+                          {"box_mm", numbers(std::vector{mm(part.box.x()), mm(part.box.y()), mm(part.box.z())})}});
+    table += pad(part.name, -9) + cell(part.copies, 0, 7) + cell(1e9 * part.volume_m3, 0, 13) + cell(mass_g, 1, 10) +
+             "  " + short_number(1e3 * part.box.x()) + " × " + short_number(1e3 * part.box.y()) + " × " +
+             short_number(1e3 * part.box.z()) + "\n";
+  }
+  j["print_material"] = {{"name", "PLA"},
+                         {"density_kg_per_m3", print_density_kg_per_m3},
+                         {"source", "NatureWorks Ingeo 4043D data sheet (ASTM D792); masses are of solid prints"}};
+  j["silicone"] = silicone_json(rubber, volume);
+  j["opening_direction"] = numbers(std::vector{direction.x(), direction.y(), direction.z()});
+  j["least_draft_deg"] = number(draft_deg);
+  j["notes"] = remarks;
+  const std::string report = j.dump(2) + "\n";
+
+  add_files(s, o, kit, files);
+  files.add("fabrication.json", report);
+  if (as_json) return report;
+  std::string text = theta_text(pad_request) + "\n" + table + "pad " + cell(1e9 * volume.pad, 0) + " mm³, " +
+                     cell(grams(volume.pad, rubber.density_kg_per_m3), 1) + " g of " + pad_request.material + " (" +
+                     short_number(rubber.density_kg_per_m3) + " kg/m³); with gate, vents and fits " +
+                     cell(1e9 * volume.total(), 0) + " mm³, " + cell(cast_g, 1) + " g\nmix " + cell(0.5 * mix_g, 1) +
+                     " g of A and " + cell(0.5 * mix_g, 1) + " g of B: " + short_number(100.0 * (reserve - 1.0)) +
+                     " % in reserve\n";
+  for (const std::string& remark : remarks) text += "note: " + remark + "\n";
+  return text;
+}
+
+struct Fabricate : Common {
+  Pad pad;
+  CastingOptions casting;  ///< in m
+
+  void declare(CLI::App& app) {
+    namespace limits = casting_limits;
+    add_pad(app, pad);
+    add_text(app, "--out", out, "DIR", "Directory for the files; made when it is not there")->required();
+    const auto length = [&](const char* option, double& into_m, const Limits& admitted_mm, const char* what) {
+      const std::string help = lumo::message(what, " [mm], default ", short_number(1e3 * into_m));
+      add_value(app, option, "N", help, [&into_m, option, admitted_mm](const std::string& typed) {
+        into_m = 1e-3 * number_in(option, typed, admitted_mm, "mm");
+      });
+    };
+    length("--clearance", casting.clearance, limits::clearance_mm, "On each side between printed parts");
+    length("--plate", casting.plate, limits::plate_mm, "Thickness of the carrier's plate");
+    length("--wall", casting.wall, limits::wall_mm, "Of the mould about the pad");
+    length("--strip-width", casting.strip_width, limits::strip_width_mm, "Width of the LED strip");
+    length("--strip-height", casting.strip_height, limits::strip_height_mm, "Height of the LED strip with its LEDs");
+    length("--gate", casting.gate_diameter, limits::gate_mm, "Diameter of the gate at the pad");
+    length("--vent", casting.vent_diameter, limits::vent_mm, "Diameter of the vents at the pad");
+    add_common(app, *this);
+  }
+  void check() const { check_design(pad); }
+  Result run(Output& files, Progress&) const { return kit_of(pad, casting, json, files); }
+};
+
+}  // namespace
+
+void add_fabricate(CommandLine& line) {
+  line.add<Fabricate>("fabricate", "Files to print and cast the finger: carrier, mould, drawings");
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,21 @@
+#include "computing/press.hpp"
+
+#include "commands/pressing.hpp"
+#include "report/present.hpp"
+
+namespace lumo::program {
+
+namespace {
+
+struct Press : PressCommand {
+  Result run(Output& files, Progress& progress) const {
+    const PressResult result = make_press(request, progress);
+    return {present(request, json, result, files), failure_of(result.seen.scenarios)};
+  }
+};
+
+}  // namespace
+
+void add_press(CommandLine& line) { line.add<Press>("press", "Press a sphere on the pad: force, depth, contact"); }
+
+}  // namespace lumo::program

@@ -1,0 +1,30 @@
+#pragma once
+
+#include "commands/commands.hpp"
+#include "report/report.hpp"
+
+#include <string>
+#include <vector>
+
+namespace lumo::program {
+
+/// What a press that found no equilibrium says; empty for one that did.
+std::string failure_of(const std::vector<ScenarioRecord>& scenarios);
+
+/// A command that presses one sphere on one pad.
+struct PressCommand : DesignCommand {
+  PressRequest request;
+
+  void declare(CLI::App& app) {
+    declare_common(app, request);
+    add_touch(app, request);
+    app.footer(
+        "press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays "
+        "where it is: nothing "
+        "is removed.");
+    add_mechanics(app, request.mechanics);
+  }
+  void check() const { check_design(request); }
+};
+
+}  // namespace lumo::program

@@ -1,0 +1,31 @@
+#pragma once
+
+#include "commands/studies.hpp"
+
+#include "lumo/campaign/finger_campaign.hpp"
+#include "lumo/study/assumptions.hpp"
+
+#include <vector>
+
+namespace lumo::program {
+
+/// How far results move with each reading of what the paper leaves open.
+struct StudyReadings : StudyCommand {
+  StudyReadings() { designs = 30; }
+
+  void declare(CLI::App& app);
+  /// Throws StoreError.
+  Result run(Output& files, Progress& progress) const;
+
+ private:
+  std::vector<Scenario<Sphere>> pressed() const {
+    return ensemble ? contacts(*ensemble).scenarios() : assumption_contacts();
+  }
+  std::string_view contacts_name() const { return ensemble ? name(*ensemble) : "few"; }
+  Problem problem() const;
+  std::string problem_text(const Problem& p) const;
+  /// In the words of captions.
+  std::string about() const;
+};
+
+}  // namespace lumo::program

@@ -1,0 +1,20 @@
+#include "commands/pressing.hpp"
+#include "computing/press.hpp"
+#include "report/present.hpp"
+
+namespace lumo::program {
+
+namespace {
+
+struct Trace : PressCommand {
+  Result run(Output& files, Progress& progress) const {
+    const TraceResult result = make_trace(request, threads, progress);
+    return {present(request, json, result, files), failure_of(result.press.seen.scenarios)};
+  }
+};
+
+}  // namespace
+
+void add_trace(CommandLine& line) { line.add<Trace>("trace", "Press, then trace light: response of each region"); }
+
+}  // namespace lumo::program

@@ -1,0 +1,130 @@
+#include "computing/press.hpp"
+
+#include "computing/tools.hpp"
+#include "report/records.hpp"
+
+#include "lumo/mesh/quality.hpp"
+
+#include <algorithm>
+#include <map>
+#include <new>
+
+namespace lumo::program {
+
+namespace {
+
+template <class P>
+TetMesh mesh_of(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
+  const Stopwatch watch;
+  progress.stage("mesh");
+  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher,
+                                  pipeline.focus, pipeline.mesh_order);
+  progress.step();
+  seconds = watch.seconds();
+  return mesh;
+}
+
+std::vector<double> per_power(const Response& r, const std::vector<double>& watts) {
+  std::vector<double> out = watts;
+  for (double& v : out) v /= r.ledger.emitted;
+  return out;
+}
+
+/// The part of a press that a trace shares.
+template <class P> PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress) {
+  PressResult result;
+  Observations& seen = result.seen;
+  seen.seconds = {undefined, undefined, undefined, undefined};
+  result.mesh = mesh_of(o, body, pipeline, progress, seen.seconds.mesh);
+  seen.nodes = result.mesh.nodes.size();
+  seen.elements = result.mesh.tets.size();
+  const Stopwatch watch;
+  progress.stage("press");
+  const Scenario<Sphere> scenario = scenario_of(o);
+  result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
+  seen.scenarios = {record_of(body, result.mesh, scenario, result.states, pipeline.mechanical_error)};
+  seen.seconds.mechanics = watch.seconds();
+  if (is_scored(result.scenario().status, true)) progress.step();  // else it is not done
+  return result;
+}
+
+}  // namespace
+
+MeshResult make_mesh(const PressRequest& o, Progress& progress) {
+  MeshResult result;
+  const Body body = body_of(o, o.mechanics);
+  result.mesh = mesh_of(o, body, pipeline_for(o.material, o.mechanics), progress, result.seconds);
+  result.quality = measure(result.mesh);
+  result.exact_volume_m3 = body.exact_volume_m3;
+  return result;
+}
+
+PressResult make_press(const PressRequest& o, Progress& progress) {
+  const Stopwatch watch;
+  PressResult result = pressed(o, body_of(o, o.mechanics), pipeline_for(o.material, o.mechanics), progress);
+  result.seen.seconds.total = watch.seconds();
+  return result;
+}
+
+std::vector<PressOutcome> make_presses(const std::vector<PressRequest>& requests, int threads, Progress& progress) {
+  std::map<std::pair<std::string, bool>, decltype(pipeline_for("", {}))> pipelines;  // all before threads start
+  for (const PressRequest& o : requests)
+    if (const std::pair kind(o.material, o.mechanics.paper); !pipelines.contains(kind))
+      pipelines.emplace(kind, pipeline_for(o.material, o.mechanics));
+  std::vector<PressOutcome> outcomes(requests.size());
+  progress.stage("press", int(requests.size()));
+  TbbExecutor{threads}.for_each(requests.size(), [&](std::size_t k) {
+    const PressRequest& o = requests[k];
+    Progress silent(true);
+    try {
+      outcomes[k].press = pressed(o, body_of(o, o.mechanics), pipelines.at({o.material, o.mechanics.paper}), silent);
+    } catch (const Error& e) {
+      outcomes[k].why = e.what();
+    } catch (const std::bad_alloc&) {
+      outcomes[k].why = "out of memory";
+    }
+    progress.step();
+  });
+  return outcomes;
+}
+
+TraceResult make_trace(const PressRequest& o, int threads, Progress& progress) {
+  const Stopwatch watch;
+  const Body body = body_of(o, o.mechanics);
+  const auto pipeline = pipeline_for(o.material, o.mechanics);
+  TraceResult result;
+  PressResult& press = result.press;
+  press = pressed(o, body, pipeline, progress);
+  Observations& seen = press.seen;
+  if (!is_scored(press.states.back().status, true)) return result;
+
+  const Stopwatch light;
+  progress.stage("trace", int(press.states.size()) + 1);
+  const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o), press.states.back().status);
+  std::vector<Response> responses(press.states.size() + 1);  // the unloaded one first
+  TbbExecutor{threads}.for_each(responses.size(), [&](std::size_t k) {
+    responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh)
+                          : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);
+    progress.step();
+  });
+  seen.unloaded_response = per_power(responses[0], responses[0].power_W);
+  seen.unloaded_error = per_power(responses[0], responses[0].error_W);
+  double worst = -1.0;
+  for (std::size_t k = 0; k < responses.size(); ++k) {
+    const Response& r = responses[k];
+    if (k > 0) {
+      StateRecord& state = seen.scenarios.front().states[k - 1];
+      state.response = per_power(r, r.power_W);
+      state.change_error = per_power(
+          r, standard_error(r.replicates - responses[0].replicates));  // the same rays: most of their noise cancels
+    }
+    if (!(r.ledger.imbalance() > worst)) continue;
+    worst = r.ledger.imbalance();
+    seen.ledger = r.ledger;
+  }
+  seen.seconds.optics = light.seconds();
+  seen.seconds.total = watch.seconds();
+  return result;
+}
+
+}  // namespace lumo::program

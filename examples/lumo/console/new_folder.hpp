@@ -1,0 +1,60 @@
+#pragma once
+
+#include "console/interrupt.hpp"
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/files.hpp"
+
+#include <unistd.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <vector>
+
+namespace lumo::program {
+
+/// A whole file or none. Throws InputError.
+inline void write_bytes(const std::string& path, const std::vector<std::uint8_t>& bytes) {
+  write_whole(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
+
+/// A log's folder that takes its name only when all is in it.
+class NewFolder {
+ public:
+  explicit NewFolder(const std::string& path) : path_(std::filesystem::path(path).lexically_normal()) {
+    if (!path_.has_filename()) path_ = path_.parent_path();
+    std::error_code error;
+    if (std::filesystem::exists(path_, error) &&
+        !(std::filesystem::is_directory(path_, error) && std::filesystem::is_empty(path_, error)))
+      throw InputError("cannot write to '" + path + "': it is there and not empty");
+    part_ = path_.string() + ".part-" + std::to_string(getpid());
+    unfinished_.emplace(part_);
+    std::filesystem::create_directories(part_ / "frames", error);
+    if (error) throw InputError("cannot write to '" + path + "': " + error.message());
+  }
+  ~NewFolder() {
+    std::error_code error;
+    if (!part_.empty()) std::filesystem::remove_all(part_, error);
+  }
+  NewFolder(const NewFolder&) = delete;
+  NewFolder& operator=(const NewFolder&) = delete;
+
+  const std::filesystem::path& path() const { return part_; }
+  void keep() {
+    const FilesBeingWritten now;
+    std::error_code error;
+    std::filesystem::remove(path_, error);
+    std::filesystem::rename(part_, path_, error);
+    if (error) throw InputError("cannot write to '" + path_.string() + "': " + error.message());
+    part_.clear();
+  }
+
+ private:
+  std::filesystem::path path_, part_;
+  std::optional<UnfinishedFolder> unfinished_;
+};
+
+}  // namespace lumo::program
