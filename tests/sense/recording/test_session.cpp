@@ -11,7 +11,7 @@ using namespace lumo::sense;
 
 namespace {
 
-std::string message(const std::string& json) {
+std::string fault_of(const std::string& json) {
   try {
     session_from_json(json, "s.json");
   } catch (const InputError& e) {
@@ -67,63 +67,63 @@ TEST_CASE("a session reads back as it was written", "[session]") {
 }
 
 TEST_CASE("every fault of a session is one line that names file and key", "[session]") {
-  CHECK(message("{").starts_with("s.json: is no JSON: "));
-  CHECK(message("[]") == "s.json: must be an object");
-  CHECK(message("{}") == "s.json.format: must be \"lumo-log\"");
-  CHECK(message(R"({"format": "lumo-log", "version": 2})") == "s.json.version: must be 1");
-  CHECK(message(head + R"(, "tittle": ""})") == "s.json: key 'tittle' is not known, the nearest is 'title'");
-  CHECK(message(head + R"(, "leds": {"pitch": 11}})") ==
+  CHECK(fault_of("{").starts_with("s.json: is no JSON: "));
+  CHECK(fault_of("[]") == "s.json: must be an object");
+  CHECK(fault_of("{}") == "s.json.format: must be \"lumo-log\"");
+  CHECK(fault_of(R"({"format": "lumo-log", "version": 2})") == "s.json.version: must be 1");
+  CHECK(fault_of(head + R"(, "tittle": ""})") == "s.json: key 'tittle' is not known, the nearest is 'title'");
+  CHECK(fault_of(head + R"(, "leds": {"pitch": 11}})") ==
         "s.json.leds: key 'pitch' is not known, the nearest is 'pitch_mm'");
-  CHECK(message(head + R"(, "leds": {"pitch_mm": "11 mm"}})") == "s.json.leds.pitch_mm: must be a finite number");
-  CHECK(message(head + R"(, "leds": {"pitch_mm": -1}})") == "s.json: led pitch is -1 mm, must lie in (0, 1000) mm");
-  CHECK(message(head + R"(, "leds": {"depth_mm": -1}})") ==
+  CHECK(fault_of(head + R"(, "leds": {"pitch_mm": "11 mm"}})") == "s.json.leds.pitch_mm: must be a finite number");
+  CHECK(fault_of(head + R"(, "leds": {"pitch_mm": -1}})") == "s.json: led pitch is -1 mm, must lie in (0, 1000) mm");
+  CHECK(fault_of(head + R"(, "leds": {"depth_mm": -1}})") ==
         "s.json: depth of the LEDs is -1 mm, must lie in [0, 1000] mm");
-  CHECK(message(head + R"(, "leds": {"camera_distance_mm": 5}})")
+  CHECK(fault_of(head + R"(, "leds": {"camera_distance_mm": 5}})")
             .starts_with("s.json: distance of the camera is 5 mm, must lie in [10, 100000] mm"));
-  CHECK(message(head + R"(, "leds": {"depth_mm": 900, "camera_distance_mm": 20}})")
+  CHECK(fault_of(head + R"(, "leds": {"depth_mm": 900, "camera_distance_mm": 20}})")
             .starts_with("s.json: LEDs lie 900 mm deep before a camera at 20 mm"));
-  CHECK(message(head + R"(, "joint_to_joint_mm": [0]})") ==
+  CHECK(fault_of(head + R"(, "joint_to_joint_mm": [0]})") ==
         "s.json: way from joint to joint is 0 mm, must lie in (0, 10000] mm");
-  CHECK(message(head + R"(, "leds": {"distal": [1]}})") == "s.json.leds.distal: must be two numbers");
+  CHECK(fault_of(head + R"(, "leds": {"distal": [1]}})") == "s.json.leds.distal: must be two numbers");
   const std::string holes = R"("joints": [0], "holes_mm": [-22, -4, 22, -4], "holes_px": [10, 20, 90, 20])";
-  CHECK(message(head + R"(, "links": [{}]})") == "s.json: link 0: link '': no joint moves it, at least one must");
-  CHECK(message(head + R"(, "links": [{"joints": [0.5]}]})") == "s.json.links[0].joints: must be whole numbers");
-  CHECK(message(head + R"(, "links": [{"joints": [0], "holes_mm": [1, 2, 3]}]})") ==
+  CHECK(fault_of(head + R"(, "links": [{}]})") == "s.json: link 0: link '': no joint moves it, at least one must");
+  CHECK(fault_of(head + R"(, "links": [{"joints": [0.5]}]})") == "s.json.links[0].joints: must be whole numbers");
+  CHECK(fault_of(head + R"(, "links": [{"joints": [0], "holes_mm": [1, 2, 3]}]})") ==
         "s.json.links[0].holes_mm: must be pairs y, z");
-  CHECK(message(head + R"(, "links": [{"joints": [0], "holes_mm": [1, 2, 3, 4]}]})") ==
+  CHECK(fault_of(head + R"(, "links": [{"joints": [0], "holes_mm": [1, 2, 3, 4]}]})") ==
         "s.json: link 0: has 2 holes and 0 places of them in the picture, must have as many");
-  CHECK(message(head + R"(, "links": [{)" + holes + R"(, "z_clockwise": 1}]})") ==
+  CHECK(fault_of(head + R"(, "links": [{)" + holes + R"(, "z_clockwise": 1}]})") ==
         "s.json.links[0].z_clockwise: must be true or false");
-  CHECK(message(head + R"(, "links": [{)" + holes + R"(, "pad_y_mm": [5, 4]}]})") ==
+  CHECK(fault_of(head + R"(, "links": [{)" + holes + R"(, "pad_y_mm": [5, 4]}]})") ==
         "s.json: link 0: length of a link's pad is -1 mm, must lie in [1, 10000] mm");
-  CHECK(message(head + R"(, "segments": [{"place": 1.5}]})") ==
+  CHECK(fault_of(head + R"(, "segments": [{"place": 1.5}]})") ==
         "s.json.segments[0].place: must be a whole number within 1e9");
-  CHECK(message(head + R"(, "segments": [{}, {"from_ns": 18446744073709551615}]})") ==
+  CHECK(fault_of(head + R"(, "segments": [{}, {"from_ns": 18446744073709551615}]})") ==
         "s.json.segments[1].from_ns: must be a whole number of 64 bits");
-  CHECK(message(head + R"(, "segments": [{"from_ns": 5, "to_ns": 4}]})") ==
+  CHECK(fault_of(head + R"(, "segments": [{"from_ns": 5, "to_ns": 4}]})") ==
         "s.json: segment 0 ends at 4 ns, before it begins at 5 ns");
-  CHECK(message(head + R"(, "torque_constant_Nm_per_A": []})") == "s.json: has 0 torque constants, must have 1 to 8");
-  CHECK(message(head + R"(, "video": "../x"})") == "s.json: video must be a file name beside session.json");
-  CHECK(message(head + R"(, "title": 1e999})").starts_with("s.json: is no JSON"));
-  CHECK(message(std::string(100000, '[')) == "s.json: is nested deeper than 64 levels");
-  CHECK(message(head + R"(, "title": ")" + "\xff" + "\"}").starts_with("s.json: is no JSON"));
+  CHECK(fault_of(head + R"(, "torque_constant_Nm_per_A": []})") == "s.json: has 0 torque constants, must have 1 to 8");
+  CHECK(fault_of(head + R"(, "video": "../x"})") == "s.json: video must be a file name beside session.json");
+  CHECK(fault_of(head + R"(, "title": 1e999})").starts_with("s.json: is no JSON"));
+  CHECK(fault_of(std::string(100000, '[')) == "s.json: is nested deeper than 64 levels");
+  CHECK(fault_of(head + R"(, "title": ")" + "\xff" + "\"}").starts_with("s.json: is no JSON"));
   CHECK_THROWS_AS(read_session("/nonexistent/session.json"), InputError);
 }
 
 TEST_CASE("numbers do not wrap, and brackets in a text are text", "[session]") {
-  CHECK(message(head + R"(, "segments": [{"place": 18446744073709551612}]})") ==
+  CHECK(fault_of(head + R"(, "segments": [{"place": 18446744073709551612}]})") ==
         "s.json.segments[0].place: must be a whole number within 1e9");
   CHECK(session_from_json(head + R"(, "title": ")" + std::string(65, '[') + "\"}", "s.json").title.size() == 65);
   CHECK(
-      message(head +
-              R"(, "title": "]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]\\" , "theta_mm": )" +
-              std::string(70, '[')) == "s.json: is nested deeper than 64 levels");
+      fault_of(head +
+               R"(, "title": "]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]\\" , "theta_mm": )" +
+               std::string(70, '[')) == "s.json: is nested deeper than 64 levels");
   CHECK(
-      message(head + R"(, "joint_clock": {"offset_s": 1e300}})").starts_with("s.json: offset of a clock is 1e+300 s"));
-  CHECK(message(head + R"(, "joint_clock": {"drift": -2}})").starts_with("s.json: drift of a clock"));
-  CHECK(message(head + R"(, "torque_constant_Nm_per_A": [0]})").starts_with("s.json: torque constant is 0"));
-  CHECK(message(head + R"(, "joint_delay_s": 1e9})").starts_with("s.json: delay is"));
-  CHECK(message(head + R"(, "segments": [{"from_ns": -9000000000000000000}]})")
+      fault_of(head + R"(, "joint_clock": {"offset_s": 1e300}})").starts_with("s.json: offset of a clock is 1e+300 s"));
+  CHECK(fault_of(head + R"(, "joint_clock": {"drift": -2}})").starts_with("s.json: drift of a clock"));
+  CHECK(fault_of(head + R"(, "torque_constant_Nm_per_A": [0]})").starts_with("s.json: torque constant is 0"));
+  CHECK(fault_of(head + R"(, "joint_delay_s": 1e9})").starts_with("s.json: delay is"));
+  CHECK(fault_of(head + R"(, "segments": [{"from_ns": -9000000000000000000}]})")
             .starts_with("s.json: stamp -9000000000000000000 ns"));
 }
 
@@ -203,7 +203,7 @@ TEST_CASE("damaged sessions are read or refused in one line, never worse", "[ses
       else
         bad.erase(at, std::size_t(6.0 * draw.uniform()));
     }
-    const std::string what = message(bad);
+    const std::string what = fault_of(bad);
     REQUIRE(what.find('\n') == std::string::npos);
     refused += what != "no error";
   }
