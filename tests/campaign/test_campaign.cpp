@@ -54,13 +54,13 @@ TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result"
   Cheap alone(cheap_problem(20));
   while (const auto t = alone.ask()) alone.tell(t->id, cheap_outputs(t->x));
   int watched = 0;
-  const OptimizerStatus end =
-      run_campaign(log, Cheap(cheap_problem(20)), cheap, [&](const CampaignState<Cheap>& s, int id, const TrialResult& v) {
-        ++watched;
-        CHECK(s.optimizer().observed() == watched);
-        CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
-        CHECK(log.record(*s.answered(id)) == v.record);
-      });
+  const OptimizerStatus end = run_campaign(log, Cheap(cheap_problem(20)), cheap,
+                                           [&](const CampaignState<Cheap>& s, int id, const TrialResult& v) {
+                                             ++watched;
+                                             CHECK(s.optimizer().observed() == watched);
+                                             CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
+                                             CHECK(log.record(*s.answered(id)) == v.record);
+                                           });
   CHECK(end == OptimizerStatus::finished);
   CHECK(watched == 20);
   const auto state = state_of(log, 20);
@@ -84,7 +84,8 @@ TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried
   const auto failing = [&](const Design& x) {
     const int n = ++attempts[x];
     if (std::lround(2.0 * x[0]) % 5 == 2) return TrialResult{{}, false, "mesh: no tetrahedra", "what was there", ""};
-    if (std::lround(2.0 * x[1]) % 5 == 2 && n == 1) return TrialResult{{}, true, "press d = 10 mm: out of memory", "", ""};
+    if (std::lround(2.0 * x[1]) % 5 == 2 && n == 1)
+      return TrialResult{{}, true, "press d = 10 mm: out of memory", "", ""};
     return cheap(x);
   };
   run_campaign(log, Cheap(cheap_problem(25)), failing, unwatched);
@@ -203,7 +204,9 @@ TEST_CASE("Entries that no campaign wrote are refused") {
                                                                             {"ask", "-1 1 1 1"},
                                                                             {"ask", ""}}) {
     MemoryJournal log("p");
-    log.append([&](const auto&) { return std::optional(JournalEntry{0, journal_kind(entry.first).value(), entry.second, "", ""}); });
+    log.append([&](const auto&) {
+      return std::optional(JournalEntry{0, journal_kind(entry.first).value(), entry.second, "", ""});
+    });
     INFO(entry.first << ' ' << entry.second);
     CHECK_THROWS_AS(state_of(log, 20), StoreError);
   }

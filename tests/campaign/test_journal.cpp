@@ -20,8 +20,8 @@ namespace {
 
 /// What entry k of the test campaign must be.
 JournalEntry entry(std::size_t k) {
-  return {std::int64_t(k), JournalEntry::Kind::tell, "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)),
-          "took " + std::string(60, char('0' + k % 10)) + " s"};
+  return {std::int64_t(k), JournalEntry::Kind::tell, "x = " + std::to_string(k * k),
+          std::string(700, char('a' + k % 26)), "took " + std::string(60, char('0' + k % 10)) + " s"};
 }
 
 /// Adds entries until there are `count` after the problem.

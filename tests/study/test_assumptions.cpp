@@ -27,10 +27,10 @@ TEST_CASE("The effect of a reading: differences, ranks, what decides, and the ch
   const std::vector<AssumptionScore> usual = {
       score(0.5, 4.0, "a"), score(0.4, 8.0, "a"), score(0.3, 2.0, "b"), score(0.9, 9.0, "a"), {}};
   std::vector<AssumptionScore> varied = {score(0.6, 2.0, "a"),
-                                        score(0.5, 4.0, "b"),
-                                        score(0.2, 3.0, "b"),
-                                        {std::nullopt, std::nullopt, "", ""},
-                                        score(1, 1, "")};
+                                         score(0.5, 4.0, "b"),
+                                         score(0.2, 3.0, "b"),
+                                         {std::nullopt, std::nullopt, "", ""},
+                                         score(1, 1, "")};
   const AssumptionEffect e = effect_of(usual, varied);
   CHECK(e.compared == 3);
   CHECK(e.lost == 1);

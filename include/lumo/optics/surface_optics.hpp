@@ -31,9 +31,9 @@ inline Vec3d cosine_direction(const Vec3d& t1, const Vec3d& t2, const Vec3d& n, 
 
 }  // namespace detail
 
-/// Direction in which opaque surfaces send light: a unit vector for the incoming unit direction `d`, unit normal `n` on the lit
-/// side, and two numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image paths take
-/// image directions.
+/// Direction in which opaque surfaces send light: a unit vector for the incoming unit direction `d`, unit normal `n` on
+/// the lit side, and two numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image
+/// paths take image directions.
 inline Vec3d reflected(const Lambertian&, const Vec3d&, const Vec3d& n, double u, double v, const Vec3d& mirror) {
   const Vec3d m = mirror.cwiseProduct(n);
   Vec3d t1, t2;

@@ -104,7 +104,8 @@ class Optimizer {
     const Evidence e = evidence();
     models_.clear();
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      models_.push_back(GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
+      models_.push_back(
+          GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
     modelled_ = observed();
     return models_;
   }
