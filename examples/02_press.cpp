@@ -19,7 +19,7 @@ int main() {
   const TetMesh mesh = mesh_for_contact(body, coarse, std::vector{scenario}, mesher);
 
   // `Simulator<NeoHookean, SDFContact>` alone needs nothing but Eigen; CHOLMOD makes it fast.
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
 
   std::printf("%zu nodes, %zu elements\n load [N]  depth [mm]  contact [mm2]  residual [N]  status\n",

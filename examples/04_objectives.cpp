@@ -16,12 +16,12 @@ int main() {
   ensemble.diameters_m = {10.0_mm, 30.0_mm};
   ensemble.places_m = {0.0_mm, 11.0_mm};
 
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   const Pipeline<TetgenMesher, Simulation, Light> pipeline{
       {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};
 
-  const Evaluation e = evaluate({5.0, 10.0, 10.0, 6.0, 3.0}, card, ensemble, pipeline, {}, TbbExecutor{2});
+  const Evaluation e = evaluate({{5.0, 10.0, 10.0, 6.0, 3.0}, card}, ensemble, pipeline, TbbExecutor{2});
 
   std::printf(" d [mm]  y [mm]  q_form  q_stable  q_stiff\n");
   for (const ScenarioRecord& s : e.observations.scenarios)

@@ -21,19 +21,20 @@ int main(int argc, char** argv) {
   FingerOptions coarse;
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
 
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   Pipeline<TetgenMesher, Simulation, Light> pipeline{
       {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};  // before the store: the mesher forks
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
 
-  SqliteLog log(file,
-                "example 05: DS, 20 mm at y = 0 and 11 mm, coarse");  // refuses a file that was made for something else
+  SqliteJournal log(
+      file,
+      "example 05: DS, 20 mm at y = 0 and 11 mm, coarse");  // refuses a file that was made for something else
   const auto evaluate_design = [&](const Design& x) {
-    return verdict_of(evaluate(FingerDesign::from(x), card, contacts, pipeline, coarse, TbbExecutor{2}));
+    return trial_result(evaluate({FingerDesign::from(x), card, coarse}, contacts, pipeline, TbbExecutor{2}));
   };
-  const auto show = [](const auto& state, int id, const Verdict& v) {
+  const auto show = [](const auto& state, int id, const TrialResult& v) {
     const Design& x = state.optimizer().trials()[std::size_t(id)].x;
     std::printf("%2d  %4.1f %4.1f %4.1f %4.1f %4.1f", id, x[0], x[1], x[2], x[3], x[4]);
     if (v.outputs.empty())
@@ -47,6 +48,7 @@ int main(int argc, char** argv) {
 
   CampaignState state(Optimizer<>(finger_problem(6)));
   state.read(log.entries());
-  std::printf("%d designs in %s, hypervolume %.3e\n", state.optimizer().told(), file, state.optimizer().hypervolume());
-  return state.optimizer().told() == 6 ? 0 : 1;
+  std::printf("%d designs in %s, hypervolume %.3e\n", state.optimizer().observed(), file,
+              state.optimizer().hypervolume());
+  return state.optimizer().observed() == 6 ? 0 : 1;
 }

@@ -19,6 +19,7 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
+  using namespace lumo::sense;
   const std::string folder = argc > 1 ? argv[1] : "lab_log";
   const Silicone card = solaris();
   FingerOptions coarse;
@@ -30,7 +31,7 @@ int main(int argc, char** argv) {
   const SideSight sight;
   const PadGrid grid{.load_N = {2.0, 5.0, 10.0, 15.0}, .spacing_m = 13.0_mm, .places = 3, .tilt_place_m = {13.0_mm}};
   using Light = Tracer<BeerLambert, SideSight, Embree>;
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
   Pipeline<TetgenMesher, Simulation, Light> pipeline{{},
                                                      {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}},
                                                      Light({.rays_per_emitter = 1 << 14, .exit_rays = 1 << 17}, sight)};
@@ -51,9 +52,9 @@ int main(int argc, char** argv) {
   // A hand of two fingers carries the same pad on each of its four links; fifteen pictures a second. It is touched
   // where light was computed, 13 mm apart.
   rig.camera.frames_per_s = 15.0;
-  const HandLab hand(light, hand_plan(1, 4, 13.0_mm), 1, 1.0, rig, {}, side_geometry(pad));
+  const HandLab hand(light, hand_plan(1, 4, 13.0_mm), 1, 1.0, {.rig = rig, .side = side_geometry(pad)});
 
-  const auto leave = [](const auto& recorded, RecordedLog log) {
+  const auto leave = [](const auto& recorded, Recording log) {
     std::filesystem::create_directories(log.path + "/frames");
     log.session = recorded.session();
     log.frames = recorded.frames();

@@ -12,7 +12,8 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
-  const RecordedLog log = read_log_folder(argc > 1 ? argv[1] : "lab_log");
+  using namespace lumo::sense;
+  const Recording log = read_log_folder(argc > 1 ? argv[1] : "lab_log");
   const auto camera = [&] { return FolderCamera(log.path + "/frames", log.frames); };
 
   // The finger in the picture: its five LEDs and their known pitch give the map, what is lit about them the band.

@@ -1,5 +1,5 @@
 // 09 Hand: contacts on the four links of two fingers at once, without labels. Reads the hand's log of example 06.
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
 
@@ -8,7 +8,8 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
-  const RecordedLog log = read_log_folder(argc > 1 ? argv[1] : "lab_log_hand");
+  using namespace lumo::sense;
+  const Recording log = read_log_folder(argc > 1 ? argv[1] : "lab_log_hand");
 
   // The session states each link's mounting holes and roughly where they are in the first picture. From then on they
   // are followed.

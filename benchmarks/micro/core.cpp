@@ -1,6 +1,6 @@
 #include "kernel.hpp"
 
-#include "lumo/core/crc32.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/executor.hpp"
 #include "lumo/support/tbb.hpp"
 

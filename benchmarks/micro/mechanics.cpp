@@ -32,7 +32,7 @@ using QuarterModel = SectorModel<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
 /// The quarter that the quasi-static solver works on, at equilibrium.
 struct Quarter {
   const PressedPad& pad = pressed_pad();
-  QuarterModel model{pad.body, pad.mesh, {true, true}, NeoHookean{}, SDFContact{}, QuadraticTet{}};
+  QuarterModel model{pad.body, pad.mesh, {true, true}, {}};
   PressSystem<QuarterModel, Sphere> system{model, pad.ball.indenter, pad.touch.origin, pad.ball.direction()};
   const Equations& equations = model.blocks.front().equations;
   Positions x = positions_of(model.sector.mesh);
@@ -137,12 +137,13 @@ TEST_CASE("mechanics: contact", "[mechanics]") {
     return add_contact_forces(surface, SDFContact{}, sphere, q.x, &force).push_N;
   };
   BENCHMARK(named("contact tangent into the sparse matrix", input)) {
-    return add_contact_tangent(surface, SDFContact{}, sphere, q.x, q.equations, values.data(), &coupling)
+    return add_contact_tangent(surface, SDFContact{}, sphere, q.x, {q.equations, values.data(), &coupling})
                .push_stiffness +
            values.front();
   };
   const Positions dx = 1e-3 * q.x;
-  BENCHMARK(named("gaps carried on", input)) { return predicted_gaps(surface, sphere, q.x, sphere, q.x, dx, 1e-6); };
+  const ContactPlace<Sphere> here{sphere, q.x};
+  BENCHMARK(named("gaps carried on", input)) { return predicted_gaps(surface, here, here, dx, 1e-6); };
   BENCHMARK(named("first touch", message("1 line on ", q.pad.mesh.faces.size(), " faces"))) {
     return first_touch(q.pad.body, q.pad.mesh, q.pad.ball).point;
   };
@@ -162,8 +163,8 @@ TEST_CASE("mechanics: contact", "[mechanics]") {
     return contact_overlap(whole, field, smaller, x).ratio();
   };
   BENCHMARK(named("certificate of equilibrium", message(pad.mesh.tets.size(), " tetrahedra"))) {
-    return out_of_balance(pad.body, pad.mesh, NeoHookean{}, SDFContact{}, QuadraticTet{}, pad.ball.indenter,
-                          sphere.origin, sphere.direction, 5.0, pad.state.displacement);
+    return out_of_balance(pad.body, pad.mesh, PressPhysics{NeoHookean{}, SDFContact{}, QuadraticTet{}}, sphere,
+                          {5.0, pad.state.displacement});
   };
 }
 
@@ -217,10 +218,10 @@ TEST_CASE("mechanics: vertex block descent", "[mechanics]") {
   using Model = DescentModel<StableNeoHookean, VertexContact, LinearTet>;
   const VertexContact contact{.stiffness_N_per_m3 = 1e9, .friction = 0.5};
   const Serial serial;
-  const auto time_step = [&](const std::string& name, bool lanes) {
+  const auto time_step = [&](const std::string& name, bool packs) {
     DescentConfig config;
-    config.lanes = lanes;
-    const Model model(pad.body, mesh, {}, StableNeoHookean{}, contact, {}, config);
+    config.packs = packs;
+    const Model model(pad.body, mesh, {}, {{}, contact, {}}, config);
     const Touch touch = first_touch(pad.body, mesh, pad.ball);
     Descent<Model, Sphere, Serial> descent(model, pad.ball.indenter, touch, pad.ball.direction(), config, serial);
     bool finite = true;

@@ -49,7 +49,7 @@ template <class Scene> double total_length(const Scene& scene, const std::vector
 template <TransparentMedium Medium, Intersector Backend> struct Steps {
   using Scene = decltype(Backend{}.build({}));
   using Path = PathTracer<Scene, Medium, ExitPower>;
-  using Gather = ExitGather<Scene, Medium, ExitPower>;
+  using Gather = NextEventGather<Scene, Medium, ExitPower>;
   static constexpr Symmetry symmetry{true, true};
 
   const PressedPad& pad = pressed_pad();
@@ -57,12 +57,14 @@ template <TransparentMedium Medium, Intersector Backend> struct Steps {
   OpticalScene surface = pressed_scene(pad);
   Scene scene = Backend{}.build(surface.triangles());
   LightNodes nodes{surface, symmetry};
-  FaceSet exits{surface, symmetry, true, 4096.0, 2, {}, [&](int t) {
+  FaceSet exits{surface, symmetry, {.whole = true, .total = 4096.0, .least = 2}, [&](int t) {
                   return is_dielectric(surface.optics(t)) && surface.has_region(t / surface.triangles_per_face());
                 }};
-  double outer_index = BeerLambert(pad.body.surroundings).refractive_index();
-  Path path{surface,          scene, medium, outer_index, ExitPower{},
-            pad.body.regions, nodes, exits,  symmetry,    PathLimits{0.005, 0.25, 4096}};
+  ExitPower readout;
+  LitBody<Scene, Medium, ExitPower> lit{
+      surface, scene, medium,  BeerLambert(pad.body.surroundings).refractive_index(), readout, pad.body.regions,
+      nodes,   exits, symmetry};
+  Path path{lit, PathLimits{0.005, 0.25, 4096}};
   RayPattern pattern{pad.body.emitters, 512, symmetry};
   std::vector<double> sent = std::vector<double>(nodes.size(), 1.0 / double(nodes.size()));
 
@@ -73,20 +75,18 @@ template <TransparentMedium Medium, Intersector Backend> struct Steps {
   Tally follow() {
     for (const RayPattern::Beam& beam : pattern.beams())
       for (std::uint32_t i = 0; i < beam.rays; ++i)
-        path.run(RayPattern::ray(beam, OwenSobol{5}, i), beam.mirror, beam.power_W, true);
+        path.run({RayPattern::ray(beam, OwenSobol{5}, i), beam.mirror, beam.power_W});
     return path.accounts().take();
   }
   Tally spread() {
-    ExitBeams beams(path);
-    for (const RayPattern::Beam& beam : pattern.beams()) beams.run(beam, OwenSobol{5});
+    Splatting splatting(path);
+    for (const RayPattern::Beam& beam : pattern.beams()) splatting.run(beam, OwenSobol{5});
     return path.accounts().take();
   }
   /// Light that leaves is gathered backwards from 4,096 points of the readout's faces, mirror images included.
   double gather() {
     Tally total = path.accounts().take();
-    Gather(pad.body.emitters, surface, scene, medium, outer_index, ExitPower{}, pad.body.regions, nodes, exits,
-           symmetry, path)
-        .run(OwenSobol{7}, sent, total);
+    Gather(pad.body.emitters, lit, path).run(OwenSobol{7}, sent, total);
     return total.ledger.channels[5];
   }
   std::uint32_t exit_points() const {
@@ -179,8 +179,7 @@ TEST_CASE("optics: paths", "[optics]") {
   const std::string triangles = message(own.surface.triangles().size(), " triangles");
   BENCHMARK(named("nodes of Lambertian faces", triangles)) { return LightNodes(own.surface, own.symmetry).size(); };
   BENCHMARK(named("samples of the carrier's faces numbered", triangles)) {
-    return FaceSet(own.surface, own.symmetry, false, 4096.0, 1, {}, [&](int t) { return own.nodes.of(t)[0] >= 0; })
-        .size();
+    return FaceSet(own.surface, own.symmetry, {.total = 4096.0}, [&](int t) { return own.nodes.of(t)[0] >= 0; }).size();
   };
 }
 

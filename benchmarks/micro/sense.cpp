@@ -124,7 +124,7 @@ template <class Localizer> void time_estimator(const std::string& name, Localize
   Fed<Frame> camera;
   Fed<JointSample> actuator;
   using Estimator = ForceEstimator<Fed<Frame>, Fed<JointSample>, Localizer>;
-  Estimator estimator(camera, actuator, r.readout, std::move(localizer), MomentArm{0.05}, r.reference,
+  Estimator estimator(camera, actuator, {r.readout, r.reference}, std::move(localizer), MomentArm{0.05},
                       typename Estimator::Config{});
   std::int64_t k = 0;
   ForceEstimate last;

@@ -27,7 +27,7 @@ using namespace lumo;
 namespace {
 
 using Light = Tracer<BeerLambert, ExitPower, Embree>;
-using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
 
 /// Presses each scenario once and remembers its states, so that both settings light the same equilibria.
 struct RememberedPresses {
@@ -95,12 +95,12 @@ int main(int argc, char** argv) {
       Pipeline<TetgenMesher, RememberedPresses, Light> pipeline{mesher, presses, Light{}};
       pipeline.optical_error.mesh = 0.0;  // the same mesh for both
       pipeline.rays = rays;
-      const Evaluation once = evaluate(d, silicone, ensemble, pipeline, {}, TbbExecutor{threads});
+      const Evaluation once = evaluate({d, silicone}, ensemble, pipeline, TbbExecutor{threads});
       Light::Config other;
       other.seed = 1;
       pipeline.tracer = Light(other);
       pipeline.rays = {.tolerance = 0.005, .rounds = 65};
-      const Evaluation fine = evaluate(d, silicone, ensemble, pipeline, {}, TbbExecutor{threads});
+      const Evaluation fine = evaluate({d, silicone}, ensemble, pipeline, TbbExecutor{threads});
       if (!once.J_obs || !fine.J_obs) {
         std::printf("%4.1f %4.1f %4.1f no score\n", d.h_fp, d.h_ep, d.w_s);
         continue;

@@ -66,7 +66,7 @@ void run(const fs::path& dir, const Scene& s, const DescentConfig& config, const
          const E& executor, int repeat) {
   const Silicone card = dragon_skin();
   const StableNeoHookean material{card.mu_Pa, card.lambda_Pa};
-  const DescentModel<StableNeoHookean, VertexContact, LinearTet> model(s.body, s.mesh, {}, material, contact, {},
+  const DescentModel<StableNeoHookean, VertexContact, LinearTet> model(s.body, s.mesh, {}, {material, contact, {}},
                                                                        config);
   std::vector<std::pair<double, bool>> schedule;
   std::ifstream in(dir / "schedule.txt");

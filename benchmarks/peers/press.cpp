@@ -39,7 +39,7 @@ int quadratic(double finest_m, double contact_edge_m) {
   const TetMesh mesh =
       mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario}, mesher, {.finest = finest_m});
   const double begun = processor_seconds();
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const MechanicalState s = simulator.press(body, mesh, scenario).back();
   const double pressed = processor_seconds();
@@ -62,7 +62,7 @@ int linear(double edge_m, double stiffness_N_per_m) {
       .stiffness_N_per_m3 = stiffness_N_per_m / area, .friction = 0.0, .area_per_vertex_m2 = area};
   const StableNeoHookean material{card.mu_Pa, card.lambda_Pa};
   const double begun = processor_seconds();
-  const Model model(body, mesh, {}, material, contact, {});
+  const Model model(body, mesh, {}, {material, contact, {}});
   QuasiStaticRun<Model, Sphere> path(model, scenario, touch, {});
   const Status status = path.solve(load_N);
   const double pressed = processor_seconds();
@@ -71,9 +71,10 @@ int linear(double edge_m, double stiffness_N_per_m) {
   std::vector<Vec3d> displacement;
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k)
     displacement.push_back(path.positions().col(Eigen::Index(k)) - mesh.nodes[k]);
-  const double unbalanced =
-      out_of_balance(body, mesh, material, contact, LinearTet{}, scenario.indenter,
-                     touch.origin + depth * scenario.direction(), scenario.direction(), load_N, displacement);
+  const double unbalanced = out_of_balance(
+      body, mesh, PressPhysics{material, contact, LinearTet{}},
+      Moving<Sphere>{&scenario.indenter, touch.origin + depth * scenario.direction(), scenario.direction()},
+      {load_N, displacement});
   const double more = 1.02;  // for the slope of force over depth
   const bool good =
       status == Status::converged && unbalanced <= 1e-6 * load_N && path.solve(more * load_N) == Status::converged;

@@ -20,7 +20,7 @@ using namespace lumo;
 int main(int argc, char** argv) {
   const Focus focus{.finest = Focus{}.finest * (argc > 1 ? std::atof(argv[1]) : 1.0)};
   const Silicone card = dragon_skin();
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const TetgenMesher mesher;
   std::printf("| θ [mm] | d [mm] | y [mm] | 1 N | 2 N | 5 N | 10 N | 15 N |\n|---|---|---|---|---|---|---|---|\n");
@@ -43,7 +43,7 @@ int main(int argc, char** argv) {
           x.col(Eigen::Index(k)) += s.displacement[k];
           if (std::isfinite(s.contact_field[k]))
             field[k] = s.pressure_Pa[k] / simulator.contact.stiffness_N_per_m3 -
-                       scenario.indenter.distance(x.col(Eigen::Index(k)) - centre);
+                       scenario.indenter.distance(Vec3d(x.col(Eigen::Index(k)) - centre));
         }
         std::printf(" %+.1f %% |", 100.0 * (contact_area(surface, field, x) / s.contact_area_m2 - 1.0));
       }

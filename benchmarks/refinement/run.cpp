@@ -24,7 +24,7 @@ using namespace lumo;
 namespace {
 
 using Light = Tracer<BeerLambert, ExitPower, Embree>;
-using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
 
 struct Setting {
   double mesh = 1.0;  // factor on all wanted edge lengths
@@ -156,7 +156,7 @@ int main(int argc, char** argv) {
       options.mesh = options.mesh.scaled(s.mesh);
       const Pipeline<TetgenMesher, Simulation, Light> pipeline{
           mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), Focus{}.scaled(s.mesh)};
-      const Evaluation e = evaluate(d, card, ensemble, pipeline, options, TbbExecutor{threads});
+      const Evaluation e = evaluate({d, card, options}, ensemble, pipeline, TbbExecutor{threads});
       append(out, key, e);
       std::fprintf(stderr, "%s: %.1f s\n", key.c_str(), e.observations.seconds.total);
     }

@@ -13,8 +13,7 @@
 #include "lumo/sense/decode/linear_decoder.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
-#include "lumo/sense/force/log_estimates.hpp"
-#include "lumo/sense/localize/peak_localizer.hpp"
+#include "lumo/sense/estimate.hpp"
 
 #include <array>
 #include <cstdio>
@@ -48,25 +47,17 @@ struct PaintedCamera {
 
 struct Painted {
   explicit Painted(const VirtualRig& r) : rig(&r) {
-    for (std::size_t k = 0; k < r.frames().size(); ++k) {
-      images.push_back(r.image(k));
-      stamps.push_back(r.frames()[k].stamp_ns);
-    }
+    for (std::size_t k = 0; k < r.frames().size(); ++k) images.push_back(r.image(k));
   }
   PaintedCamera camera() const { return {rig, &images}; }
 
   const VirtualRig* rig;
   std::vector<Image> images;
-  std::vector<std::int64_t> stamps;
 };
 
 LogTruth truth_of(const VirtualRig& rig) {
   std::istringstream table(truth_text(rig.truth()));
   return LogTruth::from_table(table, "truth");
-}
-
-std::optional<ContactLocation> seen(const LogEstimate& e) {
-  return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt;
 }
 
 /// Sums over the frames of one sequence.
@@ -117,36 +108,30 @@ struct Totals {
   }
 };
 
-template <class Make> void run_force(const Painted& log, Totals& totals, Make make) {
+template <class Make> void run_force(const Painted& log, Totals& totals, Make make, const FingerOptics& assumed) {
   const VirtualRig& rig = *log.rig;
-  const UnloadedStretch rest = UnloadedStretch::of(rig.session(), log.stamps.front());
-  PaintedCamera first = log.camera(), all = log.camera();
-  LogReference reference{view_finger(first, rig.session(), rest, "lab"), {}, {}};
-  const LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
-  GreenProfile readout = reference.view.readout(bins);
-  reference.unloaded = unloaded_reference(read_profiles(all, readout), rest, "lab");
-  reference.joints = identify_joints(rig.joints(), rig.session(), rest.to_ns);
-  const MomentArm arm{rig.session().joint_to_origin_m};
-  const auto estimates = estimate_forces([&] { return log.camera(); }, rig.joints(), log.stamps, reference, bins,
-                                         make(readout, reference.unloaded), arm, rig.session(),
-                                         std::sqrt(reference.view.leds.map.variance_m2(0.0)));
+  const Recording recording{"lab", rig.session(), rig.frames(), rig.joints(), {}, {}, {}};
+  const auto camera = [&] { return log.camera(); };
+  const FingerModel<> finger = known_finger(recording, camera, assumed);
+  const auto estimates = estimate(recording, camera, finger, make);
+  const PadRange tested{finger.link, -25.0_mm, 25.0_mm};
   const LogTruth truth = truth_of(rig);
-  const LocationScore where = location_score(estimates, truth, 5.0, seen);
+  const LocationScore where = location_score(estimates, truth, 5.0);
   totals.samples += where.samples;
   totals.located += where.located;
   totals.location += where.mae_m * where.located;
   totals.location_held += where.coverage_90 * where.located;
   for (int c = 0; c < int(rig.plan().contacts.size()); ++c) {
-    std::vector<LogEstimate> part;
+    std::vector<FrameEstimate> part;
     for (std::size_t k = 0; k < estimates.size(); ++k)
       if (rig.truth()[k].contact == c) part.push_back(estimates[k]);
-    const LocationScore there = location_score(part, truth, 5.0, seen);
+    const LocationScore there = location_score(part, truth, 5.0);
     const int place = rig.plan().contacts[std::size_t(c)].place;
     totals.held_at_place[place] += there.coverage_90 * there.located;
     totals.at_place[place] += there.mae_m * there.located;
     totals.at_place_count[place] += there.located;
     totals.sequences.push_back(
-        {force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.joints.torque[0].noise_Nm), place});
+        {force_score(part, truth, finger.jacobian, tested, finger.joints.torque[0].noise_Nm), place});
     totals.force_samples += totals.sequences.back().score.samples;
     totals.force_held += totals.sequences.back().score.coverage_90 * totals.sequences.back().score.samples;
   }
@@ -167,15 +152,6 @@ void print(const char* name, double noise, const Totals& t) {
     std::printf(" %.0f", 100.0 * sum / std::max(1, t.at_place_count.at(place)));
   std::printf("\n");
   std::fflush(stdout);
-}
-
-double bias_m = 0.75_mm, end_bias_m = 1.25_mm;
-
-BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
-  return BayesLocalizer(finger_localizer(readout, unloaded, bias_m, end_bias_m));
-}
-PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) {
-  return PeakLocalizer({readout.positions_m(), unloaded.noise()});
 }
 
 /// What decoders say of the same folds.
@@ -202,6 +178,7 @@ constexpr std::array<double, 4> noises = {0.5, 1.0, 2.0, 4.0};  // times the ass
 struct Study {
   const PadLight& light;
   int first, seeds;
+  FingerOptics assumed = {};  ///< what the localisers assume of their bias
 };
 
 void study_location_and_force(const Study& study, const std::string& folder) {
@@ -216,8 +193,8 @@ void study_location_and_force(const Study& study, const std::string& folder) {
     for (int s = study.first; s < study.first + study.seeds; ++s) {
       const VirtualRig rig(study.light, force_plan(), std::uint64_t(s), noise);
       const Painted log(rig);
-      run_force(log, a, bayes);
-      run_force(log, b, peak);
+      run_force(log, a, bayes_localizer, study.assumed);
+      run_force(log, b, peak_localizer, study.assumed);
     }
     print("probabilistic", noise, a);
     print("peak", noise, b);
@@ -244,7 +221,9 @@ struct Decoding {
     GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
     const std::vector<Profile> profiles = read_profiles(camera, fine);
     const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
-    D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
+    D.push_back(m.D_neighbor);
+    W.push_back(m.W_recontact);
+    Q.push_back(m.Q.value_or(0.0));
     std::vector<Profile> regions;  // five bins each
     for (const Profile& p : profiles)
       regions.push_back(
@@ -285,12 +264,13 @@ int main(int argc, char** argv) {
   const std::string folder = argv[2];
   if (!std::filesystem::is_directory(folder)) return std::fprintf(stderr, "%s: no such folder\n", argv[2]), 5;
   const int seeds = argc > 3 ? std::atoi(argv[3]) : 50, first = argc > 4 ? std::atoi(argv[4]) : 1;
-  if (argc > 5) bias_m = 1e-3 * std::atof(argv[5]);
-  if (argc > 6) end_bias_m = 1e-3 * std::atof(argv[6]);
+  FingerOptics assumed;
+  if (argc > 5) assumed.bias_sigma_m = 1e-3 * std::atof(argv[5]);
+  if (argc > 6) assumed.end_bias_sigma_m = 1e-3 * std::atof(argv[6]);
   const auto kept = read_pad_responses(argv[1]);
   if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
   const PadLight light(*kept);
-  const Study study{light, first, seeds};
+  const Study study{light, first, seeds, assumed};
   study_location_and_force(study, folder);
   study_decoding(study);
 }

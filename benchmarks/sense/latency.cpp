@@ -108,7 +108,7 @@ template <class Localizer, class Make> void run(const Setup& setup, const char* 
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, Localizer>;
-  Estimator estimator(camera, actuator, readout, make(readout.positions_m(), reference), MomentArm{0.05}, reference,
+  Estimator estimator(camera, actuator, {readout, reference}, make(readout.positions_m(), reference), MomentArm{0.05},
                       typename Estimator::Config{});
   std::vector<double> whole, reading;
   ForceEstimate e;
@@ -158,7 +158,7 @@ void paced(const Setup& setup, int frames) {
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, BayesLocalizer>;
-  Estimator estimator(camera, actuator, readout, BayesLocalizer(c), MomentArm{0.05}, reference,
+  Estimator estimator(camera, actuator, {readout, reference}, BayesLocalizer(c), MomentArm{0.05},
                       typename Estimator::Config{});
   std::mutex lock;
   std::deque<Frame> arriving;
@@ -178,8 +178,10 @@ void paced(const Setup& setup, int frames) {
     std::vector<std::int64_t> taken;
     {
       const std::lock_guard hold(lock);
-      for (; !arriving.empty(); arriving.pop_front())
-        taken.push_back(arriving.front().stamp_ns), camera.queue.push_back(arriving.front());
+      for (; !arriving.empty(); arriving.pop_front()) {
+        taken.push_back(arriving.front().stamp_ns);
+        camera.queue.push_back(arriving.front());
+      }
     }
     const std::int64_t now = stamp();
     actuator.queue.push_back({now, JointVector::Zero(1), JointVector::Zero(1),

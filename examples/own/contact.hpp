@@ -13,10 +13,10 @@ struct SoftSkin {
   double thickness_m = 50e-6;        ///< h
   double friction = 0.0;             ///< Coulomb's coefficient; may be left out
 
-  lumo::ContactResponse respond(double gap) const {
+  template <class S> lumo::ContactResponse<S> respond(const S& gap) const {
     if (gap >= 0.0) return {0.0, 0.0, 0.0};
-    const double o = -gap, k = stiffness_N_per_m3, h = thickness_m;
-    const double energy = k * o * o * (0.5 + o / (3.0 * h)), pressure = k * o * (1.0 + o / h);
+    const double k = stiffness_N_per_m3, h = thickness_m;
+    const S o = -gap, energy = k * o * o * (0.5 + o / (3.0 * h)), pressure = k * o * (1.0 + o / h);
     return {energy, pressure, k * (1.0 + 2.0 * o / h)};
   }
 };

@@ -19,32 +19,38 @@ struct Demiray {
 
   double shear_modulus() const { return mu; }
 
-  double distortion_energy(const lumo::Mat3d& F) const {
-    const double J = F.determinant();
-    if (!(J > 0.0)) return std::numeric_limits<double>::infinity();  // it resists inversion
-    return 0.5 * mu / b * std::expm1(b * (F.squaredNorm() - 3.0 - 2.0 * std::log(J)));
+  template <class S> S distortion_energy(const lumo::Mat3<S>& F) const {
+    using std::expm1;
+    if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();  // it resists inversion
+    return 0.5 * mu / b * expm1(b * invariant(F));
   }
-  lumo::Mat3d distortion_stress(const lumo::Mat3d& F) const { return mu * rise(F) * slope(F); }
-  lumo::Mat9d distortion_tangent(const lumo::Mat3d& F) const {
-    const double J = F.determinant();
-    const lumo::Mat3d c = lumo::cofactor(F), s = slope(F);
-    // Flattened by columns.
-    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> cofactors(c.data()), slopes(s.data());
-    const lumo::Mat9d bend = cofactors * cofactors.transpose() / (J * J) - lumo::determinant_hessian(F) / J;
-    return mu * rise(F) * (lumo::Mat9d::Identity() + bend + 2.0 * b * slopes * slopes.transpose());
+  template <class S> lumo::Mat3<S> distortion_stress(const lumo::Mat3<S>& F) const { return mu * rise(F) * slope(F); }
+  template <class S> lumo::Mat9<S> distortion_tangent(const lumo::Mat3<S>& F) const {
+    const S J = F.determinant();
+    const lumo::Mat3<S> c = lumo::cofactor(F), s = slope(F);
+    const lumo::Mat9<S> bend = lumo::dyad(c, c) / (J * J) - lumo::determinant_hessian(F) / J;
+    return mu * rise(F) * (lumo::isotropic(S(1.0)) + bend + lumo::dyad(2.0 * b * s, s));
   }
-  lumo::VolumetricSample volumetric(double J) const {
+  template <class S> lumo::VolumetricSample<S> volumetric(const S& J) const {
+    using std::log;
     if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
-    const double l = std::log(J);
+    const S l = log(J);
     return {0.5 * lambda * l * l, lambda * l / J, lambda * (1.0 - l) / (J * J)};
   }
 
  private:
-  double rise(const lumo::Mat3d& F) const {
-    return std::exp(b * (F.squaredNorm() - 3.0 - 2.0 * std::log(F.determinant())));
+  template <class S> static S invariant(const lumo::Mat3<S>& F) {  // i
+    using std::log;
+    return F.squaredNorm() - 3.0 - 2.0 * log(F.determinant());
+  }
+  template <class S> S rise(const lumo::Mat3<S>& F) const {
+    using std::exp;
+    return exp(b * invariant(F));
   }
   /// Half of ∂i/∂F.
-  static lumo::Mat3d slope(const lumo::Mat3d& F) { return F - lumo::cofactor(F) / F.determinant(); }
+  template <class S> static lumo::Mat3<S> slope(const lumo::Mat3<S>& F) {
+    return F - lumo::cofactor(F) / F.determinant();
+  }
 };
 
 /// Throws lumo::InvalidArgument.

@@ -36,6 +36,7 @@ void draw(const std::string& path, std::uint64_t number, bool touched) {
 
 int main() {
   using namespace lumo;
+  using namespace lumo::sense;
   const std::string folder = "own_sensing_log";
   std::filesystem::create_directories(folder);
   std::stringstream joint;
@@ -66,12 +67,12 @@ int main() {
   own::PgmCamera camera(folder, period_s);
   own::TextActuator actuator(joint);
   PeakLocalizer localizer({.position_m = readout.positions_m(), .noise = unloaded.noise()});
-  ForceEstimator<own::PgmCamera, own::TextActuator, PeakLocalizer>::Config config;
+  ForceEstimatorConfig config;
   config.torque = {TorqueModel{.torque_constant_Nm_per_A = 1.0, .noise_Nm = 0.01}};
   // Both recordings give what they have at once: a step takes a picture, and what the motor said meanwhile.
   config.max_samples = 33;
   config.max_frames = 1;
-  ForceEstimator estimator(camera, actuator, readout, localizer, MomentArm{arm_m}, unloaded, config);
+  ForceEstimator estimator(camera, actuator, {readout, unloaded}, localizer, MomentArm{arm_m}, config);
   ForceEstimate last;
   for (int k = 1; k <= pictures; ++k) last = estimator.step(std::int64_t(1e9 * period_s * k));
   //! [estimate]

@@ -6,12 +6,9 @@
 #include "lumo/version.hpp"
 
 #include "lumo/sense/devices/mini_cheetah.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
-#include "lumo/sense/devices/recorded_camera.hpp"
+#include "lumo/sense/devices/replay.hpp"
 
-#include "lumo/sense/recording/hand_log.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
 
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
@@ -24,10 +21,10 @@
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 
+#include "lumo/sense/estimate.hpp"
 #include "lumo/sense/force/calibration.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
-#include "lumo/sense/force/log_estimates.hpp"
 
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/constraint_gain.hpp"
@@ -36,9 +33,7 @@
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
 
-#include "lumo/sense/hand/hand_observer.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 
-#include "lumo/sense/live/live_force.hpp"
-#include "lumo/sense/live/live_hand.hpp"
-#include "lumo/sense/live/live_location.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"

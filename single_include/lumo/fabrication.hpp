@@ -60,43 +60,11 @@
 
 namespace lumo {
 
-/// Version of this library, by semantic versioning: before 1.0 a new minor version may break its users, a new patch does not.
-/// These three numbers are the only place where it stands; CMake and pkg-config read them here.
+/// Version of this library, by semantic versioning: before 1.0 a new minor version may break its users, a new patch
+/// does not. These three numbers are the only place where it stands; CMake and pkg-config read them here.
 inline constexpr int version_major = 0;
 inline constexpr int version_minor = 1;
 inline constexpr int version_patch = 0;
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/units.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
-
-namespace lumo {
-
-/// Literals that turn the field's units into SI: `5.0_mm`, `106.0_kPa`, `3.1_dB_per_cm`.
-inline namespace literals {
-
-constexpr double operator""_m(long double v) { return double(v); }
-constexpr double operator""_mm(long double v) { return double(v * 1e-3L); }
-constexpr double operator""_um(long double v) { return double(v * 1e-6L); }
-constexpr double operator""_N(long double v) { return double(v); }
-constexpr double operator""_Pa(long double v) { return double(v); }
-constexpr double operator""_kPa(long double v) { return double(v * 1e3L); }
-constexpr double operator""_MPa(long double v) { return double(v * 1e6L); }
-constexpr double operator""_W(long double v) { return double(v); }
-constexpr double operator""_kg_per_m3(long double v) { return double(v); }
-constexpr double operator""_N_per_m3(long double v) { return double(v); }
-constexpr double operator""_deg(long double v) { return double(v * 3.14159265358979323846264338327950288L / 180.0L); }
-constexpr double operator""_per_m(long double v) { return double(v); }
-/// Power attenuation: 10 dB are a factor of ten, so 1 dB/cm = 100 ln(10)/10 per metre.
-constexpr double operator""_dB_per_cm(long double v) { return double(v * 23.0258509299404568401799145468436421L); }
-
-}  // namespace literals
-
-inline constexpr double pi = 3.14159265358979323846;
 
 }  // namespace lumo
 
@@ -130,7 +98,7 @@ class InfeasibleDesign : public Error {
   double value() const { return value_; }
   double limit() const { return limit_; }
   const std::string& unit() const { return unit_; }
-  /// How far beyond the limit, in `unit()`; NaN where the value is not a number.
+  /// How far beyond the limit, in `unit()`; NaN if the value is not a number.
   double excess() const { return std::abs(value_ - limit_); }
 
  private:
@@ -176,13 +144,14 @@ class PressFailure : public NumericalError {
   using NumericalError::NumericalError;
 };
 
-/// A file or stream that cannot be read or written, or says what makes no sense.
+/// A file or stream that cannot be read or written, or whose contents are not valid.
 class InputError : public Error {
  public:
   using Error::Error;
 };
 
-/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks. NaN has no sign.
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it
+/// breaks. NaN has no sign.
 inline std::string exact(double value) {
   if (std::isnan(value)) return "nan";
   char digits[32];
@@ -197,8 +166,7 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
 }
 
 /// Joins its arguments into one line of text.
-template <class... Args>
-std::string message(const Args&... args) {
+template <class... Args> std::string message(const Args&... args) {
   std::ostringstream out;
   out.precision(10);
   (out << ... << args);
@@ -216,7 +184,9 @@ struct Limits {
   double low, high;
 };
 
-inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) { require_in_range(what, value, limits.low, limits.high, unit); }
+inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) {
+  require_in_range(what, value, limits.low, limits.high, unit);
+}
 
 /// Throws InvalidArgument unless `value` is finite and positive.
 inline void require_positive(const char* what, double value, const char* unit) {
@@ -234,37 +204,29 @@ inline void require_positive(const char* what, double value, const char* unit) {
 
 namespace lumo {
 
-/// A small matrix of fixed size: Eigen's, with sums and products that are computed at once instead of expressions. Their order of summation is fixed,
-/// whatever the processor's vectors, so results do not depend on them; and a compiler makes no type for each formula. An operand that is an expression
-/// of Eigen's (a block, a transpose) takes Eigen's own operators.
-template <class S, int Rows, int Cols>
-class SmallMatrix : public Eigen::Matrix<S, Rows, Cols> {
+/// A small matrix of fixed size: Eigen's, with sums and products that are computed at once instead of expressions.
+/// Their order of summation is fixed, whatever the processor's vectors, so results do not depend on them; and a
+/// compiler makes no type for each formula. An operand that is an expression of Eigen's (a block, a transpose) takes
+/// Eigen's own operators.
+template <class S, int Rows, int Cols> class SmallMatrix : public Eigen::Matrix<S, Rows, Cols> {
  public:
   using Base = Eigen::Matrix<S, Rows, Cols>;
   using Base::Base;
   SmallMatrix() = default;
-  template <class E>
-  SmallMatrix& operator=(const Eigen::EigenBase<E>& e) {
+  template <class E> SmallMatrix& operator=(const Eigen::EigenBase<E>& e) {
     Base::operator=(e.derived());
     return *this;
   }
 
   SmallMatrix eval() const { return *this; }
   SmallMatrix normalized() const { return Base::normalized(); }
-  SmallMatrix cross(const SmallMatrix& b) const
-    requires(Rows == 3 && Cols == 1)
-  {
-    return Base::cross(b);
-  }
+  SmallMatrix cross(const SmallMatrix& b) const requires(Rows == 3 && Cols == 1) { return Base::cross(b); }
 };
 
-template <class S>
-using Vec3 = SmallMatrix<S, 3, 1>;
-template <class S>
-using Mat3 = SmallMatrix<S, 3, 3>;
+template <class S> using Vec3 = SmallMatrix<S, 3, 1>;
+template <class S> using Mat3 = SmallMatrix<S, 3, 3>;
 /// Derivative of a 3 × 3 tensor by another, both flattened column by column: row i + 3 j, column k + 3 l.
-template <class S>
-using Mat9 = SmallMatrix<S, 9, 9>;
+template <class S> using Mat9 = SmallMatrix<S, 9, 9>;
 
 using Vec3d = Vec3<double>;
 using Mat3d = Mat3<double>;
@@ -288,8 +250,7 @@ SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a, const SmallMatrix<
   return difference;
 }
 
-template <class S, int R, int C>
-SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a) {
+template <class S, int R, int C> SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a) {
   SmallMatrix<S, R, C> opposite;
   for (int k = 0; k < R * C; ++k) opposite.data()[k] = -a.data()[k];
   return opposite;
@@ -314,8 +275,7 @@ SmallMatrix<S, R, C> operator/(const SmallMatrix<S, R, C>& a, const F& divisor) 
   return quotient;
 }
 
-template <class S, int C>
-SmallMatrix<S, 3, C> operator*(const Mat3<S>& a, const SmallMatrix<S, 3, C>& b) {
+template <class S, int C> SmallMatrix<S, 3, C> operator*(const Mat3<S>& a, const SmallMatrix<S, 3, C>& b) {
   SmallMatrix<S, 3, C> product;
   for (int j = 0; j < C; ++j)
     for (int i = 0; i < 3; ++i)
@@ -326,27 +286,25 @@ SmallMatrix<S, 3, C> operator*(const Mat3<S>& a, const SmallMatrix<S, 3, C>& b) 
 
 /// a bᵀ.
 template <class S, class B>
-  requires std::same_as<std::remove_const_t<B>, Eigen::Matrix<S, 3, 1>>
-Mat3<S> operator*(const Vec3<S>& a, const Eigen::Transpose<B>& b) {
+requires std::same_as<std::remove_const_t<B>, Eigen::Matrix<S, 3, 1>> Mat3<S>
+operator*(const Vec3<S>& a, const Eigen::Transpose<B>& b) {
   Mat3<S> dyad;
   for (int j = 0; j < 3; ++j)
     for (int i = 0; i < 3; ++i) dyad.data()[i + 3 * j] = a.data()[i] * b.nestedExpression().data()[j];
   return dyad;
 }
 
-template <class S>
-Vec3<S> elementwise_min(const Vec3<S>& a, const Vec3<S>& b) {
+template <class S> Vec3<S> elementwise_min(const Vec3<S>& a, const Vec3<S>& b) {
   return {std::min(a.x(), b.x()), std::min(a.y(), b.y()), std::min(a.z(), b.z())};
 }
-template <class S>
-Vec3<S> elementwise_max(const Vec3<S>& a, const Vec3<S>& b) {
+template <class S> Vec3<S> elementwise_max(const Vec3<S>& a, const Vec3<S>& b) {
   return {std::max(a.x(), b.x()), std::max(a.y(), b.y()), std::max(a.z(), b.z())};
 }
 
 /// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
-template <class S>
-void tangents(const Vec3<S>& n, Vec3<S>& t1, Vec3<S>& t2) {
-  const double sign = n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
+template <class S> void tangents(const Vec3<S>& n, Vec3<S>& t1, Vec3<S>& t2) {
+  const double sign =
+      n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
   const S a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
   t1 = {1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x()};
   t2 = {b, sign + n.y() * n.y() * a, -n.y()};
@@ -363,6 +321,60 @@ struct Symmetry {
 
 #endif
 
+// ---- lumo/geometry/closed_surface.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
+
+namespace lumo {
+
+/// A flat polygon of a surface, by vertex numbers, counter-clockwise seen from outside.
+struct Facet {
+  std::vector<int> loop;
+  int patch = -1;  ///< number of the part of the surface that it belongs to; negative: of none
+};
+
+/// A closed polyhedral surface.
+struct ClosedSurface {
+  std::vector<Vec3d> vertices;  ///< [m] or any unit: what reads it is scale-free
+  std::vector<Facet> facets;    ///< closed, manifold, counter-clockwise seen from outside
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/units.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
+
+namespace lumo {
+
+/// Literals that turn the field's units into SI: `5.0_mm`, `106.0_kPa`, `3.1_dB_per_cm`.
+inline namespace literals {
+
+constexpr double operator""_m(long double v) { return double(v); }
+constexpr double operator""_mm(long double v) { return double(v * 1e-3L); }
+constexpr double operator""_um(long double v) { return double(v * 1e-6L); }
+constexpr double operator""_N(long double v) { return double(v); }
+constexpr double operator""_Pa(long double v) { return double(v); }
+constexpr double operator""_kPa(long double v) { return double(v * 1e3L); }
+constexpr double operator""_MPa(long double v) { return double(v * 1e6L); }
+constexpr double operator""_W(long double v) { return double(v); }
+constexpr double operator""_kg_per_m3(long double v) { return double(v); }
+constexpr double operator""_N_per_m3(long double v) { return double(v); }
+constexpr double operator""_deg(long double v) { return double(v * 3.14159265358979323846264338327950288L / 180.0L); }
+constexpr double operator""_per_m(long double v) { return double(v); }
+/// Power attenuation: 10 dB are a factor of ten, so 1 dB/cm = 100 ln(10)/10 per metre.
+constexpr double operator""_dB_per_cm(long double v) { return double(v * 23.0258509299404568401799145468436421L); }
+
+}  // namespace literals
+
+inline constexpr double pi = 3.14159265358979323846;
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/emitter.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
@@ -374,13 +386,14 @@ struct Polar {
   double sine, cosine;
 };
 
-/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same ways, evenly round an axis.
-/// Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of the directions that polar() draws; with it direct light
-/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the
-/// air beside the body, not into the body; its light is traced forward.
-/// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about `center`);
-/// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
-/// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same
+/// ways, evenly round an axis. Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of
+/// the directions that polar() draws; with it direct light is gathered backwards, which has less noise, without it (a
+/// collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the air beside the body,
+/// not into the body; its light is traced forward. Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)²
+/// (there is less noise where point(1−u, 1−v) lies opposite it about `center`); polar(u) is monotone; mirrored(m), m =
+/// (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same
+/// source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
 template <class E>
 concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
   { e.center } -> std::convertible_to<Vec3d>;
@@ -394,12 +407,12 @@ concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
 
 /// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
 struct RectangleEmitter {
-  Vec3d center{0.0, 0.0, 0.0};      ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};     ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};     ///< half edge [m]
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m]
   double power_W = 1.0;
-  int channel = 0;                 ///< colour channel
-  bool in_air = false;             ///< radiates into the air beside the body
+  int channel = 0;      ///< colour channel
+  bool in_air = false;  ///< radiates into the air beside the body
 
   Vec3d axis() const {
     const Vec3d &u = half_u, &v = half_v;
@@ -426,8 +439,8 @@ inline void validate(const RectangleEmitter& e) {
 class Emitter {
  public:
   template <class E>
-    requires(!std::same_as<E, Emitter> && EmitterModel<E>)
-  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
+  requires(!std::same_as<E, Emitter> && EmitterModel<E>) Emitter(const E& model)
+      : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
 
   Vec3d center() const { return calls_->center(model_.get()); }
   double power_W() const { return calls_->power_W(model_.get()); }
@@ -441,10 +454,12 @@ class Emitter {
   double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
   Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
   /// Its model, if it is an E.
-  template <EmitterModel E>
-  const E* as() const { return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr; }
+  template <EmitterModel E> const E* as() const {
+    return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr;
+  }
   bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
-  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what the model's own validate() refuses.
+  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what
+  /// the model's own validate() refuses.
   void validate() const;
 
  private:
@@ -460,17 +475,16 @@ class Emitter {
     Emitter (*mirrored)(const void*, const Vec3d&);
     void (*validate)(const void*);
   };
-  template <class E>
-  static const E& model(const void* e) { return *static_cast<const E*>(e); }
-  template <class E>
-  static constexpr auto intensity_of() -> double (*)(const void*, double) {
-    if constexpr (requires(const E& e) { { e.intensity(0.5) } -> std::convertible_to<double>; })
+  template <class E> static const E& model(const void* e) { return *static_cast<const E*>(e); }
+  template <class E> static constexpr auto intensity_of() -> double (*)(const void*, double) {
+    if constexpr (requires(const E& e) {
+                    { e.intensity(0.5) } -> std::convertible_to<double>;
+                  })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
     else
       return nullptr;
   }
-  template <class E>
-  static const Calls calls;
+  template <class E> static const Calls calls;
 
   std::shared_ptr<const void> model_;
   const Calls* calls_;
@@ -486,7 +500,8 @@ inline int color_count(const std::vector<Emitter>& emitters) {
   return count;
 }
 
-// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
+// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is
+// standard.
 inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
   RectangleEmitter image = *this;
   image.center = m.cwiseProduct(center);
@@ -501,27 +516,31 @@ inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
 namespace detail {
 
 /// What the model's own validate() says, if it has one.
-template <class E>
-void validate_model(const E& model) {
+template <class E> void validate_model(const E& model) {
   if constexpr (requires { validate(model); }) validate(model);
 }
 
 }  // namespace detail
 
 template <class E>
-const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
-                                       [](const void* e) -> double { return model<E>(e).power_W; },
-                                       [](const void* e) -> int { return model<E>(e).channel; },
-                                       [](const void* e) -> Vec3d { return model<E>(e).axis(); },
-                                       [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-                                       [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
-                                       intensity_of<E>(),
-                                       [](const void* e) -> bool {
-                                         if constexpr (requires { { model<E>(e).in_air } -> std::convertible_to<bool>; }) return model<E>(e).in_air;
-                                         else return false;
-                                       },
-                                       [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
-                                       [](const void* e) { detail::validate_model(model<E>(e)); }};
+const Emitter::Calls Emitter::calls = {
+    [](const void* e) -> Vec3d { return model<E>(e).center; },
+    [](const void* e) -> double { return model<E>(e).power_W; },
+    [](const void* e) -> int { return model<E>(e).channel; },
+    [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+    [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
+    intensity_of<E>(),
+    [](const void* e) -> bool {
+      if constexpr (requires {
+                      { model<E>(e).in_air } -> std::convertible_to<bool>;
+                    })
+        return model<E>(e).in_air;
+      else
+        return false;
+    },
+    [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
+    [](const void* e) { detail::validate_model(model<E>(e)); }};
 
 inline void Emitter::validate() const {
   require_positive("emitter power", power_W(), "W");
@@ -529,7 +548,8 @@ inline void Emitter::validate() const {
   if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
   calls_->validate(model_.get());
   if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
-  if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
+  if (!(std::abs(axis().norm() - 1.0) < 1e-9))
+    throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
 }
 
 inline void validate(const std::vector<Emitter>& emitters) {
@@ -550,25 +570,37 @@ inline void validate(const std::vector<Emitter>& emitters) {
 
 namespace lumo {
 
-/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the extinction needs.
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
+/// extinction needs.
 struct Medium {
   double refractive_index = 1.0;
-  double extinction_per_m = 0.0;    ///< absorption and scattering together
-  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering
-  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering
+  double extinction_per_m = 0.0;   ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
 };
 
 /// How light meets a surface.
-struct Dielectric { bool operator==(const Dielectric&) const = default; };                               ///< smooth interface: Fresnel reflection and refraction
-struct Lambertian { double albedo = 0.8; bool operator==(const Lambertian&) const = default; };         ///< diffuse, opaque
-struct Mirror { double reflectance = 1.0; bool operator==(const Mirror&) const = default; };            ///< specular, opaque
-struct Absorber { bool operator==(const Absorber&) const = default; };                                   ///< black
+struct Dielectric {
+  bool operator==(const Dielectric&) const = default;
+};  ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian {
+  double albedo = 0.8;
+  bool operator==(const Lambertian&) const = default;
+};  ///< diffuse, opaque
+struct Mirror {
+  double reflectance = 1.0;
+  bool operator==(const Mirror&) const = default;
+};  ///< specular, opaque
+struct Absorber {
+  bool operator==(const Absorber&) const = default;
+};  ///< black
 using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
 
-/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen from the lit side.
+/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
+/// from the lit side.
 struct RigidFace {
   std::string name;
-  std::vector<Vec3d> corners;       ///< [m]
+  std::vector<Vec3d> corners;  ///< [m]
   SurfaceOptics optics = Lambertian{};
 };
 
@@ -631,9 +663,9 @@ inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
   return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
 }
 
-// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
-// convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
-// so that it converges for every aspect ratio and every point.
+// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of
+// a convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would
+// leave the bracket, so that it converges for every aspect ratio and every point.
 inline Vec3d EllipticCylinder::closest_point(const Vec3d& p) const {
   const double px = std::abs(p.x() - center.x());
   const double pz = std::max(0.0, p.z() - center.z());
@@ -691,30 +723,24 @@ namespace lumo {
 /// A part of a body's closed surface on which all tags are the same.
 struct Patch {
   std::string name;
-  Shape shape = Plane{};                  ///< the exact surface; mesh nodes of the patch lie on it
-  bool bonded = false;                    ///< fixed to the carrier (closed set: its edge nodes are fixed too)
-  bool contactable = false;               ///< the indenter may touch it
-  bool meets_carrier = false;             ///< may come to rest on the carrier
+  Shape shape = Plane{};       ///< the exact surface; mesh nodes of the patch lie on it
+  bool bonded = false;         ///< fixed to the carrier (closed set: its edge nodes are fixed too)
+  bool contactable = false;    ///< the indenter may touch it
+  bool meets_carrier = false;  ///< may come to rest on the carrier
   SurfaceOptics optics = Dielectric{};
-  bool visible = true;                    ///< on the outside: light that leaves here may lie in a region
-};
-
-/// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.
-struct Facet {
-  std::vector<int> loop;
-  int patch = -1;                         ///< index into Body::patches, or Body::mirror_patch for a face in a symmetry plane
+  bool visible = true;  ///< on the outside: light that leaves here may lie in a region
 };
 
 /// A rigid axis-aligned box that the silicone can come to rest on.
 struct RigidBox {
-  Vec3d center{0.0, 0.0, 0.0};             ///< [m]
-  Vec3d half{1.0, 1.0, 1.0};               ///< half edges [m]
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
 struct Sizing {
   std::function<double(const Vec3d&)> edge;  ///< across y [m]
-  double stretch_y = 1.0;                   ///< edges along y are this much longer
+  double stretch_y = 1.0;                    ///< edges along y are this much longer
 };
 
 /// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
@@ -724,29 +750,33 @@ struct Body {
 
   std::string name;
   std::vector<Patch> patches;
-  std::vector<Vec3d> vertices;               ///< of the boundary of the meshed sector [m]
-  std::vector<Facet> facets;                ///< closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves
-  Symmetry symmetry;                        ///< the whole body is the sector and its mirror images
+  std::vector<Vec3d> vertices;  ///< of the boundary of the meshed sector [m]
+  /// Closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves. Facet::patch: index into `patches`, or
+  /// mirror_patch for a face in a symmetry plane.
+  std::vector<Facet> facets;
+  Symmetry symmetry;  ///< the whole body is the sector and its mirror images
   Sizing sizing;
-  double exact_volume_m3 = 0.0;             ///< of the whole body; 0 when not known
+  double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;            ///< union of boxes for mechanical contact
-  Vec3d pivot{0.0, 0.0, 0.0};                ///< approach directions turn about this point (shifted along y) [m]
+  std::vector<RigidBox> carrier;  ///< union of boxes for mechanical contact
+  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
-  Medium medium;                            ///< inside
-  Medium surroundings;                      ///< outside (air)
-  SurfaceOptics touched = Dielectric{};     ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
-  std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
+  Medium medium;        ///< inside
+  Medium surroundings;  ///< outside (air)
+  SurfaceOptics touched =
+      Dielectric{};  ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
+  std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
-  int regions = 0;                          ///< number of readout regions
+  int regions = 0;  ///< number of readout regions
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
-  bool regions_in_space = false;            ///< region() is asked for where a point is, not for where it was undeformed
-  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nothing: it is not a region.
+  bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
   std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };
 
-/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
+/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch
+/// describes.
 inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
   const Vec3d fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
   return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
@@ -775,7 +805,8 @@ struct Variable {
   double nearest_node(double x) const { return origin + std::round((x - origin) / step) * step; }
   /// Is `x` a node, but for rounding?
   bool on_lattice(double x) const {
-    return std::abs(x - nearest_node(x)) <= 4.0 * std::numeric_limits<double>::epsilon() * std::max(std::abs(x), std::abs(origin));
+    return std::abs(x - nearest_node(x)) <=
+           4.0 * std::numeric_limits<double>::epsilon() * std::max(std::abs(x), std::abs(origin));
   }
 };
 
@@ -803,7 +834,7 @@ struct LinearConstraint {
 /// A constraint of any form. Both are called only where bounds, lattice, linear constraints and the rules before hold.
 struct DesignRule {
   std::function<bool(std::span<const double>)> holds;
-  std::function<InfeasibleDesign(std::span<const double>)> refusal;  ///< what to say where it does not
+  std::function<InfeasibleDesign(std::span<const double>)> refusal;  ///< what check() throws if it does not hold
 };
 
 /// The designs that may be tried, in any number of dimensions: a box or lattice, linear constraints, and further rules.
@@ -826,31 +857,41 @@ inline void DesignSpace::check(std::span<const double> x) const {
     const Variable& v = variables[i];
     const std::string unit = v.unit.empty() ? "" : " " + v.unit;
     if (!std::isfinite(x[i]))
-      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper, "]", unit));
+      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit,
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [",
+                                     v.lower, ", ", v.upper, "]", unit));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
+                                     " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
+                                     " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step,
+                                     unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);
     const std::string unit = c.unit.empty() ? "" : " " + c.unit;
     if (sum > c.upper + rounding)
-      throw InfeasibleDesign(c.name, sum, c.upper, c.unit, message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
+      throw InfeasibleDesign(
+          c.name, sum, c.upper, c.unit,
+          message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
     if (sum < c.lower - rounding)
-      throw InfeasibleDesign(c.name, sum, c.lower, c.unit, message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
+      throw InfeasibleDesign(
+          c.name, sum, c.lower, c.unit,
+          message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
   }
   for (const DesignRule& r : rules)
     if (!r.holds(x)) throw r.refusal(x);
 }
 
 inline bool DesignSpace::contains(std::span<const double> x) const {
-  if (x.size() != variables.size()) throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  if (x.size() != variables.size())
+    throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
   for (std::size_t i = 0; i < x.size(); ++i) {
     const Variable& v = variables[i];
     if (!(x[i] >= v.lower && x[i] <= v.upper) || (v.step > 0.0 && !v.on_lattice(x[i]))) return false;
@@ -882,7 +923,8 @@ struct FingerDesign {
 
   static constexpr double lattice_mm = 0.5;  ///< all five are multiples of it
 
-  /// Values that are multiples of the lattice but for rounding become them, so that 0.1 + 0.4 is 0.5 in every bit; others are taken as they are.
+  /// Values that are multiples of the lattice but for rounding become them, so that 0.1 + 0.4 is 0.5 in every bit;
+  /// others are taken as they are.
   static FingerDesign from(std::span<const double> x);
   std::array<double, 5> values() const { return {h_fp, h_ep, w_s, h_s, w_v}; }
   bool operator==(const FingerDesign&) const = default;
@@ -890,9 +932,9 @@ struct FingerDesign {
 
 /// Lengths that the paper leaves open, shared by all designs, in mm.
 struct PadDimensions {
-  double width = 29.5;   ///< W: at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
-  double length = 60.0;  ///< L, centred on y = 0
-  double t_min = 5.0;    ///< smallest silicone thickness
+  double width = 29.5;       ///< W: at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
+  double length = 60.0;      ///< L, centred on y = 0
+  double t_min = 5.0;        ///< smallest silicone thickness
   bool t_min_beside = true;  ///< it holds beside stem and voids, too, not only above them
 
   bool operator==(const PadDimensions&) const = default;
@@ -903,17 +945,23 @@ double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 /// Silicone beside the voids: min over 0 ≤ z ≤ h_s of x_outer(z) − (w_s/2 + w_v), in mm.
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 
-/// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the lattice.
+/// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the
+/// lattice.
 inline DesignSpace finger_space(const PadDimensions& pad = {});
 
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
 inline std::vector<FingerDesign> reference_designs() {
-  return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0}, {10.0, 5.0, 8.0, 6.0, 1.0}};
+  return {baseline_design(),
+          {4.0, 8.0, 8.0, 5.0, 2.0},
+          {8.0, 4.0, 6.0, 4.0, 2.0},
+          {5.0, 10.0, 10.0, 6.0, 3.0},
+          {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
-  if (x.size() != 5) throw InvalidArgument(message("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
+  if (x.size() != 5)
+    throw InvalidArgument(message("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
   const Variable lattice{"length", 0.0, 0.0, lattice_mm, "mm"};
   const auto snapped = [&](double value) { return lattice.on_lattice(value) ? lattice.nearest_node(value) : value; };
   return {snapped(x[0]), snapped(x[1]), snapped(x[2]), snapped(x[3]), snapped(x[4])};
@@ -931,7 +979,8 @@ inline double horizontal_thickness(const FingerDesign& d, const PadDimensions& p
 
 namespace detail {
 
-// Squared forms of the two thickness rules: on the lattice every term is a dyadic rational of few bits, so doubles decide them exactly.
+// Squared forms of the two thickness rules: on the lattice every term is a dyadic rational of few bits, so doubles
+// decide them exactly.
 inline bool vertically_thick(const FingerDesign& d, const PadDimensions& pad) {
   const double inner = d.w_s + 2.0 * d.w_v, need = pad.t_min + d.h_s - d.h_fp, w2 = pad.width * pad.width;
   if (inner >= pad.width) return false;
@@ -950,18 +999,29 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;
-  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"}, {"h_ep", 1.0, 20.0, step, "mm"}, {"w_s", 4.0, 15.0, step, "mm"}, {"h_s", 2.0, 15.0, step, "mm"}, {"w_v", 0.0, 7.5, step, "mm"}};
+  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"},
+                     {"h_ep", 1.0, 20.0, step, "mm"},
+                     {"w_s", 4.0, 15.0, step, "mm"},
+                     {"h_s", 2.0, 15.0, step, "mm"},
+                     {"w_v", 0.0, 7.5, step, "mm"}};
   const double unbounded = -std::numeric_limits<double>::infinity();
-  space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
+  space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"},
+                       {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
   const auto refusal = [pad](const char* where, double value) {
     return InfeasibleDesign(std::string("t_min ") + where, value, pad.t_min, "mm",
-                            message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value, " mm is below its limit ", pad.t_min, " mm"));
+                            message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
+                                    " mm is below its limit ", pad.t_min, " mm"));
   };
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
-                  [pad, refusal](std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
+                  [pad, refusal](std::span<const double> x) {
+                    return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad));
+                  }}};
   if (pad.t_min_beside)
-    space.rules.push_back({[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
-                           [pad, refusal](std::span<const double> x) { return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad)); }});
+    space.rules.push_back(
+        {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
+         [pad, refusal](std::span<const double> x) {
+           return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
+         }});
   return space;
 }
 
@@ -977,25 +1037,30 @@ namespace lumo {
 
 /// Matched variants of a design. The twins without a carrier are for mechanics only (paper §IV-A).
 enum class Twin {
-  none,              ///< the finger itself
-  no_void,           ///< the same θ with w_v = 0
-  bonded_base,       ///< the stem's volume is silicone, voids stay, base bonded under the stem too
-  unsupported_base   ///< the same, but bonded at the two end faces only: a soft finger that can bend
+  none,             ///< the finger itself
+  no_void,          ///< the same θ with w_v = 0
+  bonded_base,      ///< the stem's volume is silicone, voids stay, base bonded under the stem too
+  unsupported_base  ///< the same, but bonded at the two end faces only: a soft finger that can bend
 };
 
 constexpr std::string_view to_string(Twin twin) {
   switch (twin) {
-    case Twin::no_void: return "no_void";
-    case Twin::bonded_base: return "bonded_base";
-    case Twin::unsupported_base: return "unsupported_base";
-    default: return "design";
+    case Twin::no_void:
+      return "no_void";
+    case Twin::bonded_base:
+      return "bonded_base";
+    case Twin::unsupported_base:
+      return "unsupported_base";
+    default:
+      return "design";
   }
 }
 
 /// What a boundary edge of the section is.
 enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };
 
-/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to i + 1.
+/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to i
+/// + 1.
 struct HalfSection {
   FingerDesign design;
   PadDimensions pad;
@@ -1011,15 +1076,17 @@ struct HalfSection {
 struct Chords {
   double longest_m;
   double max_turn_rad;
-  double shortest_m = 0.0;   ///< about; turning does not ask for shorter ones
+  double shortest_m = 0.0;  ///< about; turning does not ask for shorter ones
 };
 
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
-inline HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+inline HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords,
+                                const PadDimensions& pad = {});
 
 namespace detail {
 
-// Angles of points on the quarter ellipse from the side (0) to the apex (π/2): each chord is as long and turns as much as allowed, evened out.
+// Angles of points on the quarter ellipse from the side (0) to the apex (π/2): each chord is as long and turns as much
+// as allowed, evened out.
 inline std::vector<double> ellipse_angles(double a, double b, const Chords& chords) {
   constexpr int fine = 20000;
   std::vector<double> measure(fine + 1, 0.0);
@@ -1027,8 +1094,9 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
   for (int i = 1; i <= fine; ++i) {
     const double t0 = 0.5 * pi * (i - 1) / fine, t1 = 0.5 * pi * i / fine;
     const double arc = std::hypot(a * (std::cos(t1) - std::cos(t0)), b * (std::sin(t1) - std::sin(t0)));
-    measure[std::size_t(i)] = measure[std::size_t(i) - 1] + arc / chords.longest_m +
-                                   std::min(std::abs(tangent(t1) - tangent(t0)) / chords.max_turn_rad, arc / std::max(chords.shortest_m, 1e-12));
+    measure[std::size_t(i)] =
+        measure[std::size_t(i) - 1] + arc / chords.longest_m +
+        std::min(std::abs(tangent(t1) - tangent(t0)) / chords.max_turn_rad, arc / std::max(chords.shortest_m, 1e-12));
   }
   const int count = std::max(2, int(std::ceil(measure.back() - 1e-9)));
   std::vector<double> angles;
@@ -1036,9 +1104,12 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
   for (int k = 0; k <= count; ++k) {
     const double want = measure.back() * k / count;
     while (at + 1 < measure.size() && measure[at + 1] < want) ++at;
-    if (k == 0) angles.push_back(0.0);
-    else if (k == count) angles.push_back(0.5 * pi);
-    else angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
+    if (k == 0)
+      angles.push_back(0.0);
+    else if (k == count)
+      angles.push_back(0.5 * pi);
+    else
+      angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
   }
   return angles;
 }
@@ -1053,7 +1124,9 @@ inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chor
   const double w = 0.5e-3 * pad.width, fp = 1e-3 * d.h_fp, ep = 1e-3 * d.h_ep;
   const double stem = 0.5e-3 * d.w_s, hs = 1e-3 * d.h_s, outer = stem + 1e-3 * d.w_v;
   const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base, has_void = d.w_v > 0.0;
-  const auto add = [&](double px, double pz, SectionTag tag) { s.x.push_back(px), s.z.push_back(pz), s.tag.push_back(tag); };
+  const auto add = [&](double px, double pz, SectionTag tag) {
+    s.x.push_back(px), s.z.push_back(pz), s.tag.push_back(tag);
+  };
   if (soft_stem) {
     if (has_void) {
       add(0.0, 0.0, SectionTag::base);
@@ -1100,12 +1173,13 @@ namespace lumo {
 struct Silicone {
   std::string name;
   double density_kg_per_m3;
-  double mu_Pa;                 ///< shear modulus
-  double lambda_Pa;             ///< Lamé's first parameter
+  double mu_Pa;      ///< shear modulus
+  double lambda_Pa;  ///< Lamé's first parameter
   double refractive_index;
-  double extinction_per_m;      ///< absorption and scattering together
-  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert takes all of it as absorption
-  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering; neither is in the paper
+  double extinction_per_m;         ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
+                                   ///< takes all of it as absorption
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
 
   bool operator==(const Silicone&) const = default;
   Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
@@ -1135,38 +1209,40 @@ namespace lumo {
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
-    double contact_edge = 2.0e-3;     ///< on the surface that an indenter can touch, away from where it does
-    double coarsest_edge = 5.0e-3;    ///< at depth
-    double growth = 0.35;             ///< edge length gained per length of depth
-    double stretch_y = 1.0;           ///< edges along y are this much longer
-    double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
-    double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
+    double contact_edge = 2.0e-3;    ///< on the surface that an indenter can touch, away from where it does
+    double coarsest_edge = 5.0e-3;   ///< at depth
+    double growth = 0.35;            ///< edge length gained per length of depth
+    double stretch_y = 1.0;          ///< edges along y are this much longer
+    double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
+    double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
-      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad, factor * shortest_chord};
+      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y,
+              factor * max_turn_rad, factor * shortest_chord};
     }
     bool operator==(const Mesh&) const = default;
   };
-  /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
+  /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the
+  /// power; beside a void they shine into its air.
   struct Leds {
     enum class Place { top, sides };
     Place place = Place::top;
     int count = 5;
     double pitch = 11.0e-3;
     double length_y = 1.6e-3;
-    double width_x = 0.8e-3;          ///< on the sides, their height
-    double power_W = 1.0;             ///< of all together
+    double width_x = 0.8e-3;  ///< on the sides, their height
+    double power_W = 1.0;     ///< of all together
 
     bool operator==(const Leds&) const = default;
   };
   /// Readout regions on the outer surface.
   struct Readout {
     int bins = 11;
-    double half_range = 27.5e-3;      ///< |y| beyond it is not seen [m]
-    double min_abs_nx = 0.5;          ///< the undeformed normal must point this much sideways
-    bool one_side = false;            ///< only x > 0 is seen
-    bool in_space = false;            ///< bins stay where they are; otherwise they move with the material
+    double half_range = 27.5e-3;  ///< |y| beyond it is not seen [m]
+    double min_abs_nx = 0.5;      ///< the undeformed normal must point this much sideways
+    bool one_side = false;        ///< only x > 0 is seen
+    bool in_space = false;        ///< bins stay where they are; otherwise they move with the material
 
     bool operator==(const Readout&) const = default;
   };
@@ -1177,8 +1253,8 @@ struct FingerOptions {
   Leds leds = {};
   Readout readout = {};
   double carrier_albedo = 0.8;
-  bool bonded_ends = false;           ///< the end faces are held, by something clear: light passes them as before
-  SurfaceOptics touched = Dielectric{};   ///< Body::touched
+  bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
+  SurfaceOptics touched = Dielectric{};  ///< Body::touched
 
   bool operator==(const FingerOptions&) const = default;
 };
@@ -1197,14 +1273,26 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
-    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
-    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
-    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
-    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
-    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported, Dielectric{}, false};
-    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
-    default: return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false, Dielectric{}};
+    case SectionTag::stem_top:
+      return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
+    case SectionTag::stem_side:
+      return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
+    case SectionTag::base:
+      return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::void_inner:
+      return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
+    case SectionTag::void_roof:
+      return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::void_wall:
+      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()},
+              false,       false,
+              supported,   Dielectric{},
+              false};
+    case SectionTag::side:
+      return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
+    default:
+      return {"dome",      EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
+              Dielectric{}};
   }
 }
 
@@ -1217,7 +1305,9 @@ inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o
   body.carrier.push_back({{0, 0, 0.5 * (hs - thick)}, {stem, half_length, 0.5 * (hs + thick)}});
   if (s.design.w_v <= 0.0) return;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
-  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) { body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall}); };
+  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) {
+    body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall});
+  };
   const double l = half_length;
   face("stem +x", {stem, -l, 0}, {stem, l, 0}, {stem, l, hs}, {stem, -l, hs});
   face("stem -x", {-stem, -l, 0}, {-stem, -l, hs}, {-stem, l, hs}, {-stem, l, 0});
@@ -1234,13 +1324,21 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   for (int k = 0; k < led.count; ++k) {
     const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
     if (led.place == FingerOptions::Leds::Place::top) {
-      body.emitters.push_back(RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
+      body.emitters.push_back(
+          RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
       continue;
     }
     const bool air = s.design.w_v > 0.0;
     require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
-    for (const double side : {1.0, -1.0})   // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
-      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along, {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
+    for (const double side :
+         {1.0,
+          -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
+      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height},
+                                               along,
+                                               {0, 0, side * 0.5 * led.width_x},
+                                               0.5 * led.power_W / led.count,
+                                               0,
+                                               air});
   }
   const auto r = o.readout;
   body.touched = o.touched;
@@ -1278,15 +1376,18 @@ inline void validate(const FingerOptions& o) {
   require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
   require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
-  if (const auto* white = std::get_if<Lambertian>(&o.touched)) require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
-  if (const auto* mirror = std::get_if<Mirror>(&o.touched)) require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+  if (const auto* white = std::get_if<Lambertian>(&o.touched))
+    require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
+  if (const auto* mirror = std::get_if<Mirror>(&o.touched))
+    require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
 }
 
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
   require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
-  const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
+  const HalfSection s =
+      half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
   const double half_length = 0.5e-3 * o.pad.length;
   Body body;
   body.name = "finger";
@@ -1314,7 +1415,8 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
     body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
   }
   Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
-  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()},
+                          o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
   for (int k = 0; k < n; ++k) {
     middle.loop.push_back(2 * k);
     end.loop.push_back(2 * (n - 1 - k) + 1);
@@ -1345,16 +1447,18 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
 
 namespace lumo {
 
-/// What a pad that is cast on its carrier looks like, in general words: a dome over a ridge, an open gap along each side of the ridge, the same all along y.
-/// Lengths in m, the body's frame: x across, y along, centred, z from the carrier's plate outwards.
+/// What a pad that is cast on its carrier looks like, in general words: a dome over a ridge, an open gap along each
+/// side of the ridge, the same all along y. Lengths in m, the body's frame: x across, y along, centred, z from the
+/// carrier's plate outwards.
 struct CastSection {
-  std::vector<std::array<double, 2>> outline;  ///< half outline (x, z) of the pad: from the plate at x > 0 up and over to (0, height)
-  double length = 0.0;                         ///< of the pad along y
-  double ridge_width = 0.0;                    ///< of the rigid ridge in the middle
+  std::vector<std::array<double, 2>>
+      outline;               ///< half outline (x, z) of the pad: from the plate at x > 0 up and over to (0, height)
+  double length = 0.0;       ///< of the pad along y
+  double ridge_width = 0.0;  ///< of the rigid ridge in the middle
   double ridge_height = 0.0;
-  double gap_width = 0.0;                      ///< of the air gap on each side of the ridge, as high as the ridge; 0: none
-  double exact_volume_m3 = 0.0;                ///< of the pad with its curve uncut [m³]
-  FingerOptions::Leds leds = {};               ///< centred on the ridge, facing up
+  double gap_width = 0.0;         ///< of the air gap on each side of the ridge, as high as the ridge; 0: none
+  double exact_volume_m3 = 0.0;   ///< of the pad with its curve uncut [m³]
+  FingerOptions::Leds leds = {};  ///< centred on the ridge, facing up
 
   double half_width() const { return outline.front()[0]; }
   double height() const { return outline.back()[1]; }
@@ -1365,12 +1469,15 @@ struct CastSection {
 /// Chords for making things: they leave the curve by less than 5 µm, a tenth of what printers resolve.
 inline Chords fabrication_chords() { return {0.5e-3, 0.05, 0.05e-3}; }
 
-/// The section of a feasible design for casting: its stem is the ridge, its voids are the gaps. Throws InfeasibleDesign.
-inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options = {}, const Chords& chords = fabrication_chords());
+/// The section of a feasible design for casting: its stem is the ridge, its voids are the gaps. Throws
+/// InfeasibleDesign.
+inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options = {},
+                                const Chords& chords = fabrication_chords());
 
 inline double CastSection::area_m2() const {
   double half = 0.0;
-  for (std::size_t i = 0; i + 1 < outline.size(); ++i) half += 0.5 * (outline[i][0] * outline[i + 1][1] - outline[i + 1][0] * outline[i][1]);
+  for (std::size_t i = 0; i + 1 < outline.size(); ++i)
+    half += 0.5 * (outline[i][0] * outline[i + 1][1] - outline[i + 1][0] * outline[i][1]);
   return 2.0 * half - (ridge_width + 2.0 * gap_width) * ridge_height;
 }
 
@@ -1380,7 +1487,8 @@ inline CastSection cast_section(const FingerDesign& design, const FingerOptions&
   CastSection s;
   s.outline.push_back({0.5e-3 * options.pad.width, 0.0});
   for (std::size_t i = 0; i < half.x.size(); ++i)
-    if (half.tag[i] == SectionTag::dome || half.tag[i] == SectionTag::mirror) s.outline.push_back({half.x[i], half.z[i]});
+    if (half.tag[i] == SectionTag::dome || half.tag[i] == SectionTag::mirror)
+      s.outline.push_back({half.x[i], half.z[i]});
   s.length = 1e-3 * options.pad.length;
   s.ridge_width = 1e-3 * design.w_s, s.ridge_height = 1e-3 * design.h_s, s.gap_width = 1e-3 * design.w_v;
   s.exact_volume_m3 = 2.0 * half.exact_area_m2() * s.length;
@@ -1398,20 +1506,20 @@ inline CastSection cast_section(const FingerDesign& design, const FingerOptions&
 
 namespace lumo {
 
-/// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within what the sources in
-/// docs/fabrication.md advise.
+/// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within
+/// what the sources in docs/fabrication.md advise.
 struct CastingOptions {
-  double clearance = 0.2e-3;       ///< on each side between printed parts that are put together: FDM 0.2 mm, SLA 0.1 mm
-  double plate = 4.0e-3;           ///< thickness of the carrier's plate
-  double flange = 3.0e-3;          ///< of the plate beyond the pad's long sides: the mould seals on it
-  double tab = 7.0e-3;             ///< of the plate beyond the pad's ends, with the mounting holes
-  double hole_diameter = 3.4e-3;   ///< of the mounting holes: M3, ISO 273 medium
-  double strip_width = 2.0e-3;     ///< of the LED strip
-  double strip_height = 0.9e-3;    ///< of the LED strip with its LEDs: 0.3 mm flexible circuit and 0.6 mm LED
-  double wall = 8.0e-3;            ///< of the mould about the pad
-  double rim = 3.0e-3;             ///< how far the mould reaches down the plate's edge, which it is centred by
-  double gate_diameter = 4.0e-3;   ///< at the pad; a Luer tip fits
-  double vent_diameter = 2.0e-3;   ///< at the pad: the smallest hole that FDM prints well
+  double clearance = 0.2e-3;      ///< on each side between printed parts that are put together: FDM 0.2 mm, SLA 0.1 mm
+  double plate = 4.0e-3;          ///< thickness of the carrier's plate
+  double flange = 3.0e-3;         ///< of the plate beyond the pad's long sides: the mould seals on it
+  double tab = 7.0e-3;            ///< of the plate beyond the pad's ends, with the mounting holes
+  double hole_diameter = 3.4e-3;  ///< of the mounting holes: M3, ISO 273 medium
+  double strip_width = 2.0e-3;    ///< of the LED strip
+  double strip_height = 0.9e-3;   ///< of the LED strip with its LEDs: 0.3 mm flexible circuit and 0.6 mm LED
+  double wall = 8.0e-3;           ///< of the mould about the pad
+  double rim = 3.0e-3;            ///< how far the mould reaches down the plate's edge, which it is centred by
+  double gate_diameter = 4.0e-3;  ///< at the pad; a Luer tip fits
+  double vent_diameter = 2.0e-3;  ///< at the pad: the smallest hole that FDM prints well
 
   /// Of the smallest wall that is printed: two lines of a 0.4 mm nozzle.
   static constexpr double thinnest_wall = 0.8e-3;
@@ -1419,22 +1527,23 @@ struct CastingOptions {
 
 /// Limits of the options in mm, as they are checked and as they are told.
 namespace casting_limits {
-inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0}, strip_height_mm{0.2, 1.5};
+inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0},
+    strip_height_mm{0.2, 1.5};
 inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
-}
+}  // namespace casting_limits
 
 /// Throws InvalidArgument for an option that is out of range, or does not fit the section.
 inline void validate(const CastingOptions& options, const CastSection& section);
 
 /// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
 struct CastingLayout {
-  double half_width, top, half_length;            ///< of the pad; half_length is that of the cavity, too
-  double plate_x, plate_y;                        ///< half the plate
-  double rim_x, rim_y;                            ///< where the mould's rim begins: the plate with its clearance
-  double mould_x, mould_y, mould_top;             ///< half the mould, and its height above the plate
-  double notch_inner, notch_outer, notch_roof;    ///< of the openings for the cores, from the middle out
-  double pocket_x, pocket_y, pocket_floor;        ///< half the pocket for the LED strip, and its floor's height
-  double strip_y;                                 ///< half the LED strip
+  double half_width, top, half_length;          ///< of the pad; half_length is that of the cavity, too
+  double plate_x, plate_y;                      ///< half the plate
+  double rim_x, rim_y;                          ///< where the mould's rim begins: the plate with its clearance
+  double mould_x, mould_y, mould_top;           ///< half the mould, and its height above the plate
+  double notch_inner, notch_outer, notch_roof;  ///< of the openings for the cores, from the middle out
+  double pocket_x, pocket_y, pocket_floor;      ///< half the pocket for the LED strip, and its floor's height
+  double strip_y;                               ///< half the LED strip
 
   CastingLayout(const CastSection& s, const CastingOptions& o) {
     const double c = o.clearance;
@@ -1442,7 +1551,8 @@ struct CastingLayout {
     plate_x = half_width + o.flange, plate_y = half_length + o.tab;
     rim_x = plate_x + c, rim_y = plate_y + c;
     mould_x = half_width + o.wall, mould_y = rim_y + (mould_x - rim_x), mould_top = top + o.wall;
-    notch_inner = 0.5 * s.ridge_width - c, notch_outer = 0.5 * s.ridge_width + s.gap_width + c, notch_roof = s.ridge_height + c;
+    notch_inner = 0.5 * s.ridge_width - c, notch_outer = 0.5 * s.ridge_width + s.gap_width + c,
+    notch_roof = s.ridge_height + c;
     strip_y = 0.5 * ((s.leds.count - 1) * s.leds.pitch + strip_margin);
     pocket_x = 0.5 * o.strip_width + c, pocket_y = strip_y + c, pocket_floor = s.ridge_height - o.strip_height;
   }
@@ -1470,12 +1580,13 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
   const double widest = 1e3 * (s.ridge_width - 2.0 * o.clearance - 1.2e-3);
   if (o.strip_width * 1e3 > widest + 1e-9)
     throw InvalidArgument(message("LED strip width is ", exact(o.strip_width * 1e3), " mm, must be at most ", widest,
-                                       " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
+                                  " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
   if (at.pocket_y > at.half_length - 1.0e-3)
-    throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
+    throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ",
+                                  2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
   if (at.notch_outer > at.half_width - 4.55e-3)
-    throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ",
-                                       4.55 + 1e3 * o.clearance, " mm"));
+    throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance),
+                                  " mm thick beside its gaps, must be at least ", 4.55 + 1e3 * o.clearance, " mm"));
 }
 
 }  // namespace lumo
@@ -1486,49 +1597,27 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
 #ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_PREDICATES_HPP
 #define SINGLE_INCLUDE_LUMO_GEOMETRY_PREDICATES_HPP
 
-// Exact signs of orientation determinants. A rounded value with an error bound decides nearly always; what is too close to call is
-// computed without error as an unevaluated sum of doubles of falling size. Source: Shewchuk 1997, Adaptive precision floating-point
-// arithmetic and fast robust geometric predicates; his error bounds, his expansions, without his intermediate stages.
-// Needs IEEE doubles rounded to nearest (no -ffast-math); exact as long as nothing overflows or underflows (lengths 1e-60 … 1e60).
+// Exact signs of orientation determinants. A rounded value with an error bound decides nearly always; what is too close
+// to call is computed without error as an unevaluated sum of doubles of falling size. Own code: exact predicates of
+// libraries come with CGAL or as C that sets the processor's rounding. Source: Shewchuk 1997, Adaptive
+// precision floating-point arithmetic and fast robust geometric predicates; his error bounds, his expansions, without
+// his intermediate stages. Needs IEEE doubles rounded to nearest (no -ffast-math); exact as long as nothing overflows
+// or underflows (lengths 1e-60 … 1e60).
 
 namespace lumo {
 
 using Point2 = std::array<double, 2>;
 
 /// Sign of (b − a) × (c − a): +1 if a, b, c turn left, −1 right, 0 if they are exactly on a line.
-int orient2d(const Point2& a, const Point2& b, const Point2& c);
+inline int orient2d(const Point2& a, const Point2& b, const Point2& c);
 
-/// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly in the plane.
+/// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly
+/// in the plane.
 inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
 
+namespace detail {
+
 inline constexpr double half_ulp = 0.5 * std::numeric_limits<double>::epsilon();
-
-/// The sign where rounding errors cannot change it, else 0.
-inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
-  const double left = (b[0] - a[0]) * (c[1] - a[1]);
-  const double right = (b[1] - a[1]) * (c[0] - a[0]);
-  const double bound = 4.0 * half_ulp * (std::abs(left) + std::abs(right));
-  return left - right > bound ? 1 : left - right < -bound ? -1 : 0;
-}
-
-/// The sign where rounding errors cannot change it, else 0.
-inline int sure_orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
-  const Vec3d u = b - a;
-  const Vec3d v = c - a;
-  const Vec3d w = d - a;
-  double value = 0.0;
-  double size = 0.0;
-  for (int i = 0; i < 3; ++i) {
-    const int j = (i + 1) % 3;
-    const int k = (i + 2) % 3;
-    const double left = u[j] * v[k];
-    const double right = u[k] * v[j];
-    value += w[i] * (left - right);
-    size += std::abs(w[i]) * (std::abs(left) + std::abs(right));
-  }
-  const double bound = 8.0 * half_ulp * size;
-  return value > bound ? 1 : value < -bound ? -1 : 0;
-}
 
 /// A sum of doubles that do not overlap, smallest first, without zeros.
 struct Expansion {
@@ -1553,7 +1642,8 @@ inline SumAndError two_sum(double a, double b) {
   return {sum, (a - a_part) + (b - b_part)};
 }
 
-inline Expansion difference(double a, double b) {
+/// a − b without error.
+inline Expansion exact_difference(double a, double b) {
   const auto [sum, error] = two_sum(a, -b);
   Expansion result;
   result.push(error);
@@ -1597,27 +1687,60 @@ inline Expansion operator*(const Expansion& e, const Expansion& f) {  // f is a 
   return result;
 }
 
-/// a d − b c of differences.
-inline Expansion minor(const Expansion& a, const Expansion& b, const Expansion& c, const Expansion& d) { return a * d + (b * c) * -1.0; }
+/// a d − b c of differences, without error.
+inline Expansion exact_minor(const Expansion& a, const Expansion& b, const Expansion& c, const Expansion& d) {
+  return a * d + (b * c) * -1.0;
+}
+
+}  // namespace detail
+
+/// The sign if rounding errors cannot change it, else 0.
+inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
+  const double left = (b[0] - a[0]) * (c[1] - a[1]);
+  const double right = (b[1] - a[1]) * (c[0] - a[0]);
+  const double bound = 4.0 * detail::half_ulp * (std::abs(left) + std::abs(right));
+  return left - right > bound ? 1 : left - right < -bound ? -1 : 0;
+}
+
+/// The sign if rounding errors cannot change it, else 0.
+inline int sure_orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+  const Vec3d u = b - a;
+  const Vec3d v = c - a;
+  const Vec3d w = d - a;
+  double value = 0.0;
+  double size = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    const int j = (i + 1) % 3;
+    const int k = (i + 2) % 3;
+    const double left = u[j] * v[k];
+    const double right = u[k] * v[j];
+    value += w[i] * (left - right);
+    size += std::abs(w[i]) * (std::abs(left) + std::abs(right));
+  }
+  const double bound = 8.0 * detail::half_ulp * size;
+  return value > bound ? 1 : value < -bound ? -1 : 0;
+}
 
 inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
   if (const int sure = sure_orient2d(a, b, c); sure != 0) return sure;
-  return minor(difference(b[0], a[0]), difference(b[1], a[1]), difference(c[0], a[0]), difference(c[1], a[1])).sign();
+  return detail::exact_minor(detail::exact_difference(b[0], a[0]), detail::exact_difference(b[1], a[1]),
+                             detail::exact_difference(c[0], a[0]), detail::exact_difference(c[1], a[1]))
+      .sign();
 }
 
 inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
   if (const int sure = sure_orient3d(a, b, c, d); sure != 0) return sure;
-  std::array<std::array<Expansion, 3>, 3> rows;
+  std::array<std::array<detail::Expansion, 3>, 3> rows;
   for (int k = 0; k < 3; ++k) {
-    rows[0][static_cast<std::size_t>(k)] = difference(b[k], a[k]);
-    rows[1][static_cast<std::size_t>(k)] = difference(c[k], a[k]);
-    rows[2][static_cast<std::size_t>(k)] = difference(d[k], a[k]);
+    rows[0][static_cast<std::size_t>(k)] = detail::exact_difference(b[k], a[k]);
+    rows[1][static_cast<std::size_t>(k)] = detail::exact_difference(c[k], a[k]);
+    rows[2][static_cast<std::size_t>(k)] = detail::exact_difference(d[k], a[k]);
   }
-  Expansion sum;
+  detail::Expansion sum;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::size_t j = (i + 1) % 3;
     const std::size_t k = (i + 2) % 3;
-    sum = sum + minor(rows[0][j], rows[0][k], rows[1][j], rows[1][k]) * rows[2][i];
+    sum = sum + detail::exact_minor(rows[0][j], rows[0][k], rows[1][j], rows[1][k]) * rows[2][i];
   }
   return sum.sign();
 }
@@ -1643,7 +1766,8 @@ inline Vec3d polygon_normal(const std::vector<Vec3d>& vertices, const std::vecto
   const Vec3d& origin = vertices[static_cast<std::size_t>(loop[0])];
   Vec3d sum = Vec3d::Zero();
   for (std::size_t i = 1; i + 1 < loop.size(); ++i)
-    sum += (vertices[static_cast<std::size_t>(loop[i])] - origin).cross(vertices[static_cast<std::size_t>(loop[i + 1])] - origin);
+    sum += (vertices[static_cast<std::size_t>(loop[i])] - origin)
+               .cross(vertices[static_cast<std::size_t>(loop[i + 1])] - origin);
   return sum;
 }
 
@@ -1659,11 +1783,13 @@ struct Projection {
     second = static_cast<std::size_t>((axis + 2) % 3);
     if (normal[axis] < 0.0) std::swap(first, second);
   }
-  Point2 operator()(const Vec3d& p) const { return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]}; }
+  Point2 operator()(const Vec3d& p) const {
+    return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]};
+  }
 };
 
 /// Whether p, known to be on the line through a and b, is between them or at an end.
-inline bool within(const Point2& a, const Point2& b, const Point2& p) {
+inline bool between_ends(const Point2& a, const Point2& b, const Point2& p) {
   const std::size_t axis = std::abs(b[0] - a[0]) >= std::abs(b[1] - a[1]) ? 0 : 1;
   return std::min(a[axis], b[axis]) <= p[axis] && p[axis] <= std::max(a[axis], b[axis]);
 }
@@ -1675,10 +1801,12 @@ inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, con
   const int ca = orient2d(c, d, a);
   const int cb = orient2d(c, d, b);
   if (ac * ad < 0 && ca * cb < 0) return true;
-  return (ac == 0 && within(a, b, c)) || (ad == 0 && within(a, b, d)) || (ca == 0 && within(c, d, a)) || (cb == 0 && within(c, d, b));
+  return (ac == 0 && between_ends(a, b, c)) || (ad == 0 && between_ends(a, b, d)) ||
+         (ca == 0 && between_ends(c, d, a)) || (cb == 0 && between_ends(c, d, b));
 }
 
-/// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
+/// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the
+/// number of corners.
 inline bool outline_crosses(const std::vector<Point2>& points) {
   const std::size_t n = points.size();
   for (std::size_t i = 0; i < n; ++i) {
@@ -1700,10 +1828,11 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
   return (x * (p[1] - a[1]) - y * (p[0] - a[0])) / std::hypot(x, y);
 }
 
-/// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
-/// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
-/// Empty result: the outline is not simple or not counter-clockwise about `normal`.
-inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices, const std::vector<int>& loop, const Vec3d& normal,
+/// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and
+/// no others. Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
+/// nullopt if the outline is not simple or not counter-clockwise about `normal`.
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices,
+                                                                   const std::vector<int>& loop, const Vec3d& normal,
                                                                    int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
   if (loop.size() == 3) {
@@ -1728,7 +1857,8 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::ve
     return std::none_of(left.begin(), left.end(), [&](std::size_t other) {
       if (other == before || other == here || other == after) return false;
       const Point2& p = points[other];
-      if (careful) return height_over(a, b, p) > -slack && height_over(b, c, p) > -slack && height_over(c, a, p) > -slack;
+      if (careful)
+        return height_over(a, b, p) > -slack && height_over(b, c, p) > -slack && height_over(c, a, p) > -slack;
       return orient2d(a, b, p) >= 0 && orient2d(b, c, p) >= 0 && orient2d(c, a, p) >= 0;
     });
   };
@@ -1740,7 +1870,9 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::ve
     }
     if (tried == 2 * left.size()) return std::nullopt;
     at %= left.size();
-    triangles.push_back({{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]}, facet});
+    triangles.push_back(
+        {{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]},
+         facet});
     left.erase(left.begin() + static_cast<std::ptrdiff_t>(at));
     ++at;  // the next corner but one: fewer slender triangles than a fan
   }
@@ -1760,8 +1892,8 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::ve
 namespace lumo {
 
 /// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
-/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
-/// are exact. Corners on straight edges are allowed.
+/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut
+/// off, the best shaped first. All decisions are exact. Corners on straight edges are allowed.
 class PolygonTriangles {
  public:
   using Triangle = std::array<int, 3>;
@@ -1772,7 +1904,8 @@ class PolygonTriangles {
     for (const Vec3d& v : vertices) points_.push_back(project(v));
   }
 
-  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. nullopt if outline and
+  /// holes cross or touch.
   std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
 
  private:
@@ -1798,13 +1931,16 @@ inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop
 
 /// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
 inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
-  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
+  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner],
+            after = loop[(corner + 1) % loop.size()];
   const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
-inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
-  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
+inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole,
+                                     const std::vector<std::vector<int>>& others) const {
+  const auto start = std::size_t(
+      std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
   struct Candidate {
     double distance2;
@@ -1820,8 +1956,12 @@ inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole, c
   for (const auto& candidate : nearest) {
     const std::size_t corner = candidate.corner;
     const int to = loop[corner];
-    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
-    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
+    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) ||
+        crosses(from, to, hole))
+      continue;
+    if (std::any_of(others.begin(), others.end(),
+                    [&](const std::vector<int>& other) { return crosses(from, to, other); }))
+      continue;
     std::vector<int> detour{to};
     for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
     loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
@@ -1836,13 +1976,19 @@ inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::
   if (a == c || turn(a, b, c) <= 0) return 0.0;
   for (const int p : loop)
     if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
-  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
-  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
+  const auto squared = [&](int p, int q) {
+    return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]);
+  };
+  const double twice_area =
+      (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
   return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
 }
 
-inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const -> std::optional<std::vector<Triangle>> {
-  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
+inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const
+    -> std::optional<std::vector<Triangle>> {
+  const auto farthest = [&](const std::vector<int>& hole) {
+    return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }));
+  };
   std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
   while (!holes.empty()) {
     const std::vector<int> hole = std::move(holes.back());
@@ -1850,7 +1996,7 @@ inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector
     if (!bridge(loop, hole, holes)) return std::nullopt;
   }
   std::vector<Triangle> triangles;
-  std::vector<double> shape;   // of the ear at each corner
+  std::vector<double> shape;  // of the ear at each corner
   for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
   while (loop.size() > 3) {
     const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
@@ -1861,44 +2007,13 @@ inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector
     shape.erase(shape.begin() + std::ptrdiff_t(ear));
     // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
     for (std::size_t i = 0; i < loop.size(); ++i)
-      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
+      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size())
+        shape[i] = shape_of_ear(loop, i);
   }
   if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
   triangles.push_back({loop[0], loop[1], loop[2]});
   return triangles;
 }
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/mesher.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
-
-namespace lumo {
-
-/// Closed polyhedral surface to be filled, with a wanted edge length and optional interior points.
-struct MeshInput {
-  std::vector<Vec3d> vertices;                    ///< [m] or any unit: the mesher is scale-free
-  std::vector<Facet> facets;                     ///< closed, manifold, counter-clockwise seen from outside
-  std::function<double(const Vec3d&)> edge;       ///< wanted edge length, same unit; may be empty
-  bool keep_surface = false;                     ///< do not split the given facets
-};
-
-/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry their facet's patch.
-struct LinearTets {
-  std::vector<Vec3d> vertices;
-  std::vector<std::array<int, 4>> tets;          ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
-  std::vector<std::array<int, 3>> faces;
-  std::vector<int> patches;                      ///< one per face
-};
-
-/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
-template <class M>
-concept Mesher = requires(const M& mesher, const MeshInput& input) {
-  { mesher.fill(input) } -> std::same_as<LinearTets>;
-};
 
 }  // namespace lumo
 
@@ -1911,13 +2026,15 @@ concept Mesher = requires(const M& mesher, const MeshInput& input) {
 namespace lumo {
 
 /// Two triangles that meet elsewhere than in corners that they share, or come closer than `gap` without sharing any.
-/// First what is certain in rounded numbers, then exact predicates; a sweep along the longest axis finds the candidates.
+/// First what is certain in rounded numbers, then exact predicates; a sweep along the longest axis finds the
+/// candidates.
 class SelfIntersection {
  public:
   SelfIntersection(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, double gap)
       : vertices_(vertices), triangles_(triangles), gap_(gap) {}
 
-  /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made them disjoint.
+  /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made
+  /// them disjoint.
   std::optional<std::pair<int, int>> find() const;
 
  private:
@@ -1956,7 +2073,8 @@ inline double segment_distance2(const Vec3d& p1, const Vec3d& q1, const Vec3d& p
   return (r + s * d1 - t * d2).squaredNorm();
 }
 
-/// All vertices of b strictly on one side of the plane of a, but those that are also a's; or the same with a and b exchanged.
+/// All vertices of b strictly on one side of the plane of a, but those that are also a's; or the same with a and b
+/// exchanged.
 inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) const {
   int side = 0;
   for (int vertex : b) {
@@ -1968,8 +2086,8 @@ inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) c
   return true;
 }
 
-/// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is disjoint in a
-/// projection is disjoint in space.
+/// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is
+/// disjoint in a projection is disjoint in space.
 inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, const Projection& project) const {
   for (std::size_t i = 0; i < 3; ++i) {
     const int p = a[i];
@@ -1978,7 +2096,9 @@ inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, 
     const Point2 to = project(at(q));
     const int side = sure_orient2d(from, to, project(at(a[(i + 2) % 3])));
     if (side == 0) continue;
-    const auto beyond = [&](int vertex) { return vertex == p || vertex == q || sure_orient2d(from, to, project(at(vertex))) == -side; };
+    const auto beyond = [&](int vertex) {
+      return vertex == p || vertex == q || sure_orient2d(from, to, project(at(vertex))) == -side;
+    };
     if (std::all_of(b.begin(), b.end(), beyond)) return true;
   }
   return false;
@@ -1990,8 +2110,10 @@ inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   std::array<int, 2> edge{};
   std::size_t shared = 0;
   for (int vertex : a) {
-    if (has(b, vertex)) edge[shared++] = vertex;
-    else apex_a = vertex;
+    if (has(b, vertex))
+      edge[shared++] = vertex;
+    else
+      apex_a = vertex;
   }
   for (int vertex : b)
     if (!has(a, vertex)) apex_b = vertex;
@@ -2083,17 +2205,20 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   for (std::size_t i = 0; i < triangles_.size(); ++i) {
     const Corners& t = triangles_[i].corners;
     const Vec3d &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
-    boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin, elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
+    boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin,
+                     elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
     low = elementwise_min(low, boxes.back().low);
     high = elementwise_max(high, boxes.back().high);
   }
   int axis = 0;
   (high - low).maxCoeff(&axis);
-  std::sort(boxes.begin(), boxes.end(),
-            [axis](const TriangleBox& a, const TriangleBox& b) { return a.low[axis] != b.low[axis] ? a.low[axis] < b.low[axis] : a.triangle < b.triangle; });
+  std::sort(boxes.begin(), boxes.end(), [axis](const TriangleBox& a, const TriangleBox& b) {
+    return a.low[axis] != b.low[axis] ? a.low[axis] < b.low[axis] : a.triangle < b.triangle;
+  });
   for (std::size_t i = 0; i < boxes.size(); ++i)
     for (std::size_t j = i + 1; j < boxes.size() && boxes[j].low[axis] <= boxes[i].high[axis]; ++j) {
-      if ((boxes[i].low.array() > boxes[j].high.array()).any() || (boxes[j].low.array() > boxes[i].high.array()).any()) continue;
+      if ((boxes[i].low.array() > boxes[j].high.array()).any() || (boxes[j].low.array() > boxes[i].high.array()).any())
+        continue;
       const SurfaceTriangle& a = triangles_[static_cast<std::size_t>(boxes[i].triangle)];
       const SurfaceTriangle& b = triangles_[static_cast<std::size_t>(boxes[j].triangle)];
       if (a.facet != b.facet && clash(a.corners, b.corners)) return std::pair{boxes[i].triangle, boxes[j].triangle};
@@ -2111,7 +2236,7 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
 
 namespace lumo {
 
-/// A connected part of a surface. Faces outwards (volume > 0, a solid) or inwards (a cavity).
+/// A connected part of a surface. It faces outwards (volume > 0, a solid) or inwards (a cavity).
 struct Shell {
   std::vector<int> triangles;
   double area = 0.0;
@@ -2135,13 +2260,13 @@ class Groups {
 
 /// Every edge has two facets that run along it in opposite directions, and the facets around each vertex form one fan.
 /// Throws MeshError (open, not_manifold).
-inline void check_edges(const MeshInput& input) {
+inline void check_edges(const ClosedSurface& input) {
   using Reason = MeshError::Reason;
   struct Side {
     int low, high;
-    bool up;           // runs from the lower vertex number to the higher
+    bool up;  // runs from the lower vertex number to the higher
     int facet;
-    int from, to;      // corners, numbered through all facets
+    int from, to;  // corners, numbered through all facets
   };
   std::vector<Side> sides;
   std::vector<int> vertex_of;
@@ -2156,17 +2281,23 @@ inline void check_edges(const MeshInput& input) {
       vertex_of.push_back(a);
     }
   }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) { return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from); });
+  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
+    return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from);
+  });
   Groups fans(vertex_of.size());
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
     while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
-    const auto edge = message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
+    const auto edge =
+        message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
     if (end - i == 1) throw MeshError(Reason::open, message("surface: ", edge, " has 1 facet, must have 2"));
-    if (end - i > 2) throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));
+    if (end - i > 2)
+      throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));
     const Side& a = sides[i];
     const Side& b = sides[i + 1];
-    if (a.up == b.up) throw MeshError(Reason::not_manifold, message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
+    if (a.up == b.up)
+      throw MeshError(Reason::not_manifold,
+                      message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
     fans.join(a.from, b.to);
     fans.join(a.to, b.from);
     i = end;
@@ -2176,13 +2307,14 @@ inline void check_edges(const MeshInput& input) {
     int& known = fan_of[static_cast<std::size_t>(vertex_of[corner])];
     const int fan = fans.find(static_cast<int>(corner));
     if (known >= 0 && known != fan)
-      throw MeshError(Reason::not_manifold, message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
+      throw MeshError(Reason::not_manifold,
+                      message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
     known = fan;
   }
 }
 
 /// The connected parts of a surface, with areas and enclosed volumes.
-inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles) {
+inline std::vector<Shell> find_shells(const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles) {
   Groups groups(input.vertices.size());
   for (const SurfaceTriangle& t : triangles) {
     groups.join(t.corners[0], t.corners[1]);
@@ -2219,7 +2351,8 @@ inline double solid_angle(const Vec3d& from_a, const Vec3d& from_b, const Vec3d&
 }
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
-inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3d& point) {
+inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles,
+                      const Shell& shell, const Vec3d& point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
@@ -2231,7 +2364,8 @@ inline double winding(const std::vector<Vec3d>& vertices, const std::vector<Surf
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles,
+                         const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3d& point, const Shell* without) {
     double sum = 0.0;
     for (const Shell& shell : shells)
@@ -2243,19 +2377,23 @@ inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriang
     const double around = total(input.vertices[static_cast<std::size_t>(first.corners[0])], &shells[i]);
     const double wanted = shells[i].volume > 0.0 ? 0.0 : 1.0;
     if (std::abs(around - wanted) > 0.25)
-      throw MeshError(MeshError::Reason::not_manifold, message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume, " is wound by other shells ",
-                                                            around, " times, must be ", wanted));
+      throw MeshError(MeshError::Reason::not_manifold,
+                      message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume,
+                              " is wound by other shells ", around, " times, must be ", wanted));
   }
   std::vector<char> used(input.vertices.size(), 0);
   for (const SurfaceTriangle& t : triangles)
     for (int vertex : t.corners) used[static_cast<std::size_t>(vertex)] = 1;
   for (std::size_t i = 0; i < used.size(); ++i)
     if (!used[i] && total(input.vertices[i], nullptr) < 0.75)
-      throw MeshError(MeshError::Reason::bad_index, message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
+      throw MeshError(MeshError::Reason::bad_index,
+                      message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
-inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices,
+                                        const std::vector<SurfaceTriangle>& triangles,
+                                        const std::vector<Shell>& shells) {
   std::vector<Vec3d> points;
   const auto at = [&](int vertex) -> const Vec3d& { return vertices[static_cast<std::size_t>(vertex)]; };
   for (const Shell& shell : shells) {
@@ -2292,48 +2430,61 @@ namespace lumo {
 
 /// What is known of a surface once it is found good.
 struct SurfaceReport {
-  Vec3d low{0.0, 0.0, 0.0};                ///< bounding box
+  Vec3d low{0.0, 0.0, 0.0};  ///< bounding box
   Vec3d high{0.0, 0.0, 0.0};
   double area = 0.0;
-  double volume = 0.0;                    ///< enclosed, cavities not counted
-  std::vector<Vec3d> cavities;             ///< a point inside each cavity (a closed inner shell that faces inwards)
+  double volume = 0.0;          ///< enclosed, cavities not counted
+  std::vector<Vec3d> cavities;  ///< a point inside each cavity (a closed inner shell that faces inwards)
 };
 
-/// Checks that a surface bounds a solid: numbers finite and below 1e6, indices valid, facets flat (1e-8 of their size), simple and not
-/// degenerate, no two vertices at one place (1e-8 of the body's size), every edge shared by two facets of one orientation, one fan of
-/// facets around each vertex, positive volume, and no facets that cross, touch (1e-8 of the body's size) or lie on each other.
-/// Vertices of no facet are interior points. Several separate solids and cavities are legal.
-/// Throws MeshError with the reason of the first broken rule; an inside-out surface is not_manifold, no volume is degenerate.
-/// Time about n log n for n triangles, quadratic in the corners of a facet.
-inline SurfaceReport validate_surface(const MeshInput& input);
+/// Checks that a surface bounds a solid: numbers finite and below 1e6, indices valid, facets flat (1e-8 of their size),
+/// simple and not degenerate, no two vertices at one place (1e-8 of the body's size), every edge shared by two facets
+/// of one orientation, one fan of facets around each vertex, positive volume, and no facets that cross, touch (1e-8 of
+/// the body's size) or lie on each other. Vertices of no facet are interior points. Several separate solids and
+/// cavities are legal. Throws MeshError with the reason of the first broken rule; an inside-out surface is
+/// not_manifold, no volume is degenerate. Time about n log n for n triangles, quadratic in the corners of a facet.
+/// An own engine: each fault is an error with its kind, place and limit, and nothing but Eigen is needed.
+inline SurfaceReport validate_surface(const ClosedSurface& input);
 
+namespace detail {
+
+// In the unit of the coordinates; the other two relative to the facet or the body. Own choice: far above what doubles
+// round, far below what is made.
 inline constexpr double largest_coordinate = 1e6;
 inline constexpr double flatness = 1e-8;
 inline constexpr double closeness = 1e-8;
 
-[[noreturn]] inline void refuse(MeshError::Reason reason, const std::string& line) { throw MeshError(reason, "surface: " + line); }
+[[noreturn]] inline void refuse_surface(MeshError::Reason reason, const std::string& line) {
+  throw MeshError(reason, "surface: " + line);
+}
 
-inline std::string place(const Vec3d& p) { return message("(", p.x(), ", ", p.y(), ", ", p.z(), ")"); }
+inline std::string point_text(const Vec3d& p) { return message("(", p.x(), ", ", p.y(), ", ", p.z(), ")"); }
 
-inline void check_numbers(const MeshInput& input) {
+inline void check_numbers(const ClosedSurface& input) {
   using Reason = MeshError::Reason;
   if (input.vertices.empty() || input.facets.empty())
-    refuse(Reason::degenerate, message("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, must have some of both"));
+    refuse_surface(Reason::degenerate, message("has ", input.vertices.size(), " vertices and ", input.facets.size(),
+                                               " facets, must have some of both"));
   if (input.vertices.size() > 100'000'000 || input.facets.size() > 100'000'000)
-    refuse(Reason::out_of_memory, message("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, at most 1e8 of each"));
+    refuse_surface(Reason::out_of_memory, message("has ", input.vertices.size(), " vertices and ", input.facets.size(),
+                                                  " facets, at most 1e8 of each"));
   for (std::size_t i = 0; i < input.vertices.size(); ++i)
     if (!(input.vertices[i].cwiseAbs().maxCoeff() <= largest_coordinate) || !input.vertices[i].allFinite())
-      refuse(Reason::not_finite, message("vertex ", i, " is at ", place(input.vertices[i]), ", coordinates must be finite and at most ", largest_coordinate));
+      refuse_surface(Reason::not_finite, message("vertex ", i, " is at ", point_text(input.vertices[i]),
+                                                 ", coordinates must be finite and at most ", largest_coordinate));
   const auto count = static_cast<int>(input.vertices.size());
   std::vector<int> seen(input.vertices.size(), -1);
   for (std::size_t f = 0; f < input.facets.size(); ++f) {
     const std::vector<int>& loop = input.facets[f].loop;
     for (int vertex : loop)
-      if (vertex < 0 || vertex >= count) refuse(Reason::bad_index, message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
-    if (loop.size() < 3) refuse(Reason::degenerate, message("facet ", f, " has ", loop.size(), " corners, must have at least 3"));
+      if (vertex < 0 || vertex >= count)
+        refuse_surface(Reason::bad_index,
+                       message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
+    if (loop.size() < 3)
+      refuse_surface(Reason::degenerate, message("facet ", f, " has ", loop.size(), " corners, must have at least 3"));
     for (int vertex : loop)
       if (std::exchange(seen[static_cast<std::size_t>(vertex)], static_cast<int>(f)) == static_cast<int>(f))
-        refuse(Reason::degenerate, message("facet ", f, " has vertex ", vertex, " more than once"));
+        refuse_surface(Reason::degenerate, message("facet ", f, " has vertex ", vertex, " more than once"));
   }
 }
 
@@ -2353,39 +2504,52 @@ inline void check_duplicates(const std::vector<Vec3d>& vertices, double toleranc
       const Vec3d& a = vertices[static_cast<std::size_t>(order[i].vertex)];
       const double distance = (vertices[static_cast<std::size_t>(order[j].vertex)] - a).norm();
       if (distance <= tolerance)
-        refuse(MeshError::Reason::duplicate, message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", place(a), " are ", distance,
-                                                  " apart, must be more than ", tolerance));
+        refuse_surface(MeshError::Reason::duplicate,
+                       message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", point_text(a), " are ",
+                               distance, " apart, must be more than ", tolerance));
     }
 }
 
+}  // namespace detail
+
 /// Checks each facet alone and cuts it into triangles.
-inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double gap) {
+inline std::vector<SurfaceTriangle> check_facets(const ClosedSurface& input, double gap) {
   using Reason = MeshError::Reason;
   std::vector<SurfaceTriangle> triangles;
   for (std::size_t f = 0; f < input.facets.size(); ++f) {
     const std::vector<int>& loop = input.facets[f].loop;
-    const auto corner = [&](std::size_t i) -> const Vec3d& { return input.vertices[static_cast<std::size_t>(loop[i % loop.size()])]; };
+    const auto corner = [&](std::size_t i) -> const Vec3d& {
+      return input.vertices[static_cast<std::size_t>(loop[i % loop.size()])];
+    };
     double size = 0.0;
-    for (std::size_t i = 0; i < loop.size(); ++i) size = std::max({size, (corner(i) - corner(0)).norm(), (corner(i + 1) - corner(i)).norm()});
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      size = std::max({size, (corner(i) - corner(0)).norm(), (corner(i + 1) - corner(i)).norm()});
     const Vec3d doubled = polygon_normal(input.vertices, loop);
-    if (!(doubled.norm() > 2.0 * flatness * size * size))
-      refuse(Reason::degenerate, message("facet ", f, " at ", place(corner(0)), " has area ", 0.5 * doubled.norm(), ", must be more than ", flatness * size * size));
+    if (!(doubled.norm() > 2.0 * detail::flatness * size * size))
+      detail::refuse_surface(Reason::degenerate,
+                             message("facet ", f, " at ", detail::point_text(corner(0)), " has area ",
+                                     0.5 * doubled.norm(), ", must be more than ", detail::flatness * size * size));
     const Vec3d normal = doubled.normalized();
     for (std::size_t i = 1; i < loop.size(); ++i) {
       const double height = std::abs(normal.dot(corner(i) - corner(0)));
-      if (loop.size() > 3 && height > flatness * size)
-        refuse(Reason::degenerate, message("facet ", f, " at ", place(corner(i)), " is not flat: ", height, " off its plane, at most ", flatness * size));
+      if (loop.size() > 3 && height > detail::flatness * size)
+        detail::refuse_surface(Reason::degenerate,
+                               message("facet ", f, " at ", detail::point_text(corner(i)), " is not flat: ", height,
+                                       " off its plane, at most ", detail::flatness * size));
     }
     const auto pieces = facet_triangles(input.vertices, loop, normal, static_cast<int>(f), 2.0 * gap);
-    if (!pieces) refuse(Reason::self_intersecting, message("the outline of facet ", f, " at ", place(corner(0)), " crosses or touches itself"));
+    if (!pieces)
+      detail::refuse_surface(
+          Reason::self_intersecting,
+          message("the outline of facet ", f, " at ", detail::point_text(corner(0)), " crosses or touches itself"));
     triangles.insert(triangles.end(), pieces->begin(), pieces->end());
   }
   return triangles;
 }
 
-inline SurfaceReport validate_surface(const MeshInput& input) {
+inline SurfaceReport validate_surface(const ClosedSurface& input) {
   using Reason = MeshError::Reason;
-  check_numbers(input);
+  detail::check_numbers(input);
   SurfaceReport report;
   report.low = report.high = input.vertices[0];
   for (const Vec3d& vertex : input.vertices) {
@@ -2393,9 +2557,10 @@ inline SurfaceReport validate_surface(const MeshInput& input) {
     report.high = elementwise_max(report.high, vertex);
   }
   const double size = (report.high - report.low).norm();
-  if (!(size >= 1e-30)) refuse(Reason::degenerate, message("has a size of ", size, ", must be at least 1e-30"));
-  check_duplicates(input.vertices, closeness * size);
-  const std::vector<SurfaceTriangle> triangles = check_facets(input, closeness * size);
+  if (!(size >= 1e-30))
+    detail::refuse_surface(Reason::degenerate, message("has a size of ", size, ", must be at least 1e-30"));
+  detail::check_duplicates(input.vertices, detail::closeness * size);
+  const std::vector<SurfaceTriangle> triangles = check_facets(input, detail::closeness * size);
   check_edges(input);
 
   const std::vector<Shell> shells = find_shells(input, triangles);
@@ -2403,16 +2568,22 @@ inline SurfaceReport validate_surface(const MeshInput& input) {
     report.area += shell.area;
     report.volume += shell.volume;
     if (!(std::abs(shell.volume) > 1e-9 * shell.area * size))
-      refuse(Reason::degenerate, message("the shell of facet ", triangles[static_cast<std::size_t>(shell.triangles[0])].facet, " encloses a volume of ",
-                                                      shell.volume, ", must be more than ", 1e-9 * shell.area * size));
+      detail::refuse_surface(
+          Reason::degenerate,
+          message("the shell of facet ", triangles[static_cast<std::size_t>(shell.triangles[0])].facet,
+                  " encloses a volume of ", shell.volume, ", must be more than ", 1e-9 * shell.area * size));
   }
-  if (!(report.volume > 0.0)) refuse(Reason::not_manifold, message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
-  if (const auto pair = SelfIntersection(input.vertices, triangles, closeness * size).find()) {
+  if (!(report.volume > 0.0))
+    detail::refuse_surface(Reason::not_manifold,
+                           message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
+  if (const auto pair = SelfIntersection(input.vertices, triangles, detail::closeness * size).find()) {
     const SurfaceTriangle& a = triangles[static_cast<std::size_t>(pair->first)];
     const SurfaceTriangle& b = triangles[static_cast<std::size_t>(pair->second)];
-    refuse(Reason::self_intersecting, message("facets ", std::min(a.facet, b.facet), " and ", std::max(a.facet, b.facet), " cross or touch near ",
-                                                           place(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
-                                                           closeness * size, " apart"));
+    detail::refuse_surface(
+        Reason::self_intersecting,
+        message("facets ", std::min(a.facet, b.facet), " and ", std::max(a.facet, b.facet), " cross or touch near ",
+                detail::point_text(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
+                detail::closeness * size, " apart"));
   }
   check_inside(input, triangles, shells);
   report.cavities = cavity_points(input.vertices, triangles, shells);
@@ -2431,13 +2602,14 @@ namespace lumo {
 
 /// A surface of triangles, counter-clockwise seen from outside.
 struct TriangleSurface {
-  std::vector<Vec3d> vertices;                  ///< [m]
+  std::vector<Vec3d> vertices;  ///< [m]
   std::vector<std::array<int, 3>> triangles;
 };
 
-/// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
+/// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see
+/// validate_surface.
 inline SurfaceReport validate_surface(const TriangleSurface& surface) {
-  MeshInput input;
+  ClosedSurface input;
   input.vertices = surface.vertices;
   for (const auto& t : surface.triangles) input.facets.push_back({{t[0], t[1], t[2]}, 0});
   return validate_surface(input);
@@ -2461,17 +2633,18 @@ inline double winding_number(const TriangleSurface& surface, const Vec3d& point)
 
 namespace lumo {
 
-/// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every bit) are one vertex, and an edge along
-/// an axis takes up the corners of its neighbours that lie on it, so that faces meet edge to edge however they are cut. No boolean operations: what is
-/// told is what is made, and surface() checks that it bounds a solid.
+/// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every
+/// bit) are one vertex, and an edge along an axis takes up the corners of its neighbours that lie on it, so that faces
+/// meet edge to edge however they are cut. No boolean operations: what is told is what is made, and surface() checks
+/// that it bounds a solid.
 class FacetedSolid {
  public:
   using Loop = std::vector<Vec3d>;
 
   /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
   void face(const Loop& outline, const std::vector<Loop>& holes = {});
-  /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With `closed` the last joins the first.
-  /// Outward for a loop that is counter-clockwise seen from the side of `to`.
+  /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With
+  /// `closed` the last joins the first. Outward for a loop that is counter-clockwise seen from the side of `to`.
   void band(const Loop& from, const Loop& to, bool closed = true);
 
   /// The solid's triangles. Throws MeshError unless they bound a solid (see validate_surface).
@@ -2499,7 +2672,8 @@ inline std::vector<Vec3d> reversed(std::type_identity_t<std::vector<Vec3d>> loop
 }
 
 inline int FacetedSolid::vertex(const Vec3d& p) {
-  const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
+  const auto [place, fresh] =
+      known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));  // −0 is 0
   if (fresh) vertices_.push_back(p);
   return place->second;
 }
@@ -2521,7 +2695,8 @@ inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
   for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});
 }
 
-/// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same there.
+/// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same
+/// there.
 inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int>& loop) const {
   std::vector<int> full;
   for (std::size_t i = 0; i < loop.size(); ++i) {
@@ -2539,7 +2714,8 @@ inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int
       std::vector<Corner> between;
       for (std::size_t k = 0; k < vertices_.size(); ++k) {
         const Vec3d& p = vertices_[k];
-        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.push_back({std::abs(p[axis] - a[axis]), int(k)});
+        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0)
+          between.push_back({std::abs(p[axis] - a[axis]), int(k)});
       }
       std::sort(between.begin(), between.end());
       for (const auto& corner : between) full.push_back(corner.vertex);
@@ -2569,77 +2745,14 @@ inline auto FacetedSolid::surface() const -> TriangleSurface {
     std::vector<std::vector<int>> local_holes;
     for (const auto& hole : holes) local_holes.push_back(local(hole));
     const auto triangles = PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
-    if (!triangles) throw MeshError(MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
-    for (const auto& t : *triangles) s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
+    if (!triangles)
+      throw MeshError(MeshError::Reason::self_intersecting,
+                      "solid: a face's outline crosses or touches itself or its holes");
+    for (const auto& t : *triangles)
+      s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
   }
   validate_surface(s);
   return s;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/carrier_solid.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
-
-namespace lumo {
-
-/// The rigid carrier: a plate with mounting holes, and on it the ridge with a pocket for the LED strip and a duct for its wires through the plate.
-/// The ridge is a clearance shorter than the pad, so that it goes between the mould's ends. Stands on z = −plate.
-/// Throws InvalidArgument, MeshError.
-inline TriangleSurface carrier_solid(const CastSection& section, const CastingOptions& options = {});
-
-namespace detail {
-
-/// Corners of a regular polygon in a circle, in the plane of u and v, counter-clockwise seen from u × v.
-inline std::vector<Vec3d> ring(const Vec3d& center, const Vec3d& u, const Vec3d& v, double radius, int corners = 32) {
-  std::vector<Vec3d> loop;
-  for (int k = 0; k < corners; ++k) loop.push_back(center + radius * (std::cos(2.0 * pi * k / corners) * u + std::sin(2.0 * pi * k / corners) * v));
-  return loop;
-}
-
-/// A rectangle in a plane of constant z, counter-clockwise seen from above.
-inline std::vector<Vec3d> rectangle(double x0, double x1, double y0, double y1, double z) {
-  return {{x0, y0, z}, {x1, y0, z}, {x1, y1, z}, {x0, y1, z}};
-}
-
-}  // namespace detail
-
-inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions& o) {
-  validate(o, s);
-  const CastingLayout at(s, o);
-  const double bottom = -o.plate, ridge_x = 0.5 * s.ridge_width, ridge_y = at.half_length - 0.5 * o.clearance;
-  FacetedSolid solid;
-  const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
-  const auto ridge = [&](double z) { return detail::rectangle(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
-  const auto pocket = [&](double z) { return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z); };
-  const auto duct = [&](double z) { return detail::rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z); };
-  const auto holes = [&](double z) {
-    std::vector<std::vector<Vec3d>> loops;
-    for (const double x : {-1.0, 1.0})
-      for (const double y : {-1.0, 1.0})
-        loops.push_back(reversed(detail::ring(Vec3d(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z), Vec3d::UnitX(), Vec3d::UnitY(),
-                                              0.5 * o.hole_diameter)));
-    return loops;
-  };
-  auto below = holes(bottom), above = holes(0.0);
-  for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
-  solid.band(plate(bottom), plate(0.0));
-  solid.band(ridge(0.0), ridge(s.ridge_height));
-  solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
-  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(s.ridge_height)));
-
-  std::vector<std::vector<Vec3d>> openings;   // seen from below
-  for (const auto& loop : below) openings.push_back(reversed(loop));
-  openings.push_back(duct(bottom));
-  solid.face(reversed(plate(bottom)), openings);
-  above.push_back(reversed(ridge(0.0)));
-  solid.face(plate(0.0), above);
-  solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
-  solid.face(ridge(s.ridge_height), {reversed(pocket(s.ridge_height))});
-  return solid.surface();
 }
 
 }  // namespace lumo
@@ -2652,17 +2765,21 @@ inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions&
 
 namespace lumo {
 
-/// Outline (y, z) of the core that keeps a gap free, counter-clockwise seen along −x [m]: a bar of the gap's height from one end of the cavity out through the
-/// other, a handle behind it, and a step that stops at the mould.
+/// Outline (y, z) of the core that keeps a gap free, counter-clockwise seen along −x [m]: a bar of the gap's height
+/// from one end of the cavity out through the other, a handle behind it, and a step that stops at the mould.
 inline std::vector<std::array<double, 2>> core_outline(const CastSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;
-  return {{-at.half_length, 0.0}, {at.mould_y, 0.0}, {at.mould_y, -o.rim}, {at.mould_y + handle, -o.rim}, {at.mould_y + handle, s.ridge_height},
+  return {{-at.half_length, 0.0},
+          {at.mould_y, 0.0},
+          {at.mould_y, -o.rim},
+          {at.mould_y + handle, -o.rim},
+          {at.mould_y + handle, s.ridge_height},
           {-at.half_length, s.ridge_height}};
 }
 
-/// The core of the gap at x > 0, as thick as the gap is wide; the other one is the same, shifted. It comes out along +y.
-/// Throws InvalidArgument where there is no gap, MeshError.
+/// The core of the gap at x > 0, as thick as the gap is wide; the other one is the same, shifted. It comes out along
+/// +y. Throws InvalidArgument where there is no gap, MeshError.
 inline TriangleSurface core_solid(const CastSection& s, const CastingOptions& o = {}) {
   validate(o, s);
   require_positive("gap width", s.gap_width * 1e3, "mm");
@@ -2683,15 +2800,248 @@ inline TriangleSurface core_solid(const CastSection& s, const CastingOptions& o 
 
 #endif
 
+// ---- lumo/fabrication/drawing.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
+
+namespace lumo {
+
+/// A flat drawing for cutting and checking; lengths in m, x to the right, y upwards.
+struct Drawing {
+  using Point = std::array<double, 2>;
+  struct Layer {
+    std::string name;    ///< capitals and _ only
+    int dxf_color;       ///< AutoCAD's colour index, 1 to 255
+    std::string stroke;  ///< the same, as CSS writes it
+  };
+  struct Line {
+    int layer;
+    std::vector<Point> points;
+    bool closed = true;
+  };
+  struct Label {
+    int layer;
+    Point at;           ///< left end of its baseline
+    double height;      ///< of capitals
+    std::string words;  ///< ASCII
+  };
+
+  std::string title;
+  std::vector<Layer> layers;
+  std::vector<Line> lines;
+  std::vector<Label> labels;
+
+  /// Lower left and upper right corner of all lines.
+  std::array<Point, 2> box() const {
+    constexpr double far = std::numeric_limits<double>::infinity();
+    Point low{far, far}, high{-far, -far};
+    for (const Line& line : lines)
+      for (const Point& p : line.points)
+        low = {std::min(low[0], p[0]), std::min(low[1], p[1])},
+        high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
+    return {low, high};
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/casting_drawings.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_DRAWINGS_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_DRAWINGS_HPP
+
+namespace lumo {
+
+/// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
+inline Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
+/// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
+inline Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
+/// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
+inline Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
+
+namespace detail {
+
+/// Words under a drawing, and a line of 10 mm by which a print can be measured.
+inline void add_caption(Drawing& d, const std::string& words) {
+  const int layer = int(d.layers.size());
+  d.layers.push_back({"NOTES", 8, "#666666"});
+  const auto box = d.box();
+  const double x = box[0][0], y = box[0][1] - 5.0e-3;
+  d.lines.push_back({layer, {{x, y + 1.0e-3}, {x, y}, {x + 10.0e-3, y}, {x + 10.0e-3, y + 1.0e-3}}, false});
+  d.labels.push_back({layer, {x + 12.0e-3, y}, 1.8e-3, "10 mm"});
+  d.labels.push_back({layer, {x, y - 4.0e-3}, 1.8e-3, words});
+  d.title = words;
+}
+
+inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) {
+  return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}};
+}
+
+/// A half outline at x > 0 and its mirror image in one loop.
+inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
+  for (std::size_t i = half.size(); i-- > 0;)
+    if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
+  return half;
+}
+
+}  // namespace detail
+
+inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
+  Drawing d;
+  d.layers = {
+      {"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
+  if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
+  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
+  if (s.gap_width > 0.0)
+    pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
+  else
+    pad.push_back({ridge, 0.0});
+  pad.insert(pad.end(), s.outline.begin(), s.outline.end());
+  d.lines.push_back({0, detail::mirrored(std::move(pad))});
+  d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor},
+                                          {at.pocket_x, s.ridge_height},
+                                          {ridge, s.ridge_height},
+                                          {ridge, 0.0},
+                                          {at.plate_x, 0.0},
+                                          {at.plate_x, -o.plate}})});
+  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
+  d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
+  for (const double side : {1.0, -1.0}) {
+    std::vector<Drawing::Point> half{{at.half_width, 0.0},       {at.rim_x, 0.0},
+                                     {at.rim_x, -o.rim},         {at.mould_x, -o.rim},
+                                     {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
+    half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
+    for (auto& p : half) p[0] *= side;
+    d.lines.push_back({3, std::move(half)});
+    if (s.gap_width > 0.0)
+      d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
+  }
+  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
+  if (s.gap_width > 0.0) legend.push_back("cores");
+  for (int layer = 0; layer < int(legend.size()); ++layer)
+    d.labels.push_back(
+        {layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
+  detail::add_caption(d, "Section at scale 1:1");
+  return d;
+}
+
+inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  Drawing d;
+  d.layers = {{"OUTLINE", 7, "#222222"}, {"LEDS", 2, "#b07400"}};
+  d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
+  for (int k = 0; k < s.leds.count; ++k) {
+    const double y = (k - 0.5 * (s.leds.count - 1)) * s.leds.pitch;
+    d.lines.push_back(detail::box_line(1, y - 0.5 * s.leds.length_y, y + 0.5 * s.leds.length_y, -0.5 * s.leds.width_x,
+                                       0.5 * s.leds.width_x));
+  }
+  detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width,
+                                 " mm, LEDs every ", 1e3 * s.leds.pitch, " mm"));
+  return d;
+}
+
+inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  require_positive("gap width", s.gap_width * 1e3, "mm");
+  Drawing d;
+  d.layers = {{"OUTLINE", 7, "#222222"}};
+  d.lines.push_back({0, core_outline(s, o)});
+  detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * s.gap_width, " mm thick, two of them"));
+  return d;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/carrier_solid.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
+
+namespace lumo {
+
+/// The rigid carrier: a plate with mounting holes, and on it the ridge with a pocket for the LED strip and a duct for
+/// its wires through the plate. The ridge is a clearance shorter than the pad, so that it goes between the mould's
+/// ends. Stands on z = −plate. Throws InvalidArgument, MeshError.
+inline TriangleSurface carrier_solid(const CastSection& section, const CastingOptions& options = {});
+
+namespace detail {
+
+/// Corners of a regular polygon in a circle, in the plane of u and v, counter-clockwise seen from u × v.
+inline std::vector<Vec3d> ring(const Vec3d& center, const Vec3d& u, const Vec3d& v, double radius, int corners = 32) {
+  std::vector<Vec3d> loop;
+  for (int k = 0; k < corners; ++k)
+    loop.push_back(center + radius * (std::cos(2.0 * pi * k / corners) * u + std::sin(2.0 * pi * k / corners) * v));
+  return loop;
+}
+
+/// A rectangle in a plane of constant z, counter-clockwise seen from above.
+inline std::vector<Vec3d> rectangle(double x0, double x1, double y0, double y1, double z) {
+  return {{x0, y0, z}, {x1, y0, z}, {x1, y1, z}, {x0, y1, z}};
+}
+
+}  // namespace detail
+
+inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  const double bottom = -o.plate, ridge_x = 0.5 * s.ridge_width, ridge_y = at.half_length - 0.5 * o.clearance;
+  FacetedSolid solid;
+  const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
+  const auto ridge = [&](double z) { return detail::rectangle(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
+  const auto pocket = [&](double z) {
+    return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
+  };
+  const auto duct = [&](double z) {
+    return detail::rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y,
+                             CastingLayout::duct_length - at.strip_y, z);
+  };
+  const auto holes = [&](double z) {
+    std::vector<std::vector<Vec3d>> loops;
+    for (const double x : {-1.0, 1.0})
+      for (const double y : {-1.0, 1.0})
+        loops.push_back(
+            reversed(detail::ring(Vec3d(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z),
+                                  Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
+    return loops;
+  };
+  auto below = holes(bottom), above = holes(0.0);
+  for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
+  solid.band(plate(bottom), plate(0.0));
+  solid.band(ridge(0.0), ridge(s.ridge_height));
+  solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
+  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(s.ridge_height)));
+
+  std::vector<std::vector<Vec3d>> openings;  // seen from below
+  for (const auto& loop : below) openings.push_back(reversed(loop));
+  openings.push_back(duct(bottom));
+  solid.face(reversed(plate(bottom)), openings);
+  above.push_back(reversed(ridge(0.0)));
+  solid.face(plate(0.0), above);
+  solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
+  solid.face(ridge(s.ridge_height), {reversed(pocket(s.ridge_height))});
+  return solid.surface();
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/fabrication/mould_half.hpp
 #ifndef SINGLE_INCLUDE_LUMO_FABRICATION_MOULD_HALF_HPP
 #define SINGLE_INCLUDE_LUMO_FABRICATION_MOULD_HALF_HPP
 
 namespace lumo {
 
-/// An opening through the wall of mould half A at the end at which the pad is poured: the frustum of a cone along y; lengths in m, places in (x, z).
+/// An opening through the wall of mould half A at the end at which the pad is poured: the frustum of a cone along y;
+/// lengths in m, places in (x, z).
 struct Opening {
-  std::array<double, 2> at_pad, outside;   ///< centres at the pad's end and at the mould's outer face
+  std::array<double, 2> at_pad, outside;  ///< centres at the pad's end and at the mould's outer face
   double radius, outer_radius;
 
   /// Volume of the opening, which is cut as a frustum over a regular polygon [m³].
@@ -2701,13 +3051,15 @@ struct Opening {
   }
 };
 
-/// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
+/// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the
+/// end face is the highest place of the cavity.
 inline std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
 
-/// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
-/// The parting runs along the crown (x = 0) and round the ends, so that no face of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends
-/// draw at β and the crown at its own slope. A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate.
-/// Throws InvalidArgument, MeshError.
+/// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half
+/// B is the other side and the other end. The parting runs along the crown (x = 0) and round the ends, so that no face
+/// of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends draw at β and the crown at its own slope.
+/// A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate. Throws
+/// InvalidArgument, MeshError.
 inline TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
 inline TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
 
@@ -2716,20 +3068,26 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
   // A funnel of 15° half angle that widens upwards only, as far as the mould allows; high up in a thick dome.
   const double z = std::max(0.5 * (s.ridge_height + s.height()), s.height() - 4.5e-3);
-  const double funnel = std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
+  const double funnel =
+      std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
   const double corner_x = at.half_width - 2.5e-3, corner_z = 2.5e-3;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
-  for (const double side : {-1.0, 1.0}) list.push_back({{side * corner_x, corner_z}, {side * corner_x, corner_z}, vent, std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
+  for (const double side : {-1.0, 1.0})
+    list.push_back({{side * corner_x, corner_z},
+                    {side * corner_x, corner_z},
+                    vent,
+                    std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
   return list;
 }
 
 namespace detail {
 
-/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
+/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left
+/// out.
 class MouldHalf {
  public:
-
-  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured)
+      : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
     if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
@@ -2750,7 +3108,7 @@ class MouldHalf {
   using Corners = decltype(CastSection::outline);
 
   struct Notch {
-    double from, to;   ///< along x
+    double from, to;  ///< along x
   };
 
   /// Of corners (x, z), in a plane of constant y.
@@ -2791,7 +3149,7 @@ class MouldHalf {
   CastingLayout at_;
   std::vector<Opening> openings_;
   std::vector<Notch> notches_;
-  double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
+  double near_, end_, rim_;  ///< y of the cavity's ends, z of the rim's foot
   FacetedSolid solid_;
 };
 
@@ -2799,7 +3157,8 @@ class MouldHalf {
 inline void MouldHalf::cavity() {
   solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
   const Corners crown(s_.outline.rbegin(), s_.outline.rend());
-  Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_}, {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
+  Corners face{{at_.half_width, 0.0},        {at_.rim_x, 0.0},    {at_.rim_x, rim_}, {at_.mould_x, rim_},
+               {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
   face.insert(face.end(), crown.begin(), crown.end() - 1);
   solid_.face(upright(face, near_));
 
@@ -2808,15 +3167,20 @@ inline void MouldHalf::cavity() {
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
   for (const Opening& opening : openings_)
-    holes.push_back(reversed(ring(Vec3d(opening.at_pad[0], end_, opening.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.radius)));
+    holes.push_back(reversed(
+        ring(Vec3d(opening.at_pad[0], end_, opening.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.radius)));
   solid_.face(upright(wall, end_), holes);
 }
 
-/// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go along any opening direction up to that.
+/// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go
+/// along any opening direction up to that.
 inline void MouldHalf::parting() {
   constexpr double radius = 2.5e-3, height = 3.0e-3;
-  const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall, y = 0.67 * at_.half_length;
-  const auto around = [&](double x, double place, double r) { return ring(Vec3d(x, place, z), Vec3d::UnitZ(), Vec3d::UnitY(), r); };   // seen from −x
+  const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall,
+               y = 0.67 * at_.half_length;
+  const auto around = [&](double x, double place, double r) {
+    return ring(Vec3d(x, place, z), Vec3d::UnitZ(), Vec3d::UnitY(), r);
+  };  // seen from −x
   solid_.face(lengthwise({{near_, at_.top}, {near_, at_.mould_top}, {end_, at_.mould_top}, {end_, at_.top}}, 0.0),
               {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
   solid_.band(around(0.0, y, radius), around(-height, y, tip));
@@ -2828,14 +3192,25 @@ inline void MouldHalf::parting() {
 /// The ledge that lies on the carrier's plate, and the rim round it.
 inline void MouldHalf::underside() {
   const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
-  solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
+  solid_.face(reversed(level({{at_.half_width, near_},
+                              {at_.rim_x, near_},
+                              {at_.rim_x, at_.rim_y},
+                              {from, at_.rim_y},
+                              {from, end_},
+                              {at_.half_width, end_}},
+                             0.0)));
   if (!notches_.empty())
     for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
       solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
-  solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y}, {left, at_.rim_y},
-                               {at_.rim_x, at_.rim_y}}, rim_)));
+  solid_.face(reversed(level({{at_.rim_x, near_},
+                              {at_.mould_x, near_},
+                              {at_.mould_x, at_.mould_y},
+                              {left, at_.mould_y},
+                              {left, at_.rim_y},
+                              {at_.rim_x, at_.rim_y}},
+                             rim_)));
   solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, 0.0}, {near_, 0.0}}, at_.rim_x)));
-  Corners inner = stepped(0.0, -o_.clearance);   // along its top
+  Corners inner = stepped(0.0, -o_.clearance);  // along its top
   std::reverse(inner.begin(), inner.end());
   inner.insert(inner.end(), {{left, rim_}, {at_.rim_x, rim_}, {at_.rim_x, 0.0}});
   solid_.face(upright(inner, at_.rim_y));
@@ -2845,11 +3220,14 @@ inline void MouldHalf::outside() {
   const double right = at_.mould_x, top = at_.mould_top, far = at_.mould_y;
   solid_.face(level({{0.0, near_}, {right, near_}, {right, far}, {-right, far}, {-right, end_}, {0.0, end_}}, top));
   solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
-  solid_.face(reversed(lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
+  solid_.face(reversed(
+      lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
   std::vector<Loop> holes;
-  for (const auto& [a, b] : notches_) holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
+  for (const auto& [a, b] : notches_)
+    holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
   for (const Opening& opening : openings_)
-    holes.push_back(ring(Vec3d(opening.outside[0], far, opening.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.outer_radius));
+    holes.push_back(
+        ring(Vec3d(opening.outside[0], far, opening.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.outer_radius));
   solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
 }
 
@@ -2868,7 +3246,8 @@ inline void MouldHalf::notches() {
 inline void MouldHalf::openings() {
   for (const Opening& o : openings_) {
     const Loop inner = ring(Vec3d(o.at_pad[0], end_, o.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.radius);
-    const Loop outer = ring(Vec3d(o.outside[0], at_.mould_y, o.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.outer_radius);
+    const Loop outer =
+        ring(Vec3d(o.outside[0], at_.mould_y, o.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.outer_radius);
     solid_.band(reversed(outer), reversed(inner));
   }
 }
@@ -2936,11 +3315,12 @@ namespace lumo {
 
 /// A file within an archive.
 struct ArchivedFile {
-  std::string name;   ///< with its folders, as in "3D/3dmodel.model"
+  std::string name;  ///< with its folders, as in "3D/3dmodel.model"
   std::string contents;
 };
 
-/// Packs files into the bytes of one .zip file. Laws: same files, same bits; unpacked, the files are the same. Throws InputError.
+/// Packs files into the bytes of one .zip file. Laws: same files, same bits; unpacked, the files are the same. Throws
+/// InputError.
 template <class A>
 concept Archiver = requires(const A& archiver, std::span<const ArchivedFile> files) {
   { archiver.pack(files) } -> std::same_as<std::string>;
@@ -2948,18 +3328,18 @@ concept Archiver = requires(const A& archiver, std::span<const ArchivedFile> fil
 
 /// A thing to be printed, `copies` times, standing on z = 0 with its corner at the origin.
 struct PrintItem {
-  std::string name;   ///< letters, digits, blanks and _ only
+  std::string name;  ///< letters, digits, blanks and _ only
   TriangleSurface surface;
   int copies = 1;
 };
 
-/// The files of a 3MF package in mm: one object each, the copies beside each other, `spacing` [m] apart. Throws InvalidArgument for a name with other characters.
-/// Source: 3MF Consortium, 3D Manufacturing Format Core Specification 1.3; ECMA-376 part 2 (open packaging).
+/// The files of a 3MF package in mm: one object each, the copies beside each other, `spacing` [m] apart. Throws
+/// InvalidArgument for a name with other characters. Source: 3MF Consortium, 3D Manufacturing Format Core
+/// Specification 1.3; ECMA-376 part 2 (open packaging).
 inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items, double spacing = 5.0e-3);
 
 /// The package in one. Throws InputError when the stream fails.
-template <Archiver A>
-void write_3mf(std::ostream& out, std::span<const PrintItem> items, const A& archiver) {
+template <Archiver A> void write_3mf(std::ostream& out, std::span<const PrintItem> items, const A& archiver) {
   const std::string bytes = archiver.pack(three_mf_files(items));
   out.write(bytes.data(), std::streamsize(bytes.size()));
   if (!out) throw InputError("writing a .3mf file failed");
@@ -2972,7 +3352,8 @@ inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items
     const PrintItem& item = items[k];
     for (const char c : item.name)
       if (!((c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == ' ' || c == '_'))
-        throw InvalidArgument(message("name of a printed part is '", item.name, "', must be of letters, digits, blanks and _"));
+        throw InvalidArgument(
+            message("name of a printed part is '", item.name, "', must be of letters, digits, blanks and _"));
     const std::string id = std::to_string(k + 1);
     objects += "<object id=\"" + id + "\" type=\"model\" name=\"" + item.name + "\"><mesh><vertices>\n";
     double width = 0.0;
@@ -2982,19 +3363,27 @@ inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items
     }
     objects += "</vertices><triangles>\n";
     for (const auto& t : item.surface.triangles)
-      objects += "<triangle v1=\"" + std::to_string(t[0]) + "\" v2=\"" + std::to_string(t[1]) + "\" v3=\"" + std::to_string(t[2]) + "\"/>\n";
+      objects += "<triangle v1=\"" + std::to_string(t[0]) + "\" v2=\"" + std::to_string(t[1]) + "\" v3=\"" +
+                 std::to_string(t[2]) + "\"/>\n";
     objects += "</triangles></mesh></object>\n";
     for (int copy = 0; copy < item.copies; ++copy, x += width + spacing)
       build += "<item objectid=\"" + id + "\" transform=\"1 0 0 0 1 0 0 0 1 " + in_mm(x) + " 0 0\"/>\n";
   }
   const std::string xml = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
-  return {{"[Content_Types].xml", xml + "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">"
-                                        "<Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/>"
-                                        "<Default Extension=\"model\" ContentType=\"application/vnd.ms-package.3dmanufacturing-3dmodel+xml\"/></Types>\n"},
-          {"_rels/.rels", xml + "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">"
-                                "<Relationship Target=\"/3D/3dmodel.model\" Id=\"rel0\" Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\"/></Relationships>\n"},
-          {"3D/3dmodel.model", xml + "<model unit=\"millimeter\" xml:lang=\"en\" xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n<resources>\n" + objects +
-                                   "</resources>\n<build>\n" + build + "</build>\n</model>\n"}};
+  return {
+      {"[Content_Types].xml",
+       xml + "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">"
+             "<Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/>"
+             "<Default Extension=\"model\" "
+             "ContentType=\"application/vnd.ms-package.3dmanufacturing-3dmodel+xml\"/></Types>\n"},
+      {"_rels/.rels", xml +
+                          "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">"
+                          "<Relationship Target=\"/3D/3dmodel.model\" Id=\"rel0\" "
+                          "Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\"/></Relationships>\n"},
+      {"3D/3dmodel.model", xml +
+                               "<model unit=\"millimeter\" xml:lang=\"en\" "
+                               "xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n<resources>\n" +
+                               objects + "</resources>\n<build>\n" + build + "</build>\n</model>\n"}};
 }
 
 }  // namespace lumo
@@ -3010,31 +3399,34 @@ namespace lumo {
 /// A part to be printed.
 struct CastingPart {
   std::string name;
-  TriangleSurface assembled;      ///< where it is in the closed mould, the pad's frame [m]
-  TriangleSurface printed;        ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
+  TriangleSurface assembled;  ///< where it is in the closed mould, the pad's frame [m]
+  TriangleSurface
+      printed;  ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
   int copies = 1;
-  double volume_m3 = 0.0;         ///< of one
-  Vec3d box{0.0, 0.0, 0.0};        ///< edges of the printed one's bounding box [m]
+  double volume_m3 = 0.0;    ///< of one
+  Vec3d box{0.0, 0.0, 0.0};  ///< edges of the printed one's bounding box [m]
 };
 
 /// Silicone that a cast takes [m³].
 struct CastVolume {
-  double pad = 0.0;               ///< the design's, exact
-  double fits = 0.0;              ///< clearance about the LED strip and at the ridge's ends, which fills up too
-  double openings = 0.0;          ///< gate and vents up to the mould's outer face: cut off
+  double pad = 0.0;       ///< the design's, exact
+  double fits = 0.0;      ///< clearance about the LED strip and at the ridge's ends, which fills up too
+  double openings = 0.0;  ///< gate and vents up to the mould's outer face: cut off
   double total() const { return pad + fits + openings; }
 };
 
-/// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws InvalidArgument, MeshError.
+/// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws
+/// InvalidArgument, MeshError.
 inline std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
 
 inline CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
 
-/// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an undercut.
-/// Faces of the half that lie within the pad's box are such.
+/// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an
+/// undercut. Faces of the half that lie within the pad's box are such.
 inline double least_draft(const TriangleSurface& half, const CastSection& section, const Vec3d& direction);
 
-/// Along which mould half A comes off; half B goes the other way. Ten degrees out of the parting's normal are the draft of the pad's ends.
+/// Along which mould half A comes off; half B goes the other way. Ten degrees out of the parting's normal are the draft
+/// of the pad's ends.
 inline Vec3d opening_direction(double angle = 10.0_deg) { return {std::cos(angle), std::sin(angle), 0.0}; }
 
 namespace detail {
@@ -3052,9 +3444,11 @@ inline CastingPart print_part(std::string name, TriangleSurface surface, const M
 }  // namespace detail
 
 inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingOptions& o) {
-  // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its layers.
-  const Mat3d flat = Mat3d::Identity(), on_far_end = (Mat3d() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(), on_near_end = (Mat3d() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished(),
-             on_side = (Mat3d() << 0, 1, 0, 0, 0, 1, 1, 0, 0).finished();
+  // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its
+  // layers.
+  const Mat3d flat = Mat3d::Identity(), on_far_end = (Mat3d() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(),
+              on_near_end = (Mat3d() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished(),
+              on_side = (Mat3d() << 0, 1, 0, 0, 0, 1, 1, 0, 0).finished();
   std::vector<CastingPart> kit;
   kit.push_back(detail::print_part("carrier", carrier_solid(s, o), flat));
   kit.push_back(detail::print_part("mould_a", mould_half_a(s, o), on_far_end));
@@ -3066,7 +3460,10 @@ inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingO
 inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  CastVolume v{s.exact_volume_m3, 4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height + s.ridge_width * s.ridge_height * o.clearance, 0.0};
+  CastVolume v{s.exact_volume_m3,
+               4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height +
+                   s.ridge_width * s.ridge_height * o.clearance,
+               0.0};
   for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
   return v;
 }
@@ -3075,7 +3472,8 @@ inline double least_draft(const TriangleSurface& half, const CastSection& s, con
   const double width = s.half_width() + 1e-9, top = s.height() + 1e-9, length = 0.5 * s.length + 1e-9;
   double least = 0.5 * pi;
   for (const auto& t : half.triangles) {
-    const Vec3d &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])], &c = half.vertices[std::size_t(t[2])];
+    const Vec3d &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])],
+                &c = half.vertices[std::size_t(t[2])];
     const Vec3d middle = (a + b + c) / 3.0;
     if (std::abs(middle.x()) > width || std::abs(middle.y()) > length || middle.z() < 0.0 || middle.z() > top) continue;
     const Vec3d normal = (b - a).cross(c - a).normalized();
@@ -3088,192 +3486,20 @@ inline double least_draft(const TriangleSurface& half, const CastSection& s, con
 
 #endif
 
-// ---- lumo/fabrication/drawing.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
-
-namespace lumo {
-
-/// A flat drawing for cutting and checking; lengths in m, x to the right, y upwards.
-struct Drawing {
-  using Point = std::array<double, 2>;
-  struct Layer {
-    std::string name;    ///< capitals and _ only
-    int dxf_color;       ///< AutoCAD's colour index, 1 to 255
-    std::string stroke;  ///< the same, as CSS writes it
-  };
-  struct Line {
-    int layer;
-    std::vector<Point> points;
-    bool closed = true;
-  };
-  struct Label {
-    int layer;
-    Point at;            ///< left end of its baseline
-    double height;       ///< of capitals
-    std::string words;   ///< ASCII
-  };
-
-  std::string title;
-  std::vector<Layer> layers;
-  std::vector<Line> lines;
-  std::vector<Label> labels;
-
-  /// Lower left and upper right corner of all lines.
-  std::array<Point, 2> box() const {
-    constexpr double far = std::numeric_limits<double>::infinity();
-    Point low{far, far}, high{-far, -far};
-    for (const Line& line : lines)
-      for (const Point& p : line.points) low = {std::min(low[0], p[0]), std::min(low[1], p[1])}, high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
-    return {low, high};
-  }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/casting_drawings.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_DRAWINGS_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_DRAWINGS_HPP
-
-namespace lumo {
-
-/// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
-inline Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
-/// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
-inline Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
-/// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
-inline Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
-
-namespace detail {
-
-/// Words under a drawing, and a line of 10 mm by which a print can be measured.
-inline void add_caption(Drawing& d, const std::string& words) {
-  const int layer = int(d.layers.size());
-  d.layers.push_back({"NOTES", 8, "#666666"});
-  const auto box = d.box();
-  const double x = box[0][0], y = box[0][1] - 5.0e-3;
-  d.lines.push_back({layer, {{x, y + 1.0e-3}, {x, y}, {x + 10.0e-3, y}, {x + 10.0e-3, y + 1.0e-3}}, false});
-  d.labels.push_back({layer, {x + 12.0e-3, y}, 1.8e-3, "10 mm"});
-  d.labels.push_back({layer, {x, y - 4.0e-3}, 1.8e-3, words});
-  d.title = words;
-}
-
-inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
-
-/// A half outline at x > 0 and its mirror image in one loop.
-inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
-  for (std::size_t i = half.size(); i-- > 0;)
-    if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
-  return half;
-}
-
-}  // namespace detail
-
-inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
-  validate(o, s);
-  const CastingLayout at(s, o);
-  const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
-  Drawing d;
-  d.layers = {{"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
-  if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
-  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
-  if (s.gap_width > 0.0) pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
-  else pad.push_back({ridge, 0.0});
-  pad.insert(pad.end(), s.outline.begin(), s.outline.end());
-  d.lines.push_back({0, detail::mirrored(std::move(pad))});
-  d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, s.ridge_height}, {ridge, s.ridge_height}, {ridge, 0.0},
-                                          {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
-  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
-  d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
-  for (const double side : {1.0, -1.0}) {
-    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
-                                     {0.0, at.mould_top}};
-    half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
-    for (auto& p : half) p[0] *= side;
-    d.lines.push_back({3, std::move(half)});
-    if (s.gap_width > 0.0) d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
-  }
-  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
-  if (s.gap_width > 0.0) legend.push_back("cores");
-  for (int layer = 0; layer < int(legend.size()); ++layer)
-    d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
-  detail::add_caption(d, "Section at scale 1:1");
-  return d;
-}
-
-inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
-  validate(o, s);
-  const CastingLayout at(s, o);
-  Drawing d;
-  d.layers = {{"OUTLINE", 7, "#222222"}, {"LEDS", 2, "#b07400"}};
-  d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
-  for (int k = 0; k < s.leds.count; ++k) {
-    const double y = (k - 0.5 * (s.leds.count - 1)) * s.leds.pitch;
-    d.lines.push_back(detail::box_line(1, y - 0.5 * s.leds.length_y, y + 0.5 * s.leds.length_y, -0.5 * s.leds.width_x, 0.5 * s.leds.width_x));
-  }
-  detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width, " mm, LEDs every ", 1e3 * s.leds.pitch, " mm"));
-  return d;
-}
-
-inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
-  validate(o, s);
-  require_positive("gap width", s.gap_width * 1e3, "mm");
-  Drawing d;
-  d.layers = {{"OUTLINE", 7, "#222222"}};
-  d.lines.push_back({0, core_outline(s, o)});
-  detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * s.gap_width, " mm thick, two of them"));
-  return d;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/stl.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_STL_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_STL_HPP
-
-namespace lumo {
-
-/// The surface as a binary .stl file in mm, the format's unit by habit. Throws InputError when the stream fails.
-/// Source: 3D Systems, StereoLithography Interface Specification, 1989: 80 bytes, the number of triangles, then 50 bytes each, little-endian.
-inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
-  std::string bytes = "binary STL, mm, by lumo";   // not "solid", by which texts are told
-  bytes.resize(80, ' ');
-  const auto word = [&bytes](std::uint32_t value) {
-    for (int shift = 0; shift < 32; shift += 8) bytes += char(value >> shift & 0xFFu);
-  };
-  const auto point = [&word](const Vec3d& p) {
-    for (int i = 0; i < 3; ++i) word(std::bit_cast<std::uint32_t>(float(p[i])));
-  };
-  word(std::uint32_t(surface.triangles.size()));
-  for (const auto& t : surface.triangles) {
-    const std::array<Vec3d, 3> corner{1e3 * surface.vertices[std::size_t(t[0])], 1e3 * surface.vertices[std::size_t(t[1])], 1e3 * surface.vertices[std::size_t(t[2])]};
-    point((corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized());
-    for (const Vec3d& p : corner) point(p);
-    bytes.append(2, '\0');
-  }
-  out.write(bytes.data(), std::streamsize(bytes.size()));
-  if (!out) throw InputError("writing an .stl file failed");
-}
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/fabrication/dxf.hpp
 #ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DXF_HPP
 #define SINGLE_INCLUDE_LUMO_FABRICATION_DXF_HPP
 
 namespace lumo {
 
-/// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads. The format has no place for a unit, so
-/// that the drawings say it in words. Throws InputError when the stream fails. Source: Autodesk, DXF Reference, release 12.
+/// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads.
+/// The format has no place for a unit, so that the drawings say it in words. Throws InputError when the stream fails.
+/// Source: Autodesk, DXF Reference, release 12.
 inline void write_dxf(std::ostream& out, const Drawing& drawing) {
   const auto pair = [&out](int code, const std::string& value) { out << code << "\n" << value << "\n"; };
-  const auto point = [&pair](int code, const Drawing::Point& p) { pair(code, in_mm(p[0])), pair(code + 10, in_mm(p[1])), pair(code + 20, "0"); };
+  const auto point = [&pair](int code, const Drawing::Point& p) {
+    pair(code, in_mm(p[0])), pair(code + 10, in_mm(p[1])), pair(code + 20, "0");
+  };
   const auto begin = [&pair](const char* section) { pair(0, "SECTION"), pair(2, section); };
   const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };
   const auto box = drawing.box();
@@ -3286,20 +3512,24 @@ inline void write_dxf(std::ostream& out, const Drawing& drawing) {
   pair(0, "ENDSEC");
   begin("TABLES");
   pair(0, "TABLE"), pair(2, "LTYPE"), pair(70, "1");
-  pair(0, "LTYPE"), pair(2, "CONTINUOUS"), pair(70, "0"), pair(3, "Solid line"), pair(72, "65"), pair(73, "0"), pair(40, "0");
+  pair(0, "LTYPE"), pair(2, "CONTINUOUS"), pair(70, "0"), pair(3, "Solid line"), pair(72, "65"), pair(73, "0"),
+      pair(40, "0");
   pair(0, "ENDTAB");
   pair(0, "TABLE"), pair(2, "LAYER"), pair(70, std::to_string(drawing.layers.size()));
-  for (const Drawing::Layer& l : drawing.layers) pair(0, "LAYER"), pair(2, l.name), pair(70, "0"), pair(62, std::to_string(l.dxf_color)), pair(6, "CONTINUOUS");
+  for (const Drawing::Layer& l : drawing.layers)
+    pair(0, "LAYER"), pair(2, l.name), pair(70, "0"), pair(62, std::to_string(l.dxf_color)), pair(6, "CONTINUOUS");
   pair(0, "ENDTAB");
   pair(0, "ENDSEC");
   begin("ENTITIES");
   for (const Drawing::Line& line : drawing.lines) {
-    pair(0, "POLYLINE"), pair(8, name(line.layer)), pair(66, "1"), point(10, {0.0, 0.0}), pair(70, line.closed ? "1" : "0");
+    pair(0, "POLYLINE"), pair(8, name(line.layer)), pair(66, "1"), point(10, {0.0, 0.0}),
+        pair(70, line.closed ? "1" : "0");
     for (const Drawing::Point& p : line.points) pair(0, "VERTEX"), pair(8, name(line.layer)), point(10, p);
     pair(0, "SEQEND"), pair(8, name(line.layer));
   }
   for (const Drawing::Label& label : drawing.labels)
-    pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, in_mm(label.height)), pair(1, label.words);
+    pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, in_mm(label.height)),
+        pair(1, label.words);
   pair(0, "ENDSEC"), pair(0, "EOF");
   if (!out) throw InputError("writing a .dxf file failed");
 }
@@ -3499,6 +3729,41 @@ inline void write_svg(std::ostream& out, const Drawing& drawing) {
     svg.end_group();
   }
   svg.write(out);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/stl.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_STL_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_STL_HPP
+
+namespace lumo {
+
+/// The surface as a binary .stl file in mm, the format's unit by habit. Throws InputError when the stream fails.
+/// Source: 3D Systems, StereoLithography Interface Specification, 1989: 80 bytes, the number of triangles, then 50
+/// bytes each, little-endian.
+inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
+  std::string bytes = "binary STL, mm, by lumo";  // not "solid", by which texts are told
+  bytes.resize(80, ' ');
+  const auto word = [&bytes](std::uint32_t value) {
+    for (int shift = 0; shift < 32; shift += 8) bytes += char(value >> shift & 0xFFu);
+  };
+  const auto point = [&word](const Vec3d& p) {
+    for (int i = 0; i < 3; ++i) word(std::bit_cast<std::uint32_t>(float(p[i])));
+  };
+  word(std::uint32_t(surface.triangles.size()));
+  for (const auto& t : surface.triangles) {
+    const std::array<Vec3d, 3> corner{1e3 * surface.vertices[std::size_t(t[0])],
+                                      1e3 * surface.vertices[std::size_t(t[1])],
+                                      1e3 * surface.vertices[std::size_t(t[2])]};
+    point((corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized());
+    for (const Vec3d& p : corner) point(p);
+    bytes.append(2, '\0');
+  }
+  out.write(bytes.data(), std::streamsize(bytes.size()));
+  if (!out) throw InputError("writing an .stl file failed");
 }
 
 }  // namespace lumo

@@ -27,24 +27,26 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
-#include <Eigen/SVD>
 #include <Eigen/Sparse>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <cerrno>
 #include <charconv>
+#include <chrono>
 #include <cmath>
 #include <complex>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
+#include <exception>
+#include <filesystem>
 #include <fstream>
 #include <functional>
-#include <ios>
 #include <istream>
 #include <iterator>
 #include <limits>
@@ -59,9 +61,8 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
-#include <sys/stat.h>
 #include <system_error>
-#include <time.h>
+#include <thread>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -74,178 +75,11 @@
 
 namespace lumo {
 
-/// Version of this library, by semantic versioning: before 1.0 a new minor version may break its users, a new patch does not.
-/// These three numbers are the only place where it stands; CMake and pkg-config read them here.
+/// Version of this library, by semantic versioning: before 1.0 a new minor version may break its users, a new patch
+/// does not. These three numbers are the only place where it stands; CMake and pkg-config read them here.
 inline constexpr int version_major = 0;
 inline constexpr int version_minor = 1;
 inline constexpr int version_patch = 0;
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/types.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
-
-namespace lumo {
-
-/// A small matrix of fixed size: Eigen's, with sums and products that are computed at once instead of expressions. Their order of summation is fixed,
-/// whatever the processor's vectors, so results do not depend on them; and a compiler makes no type for each formula. An operand that is an expression
-/// of Eigen's (a block, a transpose) takes Eigen's own operators.
-template <class S, int Rows, int Cols>
-class SmallMatrix : public Eigen::Matrix<S, Rows, Cols> {
- public:
-  using Base = Eigen::Matrix<S, Rows, Cols>;
-  using Base::Base;
-  SmallMatrix() = default;
-  template <class E>
-  SmallMatrix& operator=(const Eigen::EigenBase<E>& e) {
-    Base::operator=(e.derived());
-    return *this;
-  }
-
-  SmallMatrix eval() const { return *this; }
-  SmallMatrix normalized() const { return Base::normalized(); }
-  SmallMatrix cross(const SmallMatrix& b) const
-    requires(Rows == 3 && Cols == 1)
-  {
-    return Base::cross(b);
-  }
-};
-
-template <class S>
-using Vec3 = SmallMatrix<S, 3, 1>;
-template <class S>
-using Mat3 = SmallMatrix<S, 3, 3>;
-/// Derivative of a 3 × 3 tensor by another, both flattened column by column: row i + 3 j, column k + 3 l.
-template <class S>
-using Mat9 = SmallMatrix<S, 9, 9>;
-
-using Vec3d = Vec3<double>;
-using Mat3d = Mat3<double>;
-using Mat9d = Mat9<double>;
-
-/// What may scale a matrix of scalars S.
-template <class F, class S>
-concept ScaleOf = std::same_as<F, S> || std::is_arithmetic_v<F>;
-
-template <class S, int R, int C>
-SmallMatrix<S, R, C> operator+(const SmallMatrix<S, R, C>& a, const SmallMatrix<S, R, C>& b) {
-  SmallMatrix<S, R, C> sum;
-  for (int k = 0; k < R * C; ++k) sum.data()[k] = a.data()[k] + b.data()[k];
-  return sum;
-}
-
-template <class S, int R, int C>
-SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a, const SmallMatrix<S, R, C>& b) {
-  SmallMatrix<S, R, C> difference;
-  for (int k = 0; k < R * C; ++k) difference.data()[k] = a.data()[k] - b.data()[k];
-  return difference;
-}
-
-template <class S, int R, int C>
-SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a) {
-  SmallMatrix<S, R, C> opposite;
-  for (int k = 0; k < R * C; ++k) opposite.data()[k] = -a.data()[k];
-  return opposite;
-}
-
-template <class S, int R, int C, ScaleOf<S> F>
-SmallMatrix<S, R, C> operator*(const SmallMatrix<S, R, C>& a, const F& factor) {
-  SmallMatrix<S, R, C> product;
-  for (int k = 0; k < R * C; ++k) product.data()[k] = a.data()[k] * S(factor);
-  return product;
-}
-
-template <class S, int R, int C, ScaleOf<S> F>
-SmallMatrix<S, R, C> operator*(const F& factor, const SmallMatrix<S, R, C>& a) {
-  return a * factor;
-}
-
-template <class S, int R, int C, ScaleOf<S> F>
-SmallMatrix<S, R, C> operator/(const SmallMatrix<S, R, C>& a, const F& divisor) {
-  SmallMatrix<S, R, C> quotient;
-  for (int k = 0; k < R * C; ++k) quotient.data()[k] = a.data()[k] / S(divisor);
-  return quotient;
-}
-
-template <class S, int C>
-SmallMatrix<S, 3, C> operator*(const Mat3<S>& a, const SmallMatrix<S, 3, C>& b) {
-  SmallMatrix<S, 3, C> product;
-  for (int j = 0; j < C; ++j)
-    for (int i = 0; i < 3; ++i)
-      product.data()[i + 3 * j] =
-          a.data()[i] * b.data()[3 * j] + a.data()[i + 3] * b.data()[1 + 3 * j] + a.data()[i + 6] * b.data()[2 + 3 * j];
-  return product;
-}
-
-/// a bᵀ.
-template <class S, class B>
-  requires std::same_as<std::remove_const_t<B>, Eigen::Matrix<S, 3, 1>>
-Mat3<S> operator*(const Vec3<S>& a, const Eigen::Transpose<B>& b) {
-  Mat3<S> dyad;
-  for (int j = 0; j < 3; ++j)
-    for (int i = 0; i < 3; ++i) dyad.data()[i + 3 * j] = a.data()[i] * b.nestedExpression().data()[j];
-  return dyad;
-}
-
-template <class S>
-Vec3<S> elementwise_min(const Vec3<S>& a, const Vec3<S>& b) {
-  return {std::min(a.x(), b.x()), std::min(a.y(), b.y()), std::min(a.z(), b.z())};
-}
-template <class S>
-Vec3<S> elementwise_max(const Vec3<S>& a, const Vec3<S>& b) {
-  return {std::max(a.x(), b.x()), std::max(a.y(), b.y()), std::max(a.z(), b.z())};
-}
-
-/// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
-template <class S>
-void tangents(const Vec3<S>& n, Vec3<S>& t1, Vec3<S>& t2) {
-  const double sign = n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
-  const S a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
-  t1 = {1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x()};
-  t2 = {b, sign + n.y() * n.y() * a, -n.y()};
-}
-
-/// Planes of mirror symmetry of a body. `x` is the plane x = 0, `y` the plane y = 0.
-struct Symmetry {
-  bool x = false;
-  bool y = false;
-  bool operator==(const Symmetry&) const = default;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/units.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
-
-namespace lumo {
-
-/// Literals that turn the field's units into SI: `5.0_mm`, `106.0_kPa`, `3.1_dB_per_cm`.
-inline namespace literals {
-
-constexpr double operator""_m(long double v) { return double(v); }
-constexpr double operator""_mm(long double v) { return double(v * 1e-3L); }
-constexpr double operator""_um(long double v) { return double(v * 1e-6L); }
-constexpr double operator""_N(long double v) { return double(v); }
-constexpr double operator""_Pa(long double v) { return double(v); }
-constexpr double operator""_kPa(long double v) { return double(v * 1e3L); }
-constexpr double operator""_MPa(long double v) { return double(v * 1e6L); }
-constexpr double operator""_W(long double v) { return double(v); }
-constexpr double operator""_kg_per_m3(long double v) { return double(v); }
-constexpr double operator""_N_per_m3(long double v) { return double(v); }
-constexpr double operator""_deg(long double v) { return double(v * 3.14159265358979323846264338327950288L / 180.0L); }
-constexpr double operator""_per_m(long double v) { return double(v); }
-/// Power attenuation: 10 dB are a factor of ten, so 1 dB/cm = 100 ln(10)/10 per metre.
-constexpr double operator""_dB_per_cm(long double v) { return double(v * 23.0258509299404568401799145468436421L); }
-
-}  // namespace literals
-
-inline constexpr double pi = 3.14159265358979323846;
 
 }  // namespace lumo
 
@@ -279,7 +113,7 @@ class InfeasibleDesign : public Error {
   double value() const { return value_; }
   double limit() const { return limit_; }
   const std::string& unit() const { return unit_; }
-  /// How far beyond the limit, in `unit()`; NaN where the value is not a number.
+  /// How far beyond the limit, in `unit()`; NaN if the value is not a number.
   double excess() const { return std::abs(value_ - limit_); }
 
  private:
@@ -325,13 +159,14 @@ class PressFailure : public NumericalError {
   using NumericalError::NumericalError;
 };
 
-/// A file or stream that cannot be read or written, or says what makes no sense.
+/// A file or stream that cannot be read or written, or whose contents are not valid.
 class InputError : public Error {
  public:
   using Error::Error;
 };
 
-/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks. NaN has no sign.
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it
+/// breaks. NaN has no sign.
 inline std::string exact(double value) {
   if (std::isnan(value)) return "nan";
   char digits[32];
@@ -346,8 +181,7 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
 }
 
 /// Joins its arguments into one line of text.
-template <class... Args>
-std::string message(const Args&... args) {
+template <class... Args> std::string message(const Args&... args) {
   std::ostringstream out;
   out.precision(10);
   (out << ... << args);
@@ -365,7 +199,9 @@ struct Limits {
   double low, high;
 };
 
-inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) { require_in_range(what, value, limits.low, limits.high, unit); }
+inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) {
+  require_in_range(what, value, limits.low, limits.high, unit);
+}
 
 /// Throws InvalidArgument unless `value` is finite and positive.
 inline void require_positive(const char* what, double value, const char* unit) {
@@ -377,2540 +213,33 @@ inline void require_positive(const char* what, double value, const char* unit) {
 
 #endif
 
-// ---- lumo/mechanics/indenters/indenter.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_INDENTER_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_INDENTER_HPP
+// ---- lumo/core/units.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
 
 namespace lumo {
 
-/// Signed distance to a rigid surface with its first and second derivatives by the point.
-struct DistanceSample {
-  double distance;   ///< [m], negative inside
-  Vec3d gradient;     ///< unit outward normal
-  Mat3d hessian;      ///< [1/m]
-};
-
-/// A rigid tool, given by its signed distance field in its own frame (origin at its centre); radius_m() is that of a ball about the origin
-/// that holds it.
-/// Laws: |gradient| = 1 almost everywhere; distance is 1-Lipschitz; derivatives match finite differences.
-template <class T>
-concept Indenter = requires(const T& tool, const Vec3d& p) {
-  { tool.distance(p) } -> std::convertible_to<double>;
-  { tool.sample(p) } -> std::convertible_to<DistanceSample>;
-  { tool.radius_m() } -> std::convertible_to<double>;
-  validate(tool);
-};
-
-/// How strongly a tool is curved where it is meant to touch [m]: its own contact_radius_m(), or the whole tool's radius. Only a scale for first guesses.
-template <Indenter Tool>
-double contact_radius(const Tool& tool) {
-  if constexpr (requires { tool.contact_radius_m(); }) return tool.contact_radius_m();
-  else return tool.radius_m();
-}
-
-/// Is the tool its own mirror image in the plane across `axis` (0: x, 1: y, 2: z) of its frame? One that does not say so by symmetric(axis) is taken not to be.
-template <Indenter Tool>
-bool is_symmetric(const Tool& tool, int axis) {
-  if constexpr (requires { { tool.symmetric(axis) } -> std::convertible_to<bool>; }) return tool.symmetric(axis);
-  else return false;
-}
-
-/// Rigid sphere.
-struct Sphere {
-  double diameter_m = 10e-3;
-
-  bool operator==(const Sphere&) const = default;
-
-  double radius_m() const { return 0.5 * diameter_m; }
-  bool symmetric(int) const { return true; }
-  double distance(const Vec3d& p) const { return p.norm() - radius_m(); }
-  DistanceSample sample(const Vec3d& p) const {
-    const double r = p.norm();
-    const Vec3d n = r > 0.0 ? Vec3d(p / r) : Vec3d(Vec3d::UnitZ());
-    return {r - radius_m(), n, (Mat3d::Identity() - n * n.transpose()) / (r > 0.0 ? r : radius_m())};
-  }
-};
-
-inline constexpr Limits sphere_diameters_mm{0.1, 1000.0};
-
-inline void validate(const Sphere& s) { require_in_range("sphere diameter", s.diameter_m * 1e3, sphere_diameters_mm, "mm"); }
-
-static_assert(Indenter<Sphere>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/scenario.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_SCENARIO_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_SCENARIO_HPP
-
-namespace lumo {
-
-/// Plane in which an approach is tilted from the pad normal: across the finger, as the paper's are read, or along it.
-enum class TiltPlane { xz, yz };
-
-/// One contact: an indenter, the line on which it comes, and the loads at which it is observed.
-/// It moves along direction() on the line through Body::pivot shifted by `y_m`; it does not move sideways.
-template <Indenter Tool = Sphere>
-struct Scenario {
-  Tool indenter;
-  double angle_rad = 0.0;                                    ///< approach angle from the pad normal
-  double y_m = 0.0;                                          ///< place along the finger [m]
-  std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};  ///< increasing
-  TiltPlane tilt = TiltPlane::xz;                            ///< in which the angle lies
-
-  bool operator==(const Scenario&) const = default;
-
-  /// Unit vector of the advance (paper §III-B; model reading: −(sin α, 0, cos α)).
-  Vec3d direction() const {
-    const double sideways = -std::sin(angle_rad);
-    return {tilt == TiltPlane::xz ? sideways : 0.0, tilt == TiltPlane::yz ? sideways : 0.0, -std::cos(angle_rad)};
-  }
-};
-
-/// Planes in which a contact is its own mirror image.
-template <Indenter Tool>
-Symmetry symmetry_of(const Scenario<Tool>& s) {
-  const bool straight = s.angle_rad == 0.0;
-  return {(straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0), s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
-}
-
-/// Mirror image of a contact with a symmetric tool in these planes.
-template <Indenter Tool>
-Scenario<Tool> mirrored(Scenario<Tool> s, Symmetry planes) {
-  if (planes.y) s.y_m = 0.0 - s.y_m;
-  if (s.tilt == TiltPlane::xz ? planes.x : planes.y) s.angle_rad = 0.0 - s.angle_rad;
-  return s;
-}
-
-/// What validate() admits, in the units in which people give it.
-inline constexpr Limits approach_angles_deg{-80.0, 80.0}, contact_places_mm{-1e4, 1e4}, loads_admitted_N{1e-3, 1e4};
-
-/// Throws InvalidArgument when an angle, place or load makes no sense.
-template <Indenter Tool>
-void validate(const Scenario<Tool>& s) {
-  validate(s.indenter);
-  require_in_range("approach angle", s.angle_rad * 180.0 / pi, approach_angles_deg, "deg");
-  require_in_range("contact place y", s.y_m * 1e3, contact_places_mm, "mm");
-  if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
-  double last = 0.0;
-  for (double load : s.loads_N) {
-    require_in_range("load", load, loads_admitted_N, "N");
-    if (load <= last) throw InvalidArgument(message("loads must increase: ", load, " N follows ", last, " N"));
-    last = load;
-  }
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/pipeline/ensemble.hpp
-#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_ENSEMBLE_HPP
-#define SINGLE_INCLUDE_LUMO_PIPELINE_ENSEMBLE_HPP
-
-namespace lumo {
-
-/// All combinations of diameters, approach angles (in one plane) and places along the finger, at the same loads.
-struct Ensemble {
-  std::vector<double> diameters_m = {10e-3, 15e-3, 20e-3, 30e-3};
-  std::vector<double> angles_rad = {0.0};
-  std::vector<double> places_m = {-22e-3, -11e-3, -5.5e-3, 0.0, 5.5e-3, 11e-3, 22e-3};
-  std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
-  TiltPlane tilt = TiltPlane::xz;
-
-  std::vector<Scenario<Sphere>> scenarios() const {
-    std::vector<Scenario<Sphere>> all;
-    for (double d : diameters_m)
-      for (double a : angles_rad)
-        for (double y : places_m) all.push_back({Sphere{d}, a, y, loads_N, tilt});
-    return all;
-  }
-};
-
-/// The paper's pad-normal contacts: 4 diameters × 7 places.
-inline Ensemble flat_ensemble() { return {}; }
-
-/// The paper's contacts under five approach angles: 4 × 5 × 7.
-inline Ensemble curved_ensemble() {
-  Ensemble e;
-  e.angles_rad = {-30 * pi / 180, -15 * pi / 180, 0.0, 15 * pi / 180, 30 * pi / 180};
-  return e;
-}
-
-/// A scenario as the mirror image of one that is solved.
-struct ScenarioImage {
-  std::size_t solve;           ///< which solve it comes from
-  Symmetry mirror;             ///< in which planes it is reflected
-};
-
-/// Which scenarios have to be solved when mirror images are solved once.
-template <Indenter Tool = Sphere>
-struct ContactPlan {
-  struct Solve {
-    Scenario<Tool> scenario;     ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
-    std::size_t place;           ///< index into `places`
-  };
-  /// Contacts at one angle and place share a mesh.
-  struct Place {
-    double angle_rad, y_m;
-    TiltPlane tilt;
-    std::vector<std::size_t> solves;
-  };
-  std::vector<Solve> solves;
-  std::vector<ScenarioImage> images;  ///< one per scenario
-  std::vector<Place> places;
-};
-
-namespace detail {
-
-/// Planes in which a contact is to be mirrored, of those that are allowed, so that of all its images always the same one is left: y ≥ 0, angle ≥ 0.
-template <Indenter Tool>
-Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
-  const bool along = s.tilt == TiltPlane::yz, back = s.angle_rad < 0.0;
-  return {allowed.x && !along && back, allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
-}
-
-}  // namespace detail
-
-/// `symmetry`: of the body; `once`: planes in which one of two mirrored states stands for both, where tool and body are symmetric.
-template <Indenter Tool>
-ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry, Symmetry once = {true, true}) {
-  ContactPlan<Tool> plan;
-  for (const Scenario<Tool>& s : scenarios) {
-    validate(s);
-    const Symmetry mirror = detail::to_first_image(s, {once.x && symmetry.x && is_symmetric(s.indenter, 0), once.y && symmetry.y && is_symmetric(s.indenter, 1)});
-    const Scenario<Tool> first = mirrored(s, mirror);
-    std::size_t k = 0;
-    while (k < plan.solves.size() && !(plan.solves[k].scenario == first)) ++k;
-    if (k == plan.solves.size()) {
-      // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
-      const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
-      std::size_t place = 0;
-      while (place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt)) ++place;
-      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
-      plan.places[place].solves.push_back(k);
-      plan.solves.push_back({first, place});
-    }
-    plan.images.push_back({k, mirror});
-  }
-  return plan;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/status.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATUS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATUS_HPP
-
-namespace lumo {
-
-/// How a solve ended. Only `converged` is scored (and `held` where a problem says so).
-enum class Status {
-  converged,               ///< equilibrium, residual certified, stable
-  held,                    ///< a dynamic solver ran its sweeps; no statement about equilibrium
-  max_iterations,          ///< residual still too large after the allowed iterations
-  line_search,             ///< even the shortest step leaves an element less than a fifth of its volume by the solver's prediction: it is crushed, or flattened
-  inverted,                ///< an element is turned inside out
-  not_positive_definite,   ///< equilibrium, but unstable: the body would buckle away from it
-  non_finite,              ///< NaN or infinity in the state or in a factor
-  time_limit               ///< stopped by the caller's time limit
-};
-
-/// Whether objectives may rest on a state that ended so. `accept_held`: the problem says that it is about held states (the paper's mechanics).
-constexpr bool is_scored(Status s, bool accept_held = false) { return s == Status::converged || (accept_held && s == Status::held); }
-
-constexpr std::string_view to_string(Status s) {
-  switch (s) {
-    case Status::converged: return "converged";
-    case Status::held: return "held";
-    case Status::max_iterations: return "max_iterations";
-    case Status::line_search: return "line_search";
-    case Status::inverted: return "inverted";
-    case Status::not_positive_definite: return "not_positive_definite";
-    case Status::non_finite: return "non_finite";
-    case Status::time_limit: return "time_limit";
-  }
-  return "non_finite";
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/contact_handler.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_HANDLER_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_HANDLER_HPP
-
-namespace lumo {
-
-/// What a contact law answers to a gap [m]: energy per reference area [J/m²], pressure [Pa] = −dE/dg, stiffness [N/m³] = d²E/dg².
-struct ContactResponse {
-  double energy;
-  double pressure;
-  double stiffness;
-};
-
-/// A contact law between the body's surface and a rigid surface. It is frictionless unless it has a `friction`, Coulomb's coefficient, and
-/// acts all over the surface unless it has `points`.
-/// Laws: no pressure at gaps ≥ 0; pressure ≥ 0; pressure and stiffness are the derivatives of the energy.
-template <class C>
-concept ContactHandler = requires(const C& contact, double gap) {
-  { contact.respond(gap) } -> std::convertible_to<ContactResponse>;
-  { contact.stiffness_N_per_m3 } -> std::convertible_to<double>;
-  validate(contact);
-};
-
-/// Where a contact law is asked: at many points inside all faces, or at the mesh's nodes, each with its share of the area.
-enum class ContactPoints { surface, vertices };
-
-template <ContactHandler Contact>
-constexpr ContactPoints contact_points() {
-  if constexpr (requires { { Contact::points } -> std::convertible_to<ContactPoints>; }) return Contact::points;
-  else return ContactPoints::surface;
-}
-
-/// Coulomb's coefficient of a law; 0 where it has none.
-template <ContactHandler Contact>
-double friction_coefficient(const Contact& contact) {
-  if constexpr (requires { contact.friction; }) return contact.friction;
-  else return 0.0;
-}
-
-/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
-template <ContactHandler Contact>
-double area_per_vertex(const Contact& contact) {
-  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
-  else return 0.0;
-}
-
-/// Answer of a spring of `stiffness` [N/m³] to a gap: nothing while it is open.
-inline ContactResponse penalty(double stiffness, double gap) {
-  if (gap >= 0.0) return {0.0, 0.0, 0.0};
-  return {0.5 * stiffness * gap * gap, -stiffness * gap, stiffness};
-}
-
-/// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
-/// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
-struct SDFContact {
-  double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
-  double friction = 0.0;             ///< Coulomb's coefficient
-
-  ContactResponse respond(double gap) const { return penalty(stiffness_N_per_m3, gap); }
-};
-
-inline void validate(const SDFContact& c) {
-  require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
-  require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
-}
-
-static_assert(ContactHandler<SDFContact>);
-
-/// A contact law with all its pressures multiplied by a factor.
-template <class Contact>
-struct Firmness {
-  const Contact* law;
-  double factor;
-  double stiffness_N_per_m3 = factor * law->stiffness_N_per_m3;
-  double friction = friction_coefficient(*law);
-  static constexpr ContactPoints points = contact_points<Contact>();
-
-  ContactResponse respond(double gap) const {
-    const ContactResponse r = law->respond(gap);
-    return {factor * r.energy, factor * r.pressure, factor * r.stiffness};
-  }
-};
-
-template <class Contact>
-void validate(const Firmness<Contact>& c) {
-  validate(*c.law);
-  require_in_range("factor on contact pressures", c.factor, 1e-6, 1e6, "");
-}
-
-static_assert(ContactHandler<Firmness<SDFContact>>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/elements/linear_solver.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_LINEAR_SOLVER_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_LINEAR_SOLVER_HPP
-
-namespace lumo {
-
-/// Lower triangle of a symmetric matrix, compressed by columns.
-using SparseLower = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
-
-enum class FactorStatus { positive_definite, not_positive_definite, non_finite };
-
-/// Direct solver for symmetric positive definite systems. analyze() sees the pattern once; copies share or copy that analysis.
-/// Laws: factorize() reports every matrix that is not positive definite or not finite; equal input, equal bits.
-template <class S>
-concept LinearSolver = std::copyable<S> && std::default_initializable<S> && requires(S solver, const SparseLower& lower, const Eigen::MatrixXd& rhs) {
-  solver.analyze(lower);
-  { solver.factorize(lower) } -> std::same_as<FactorStatus>;
-  { solver.solve(rhs) } -> std::convertible_to<Eigen::MatrixXd>;
-};
-
-/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
-class EigenCholesky {
- public:
-  EigenCholesky() = default;
-  EigenCholesky(const EigenCholesky& other) { *this = other; }
-  EigenCholesky& operator=(const EigenCholesky& other) {  // Eigen's solver does not copy: analyse again
-    if (this != &other && other.pattern_.size() > 0) analyze(other.pattern_);
-    return *this;
-  }
-
-  void analyze(const SparseLower& lower) {
-    pattern_ = lower;
-    solver_.analyzePattern(lower);
-  }
-  FactorStatus factorize(const SparseLower& lower) {
-    // A Cholesky factorisation of NaN reports success, so finiteness is checked here.
-    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
-    solver_.factorize(lower);
-    return solver_.info() == Eigen::Success ? FactorStatus::positive_definite : FactorStatus::not_positive_definite;
-  }
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) const { return solver_.solve(rhs); }
-
- private:
-  SparseLower pattern_;
-  Eigen::SimplicialLLT<SparseLower, Eigen::Lower> solver_;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/tet_mesh.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_TET_MESH_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_TET_MESH_HPP
-
-namespace lumo {
-
-/// Boundary triangle of a tetrahedral mesh, counter-clockwise seen from outside.
-/// Nodes: three corners, then the middles of edges 01, 12, 20 (−1 in a linear mesh).
-struct BoundaryFace {
-  std::array<int, 6> nodes;
-  int patch;        ///< index into Body::patches
-};
-
-/// Corners at the ends of a tetrahedron's edges, in the order of their middle nodes.
-inline constexpr int tet_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
-
-/// Tetrahedral mesh of the *whole* body in its reference configuration.
-/// Tet nodes: corners 0…3 (positive orientation), then the middles of tet_edges (−1 in a linear mesh).
-struct TetMesh {
-  int order = 2;                                 ///< 1 linear, 2 quadratic
-  std::vector<Vec3d> nodes;                       ///< [m]
-  std::vector<std::array<int, 10>> tets;
-  std::vector<BoundaryFace> faces;               ///< the closed boundary, patch by patch
-  Symmetry symmetry;                             ///< planes in which the mesh is its own exact mirror image
-  std::vector<int> mirror_x, mirror_y;           ///< node → its mirror image in x = 0 and y = 0 (empty without symmetry)
-
-  int nodes_per_tet() const { return order == 2 ? 10 : 4; }
-  int nodes_per_face() const { return order == 2 ? 6 : 3; }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/sector.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_SECTOR_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_SECTOR_HPP
-
-namespace lumo {
-
-/// The part of a symmetric mesh on the positive side of some of its symmetry planes, as a mesh of its own.
-struct Sector {
-  Symmetry planes;             ///< planes that bound it
-  TetMesh mesh;
-  std::vector<int> to_whole;   ///< sector node → node of the whole mesh
-
-  /// What part of the whole it is: 1, ½ or ¼.
-  double fraction() const { return (planes.x ? 0.5 : 1.0) * (planes.y ? 0.5 : 1.0); }
-};
-
-/// Throws InvalidArgument when the mesh is not symmetric in a wanted plane.
-inline Sector sector_of(const TetMesh& whole, Symmetry planes);
-
-/// A field of vectors on the sector's nodes, mirrored to the whole mesh.
-inline std::vector<Vec3d> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3d>& field);
-
-/// A field of numbers on the sector's nodes, mirrored to the whole mesh.
-inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
-
-inline Sector sector_of(const TetMesh& whole, Symmetry planes) {
-  if ((planes.x && !whole.symmetry.x) || (planes.y && !whole.symmetry.y)) throw InvalidArgument("sector: the mesh is not symmetric in the wanted plane");
-  Sector s;
-  s.planes = planes;
-  s.mesh.order = whole.order;
-  std::vector<int> number(whole.nodes.size(), -1);
-  for (std::size_t k = 0; k < whole.nodes.size(); ++k) {
-    if ((planes.x && whole.nodes[k].x() < 0.0) || (planes.y && whole.nodes[k].y() < 0.0)) continue;
-    number[k] = int(s.to_whole.size());
-    s.to_whole.push_back(int(k));
-    s.mesh.nodes.push_back(whole.nodes[k]);
-  }
-  const auto keep = [&](const auto& nodes, std::size_t count) {
-    for (std::size_t i = 0; i < count; ++i)
-      if (number[std::size_t(nodes[i])] < 0) return false;
-    return true;
-  };
-  const auto renumber = [&](auto nodes) {
-    for (int& n : nodes) n = n < 0 ? n : number[std::size_t(n)];
-    return nodes;
-  };
-  for (const auto& t : whole.tets)
-    if (keep(t, std::size_t(whole.nodes_per_tet()))) s.mesh.tets.push_back(renumber(t));
-  for (const BoundaryFace& f : whole.faces)
-    if (keep(f.nodes, std::size_t(whole.nodes_per_face()))) s.mesh.faces.push_back({renumber(f.nodes), f.patch});
-  return s;
-}
-
-namespace detail {
-
-template <class T, class Flip>
-std::vector<T> unfolded(const TetMesh& whole, const Sector& sector, const std::vector<T>& field, Flip flip) {
-  std::vector<T> all(whole.nodes.size());
-  for (std::size_t k = 0; k < field.size(); ++k) all[std::size_t(sector.to_whole[k])] = field[k];
-  const auto reflect = [&](const std::vector<int>& partner, int axis) {
-    for (std::size_t k = 0; k < whole.nodes.size(); ++k)
-      if (whole.nodes[k][axis] < 0.0) all[k] = flip(all[std::size_t(partner[k])], axis);
-  };
-  if (sector.planes.x) reflect(whole.mirror_x, 0);
-  if (sector.planes.y) reflect(whole.mirror_y, 1);
-  return all;
-}
-
-}  // namespace detail
-
-inline std::vector<Vec3d> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3d>& field) {
-  return detail::unfolded(whole, sector, field, [](Vec3d v, int axis) {
-    v[axis] = -v[axis];
-    return v;
-  });
-}
-
-inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field) {
-  return detail::unfolded(whole, sector, field, [](double v, int) { return v; });
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/emitter.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
-
-namespace lumo {
-
-/// Sine (≥ 0) and cosine of the angle between a direction and an axis.
-struct Polar {
-  double sine, cosine;
-};
-
-/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same ways, evenly round an axis.
-/// Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of the directions that polar() draws; with it direct light
-/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the
-/// air beside the body, not into the body; its light is traced forward.
-/// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about `center`);
-/// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
-/// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
-template <class E>
-concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
-  { e.center } -> std::convertible_to<Vec3d>;
-  { e.power_W } -> std::convertible_to<double>;
-  { e.channel } -> std::convertible_to<int>;
-  { e.axis() } -> std::convertible_to<Vec3d>;
-  { e.point(u, u) } -> std::convertible_to<Vec3d>;
-  { e.polar(u) } -> std::convertible_to<Polar>;
-  { e.mirrored(m) } -> std::convertible_to<E>;
-};
-
-/// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
-struct RectangleEmitter {
-  Vec3d center{0.0, 0.0, 0.0};      ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};     ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};     ///< half edge [m]
-  double power_W = 1.0;
-  int channel = 0;                 ///< colour channel
-  bool in_air = false;             ///< radiates into the air beside the body
-
-  Vec3d axis() const {
-    const Vec3d &u = half_u, &v = half_v;
-    return u.cross(v).normalized();
-  }
-  Vec3d point(double u, double v) const {
-    const Vec3d &c = center, &to_u = half_u, &to_v = half_v;
-    return c + (2.0 * u - 1.0) * to_u + (2.0 * v - 1.0) * to_v;
-  }
-  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
-  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  RectangleEmitter mirrored(const Vec3d& m) const;
-};
-
-static_assert(EmitterModel<RectangleEmitter>);
-
-/// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
-inline void validate(const RectangleEmitter& e) {
-  if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
-  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
-}
-
-/// Any model of EmitterModel: a value, cheap to copy.
-class Emitter {
- public:
-  template <class E>
-    requires(!std::same_as<E, Emitter> && EmitterModel<E>)
-  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
-
-  Vec3d center() const { return calls_->center(model_.get()); }
-  double power_W() const { return calls_->power_W(model_.get()); }
-  int channel() const { return calls_->channel(model_.get()); }
-  Vec3d axis() const { return calls_->axis(model_.get()); }
-  Vec3d point(double u, double v) const { return calls_->point(model_.get(), u, v); }
-  Polar polar(double u) const { return calls_->polar(model_.get(), u); }
-  bool has_intensity() const { return calls_->intensity != nullptr; }
-  bool in_air() const { return calls_->in_air(model_.get()); }
-  /// [W/sr]; only where has_intensity().
-  double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
-  Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
-  /// Its model, if it is an E.
-  template <EmitterModel E>
-  const E* as() const { return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr; }
-  bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
-  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what the model's own validate() refuses.
-  void validate() const;
-
- private:
-  struct Calls {
-    Vec3d (*center)(const void*);
-    double (*power_W)(const void*);
-    int (*channel)(const void*);
-    Vec3d (*axis)(const void*);
-    Vec3d (*point)(const void*, double, double);
-    Polar (*polar)(const void*, double);
-    double (*intensity)(const void*, double);  ///< or null
-    bool (*in_air)(const void*);
-    Emitter (*mirrored)(const void*, const Vec3d&);
-    void (*validate)(const void*);
-  };
-  template <class E>
-  static const E& model(const void* e) { return *static_cast<const E*>(e); }
-  template <class E>
-  static constexpr auto intensity_of() -> double (*)(const void*, double) {
-    if constexpr (requires(const E& e) { { e.intensity(0.5) } -> std::convertible_to<double>; })
-      return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
-    else
-      return nullptr;
-  }
-  template <class E>
-  static const Calls calls;
-
-  std::shared_ptr<const void> model_;
-  const Calls* calls_;
-};
-
-/// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
-inline void validate(const std::vector<Emitter>& emitters);
-
-/// Number of colour channels: one more than the highest; 0 without emitters.
-inline int color_count(const std::vector<Emitter>& emitters) {
-  int count = 0;
-  for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
-  return count;
-}
-
-// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
-inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
-  RectangleEmitter image = *this;
-  image.center = m.cwiseProduct(center);
-  image.half_u = m.cwiseProduct(half_u);
-  image.half_v = m.cwiseProduct(half_v) * m.prod();
-  Eigen::Index k = 0;
-  image.half_u.cwiseAbs().maxCoeff(&k);
-  if (image.half_u[k] < 0.0) image.half_u = -image.half_u, image.half_v = -image.half_v;
-  return image;
-}
-
-namespace detail {
-
-/// What the model's own validate() says, if it has one.
-template <class E>
-void validate_model(const E& model) {
-  if constexpr (requires { validate(model); }) validate(model);
-}
-
-}  // namespace detail
-
-template <class E>
-const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
-                                       [](const void* e) -> double { return model<E>(e).power_W; },
-                                       [](const void* e) -> int { return model<E>(e).channel; },
-                                       [](const void* e) -> Vec3d { return model<E>(e).axis(); },
-                                       [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-                                       [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
-                                       intensity_of<E>(),
-                                       [](const void* e) -> bool {
-                                         if constexpr (requires { { model<E>(e).in_air } -> std::convertible_to<bool>; }) return model<E>(e).in_air;
-                                         else return false;
-                                       },
-                                       [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
-                                       [](const void* e) { detail::validate_model(model<E>(e)); }};
-
-inline void Emitter::validate() const {
-  require_positive("emitter power", power_W(), "W");
-  require_in_range("emitter channel", channel(), 0, 255, "");
-  if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
-  calls_->validate(model_.get());
-  if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
-  if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
-}
-
-inline void validate(const std::vector<Emitter>& emitters) {
-  if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
-  for (const Emitter& e : emitters) e.validate();
-  for (int c = 0; c < color_count(emitters); ++c)
-    if (std::none_of(emitters.begin(), emitters.end(), [&](const Emitter& e) { return e.channel() == c; }))
-      throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/optical_data.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
-
-namespace lumo {
-
-/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the extinction needs.
-struct Medium {
-  double refractive_index = 1.0;
-  double extinction_per_m = 0.0;    ///< absorption and scattering together
-  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering
-  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering
-};
-
-/// How light meets a surface.
-struct Dielectric { bool operator==(const Dielectric&) const = default; };                               ///< smooth interface: Fresnel reflection and refraction
-struct Lambertian { double albedo = 0.8; bool operator==(const Lambertian&) const = default; };         ///< diffuse, opaque
-struct Mirror { double reflectance = 1.0; bool operator==(const Mirror&) const = default; };            ///< specular, opaque
-struct Absorber { bool operator==(const Absorber&) const = default; };                                   ///< black
-using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
-
-/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen from the lit side.
-struct RigidFace {
-  std::string name;
-  std::vector<Vec3d> corners;       ///< [m]
-  SurfaceOptics optics = Lambertian{};
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/shape.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
-
-namespace lumo {
-
-/// An exact surface that a patch of a body lies on.
-/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
-template <class S>
-concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
-  { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
-  { shape.normal(p) } -> std::convertible_to<Vec3d>;
-};
-
-/// The plane through `point` with outward unit normal `direction`.
-struct Plane {
-  Vec3d point{0.0, 0.0, 0.0};
-  Vec3d direction{0.0, 0.0, 1.0};
-
-  Vec3d closest_point(const Vec3d& p) const { return p - direction.dot(p - point) * direction; }
-  Vec3d normal(const Vec3d&) const { return direction; }
-};
-
-/// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
-struct EllipticCylinder {
-  Vec3d center{0.0, 0.0, 0.0};
-  double semi_x = 1.0;
-  double semi_z = 1.0;
-
-  Vec3d closest_point(const Vec3d& p) const;
-  Vec3d normal(const Vec3d& p) const;
-};
-
-/// Sphere of `radius` [m] about `center`; the body is inside.
-struct SphereShape {
-  Vec3d center{0.0, 0.0, 0.0};
-  double radius = 1.0;
-
-  Vec3d closest_point(const Vec3d& p) const { return center + radius * normal(p); }
-  Vec3d normal(const Vec3d& p) const {
-    const Vec3d d = p - center;
-    const double r = d.norm();
-    return r > 0.0 ? Vec3d(d / r) : Vec3d(Vec3d::UnitZ());
-  }
-};
-
-using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
-
-inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
-  return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
-}
-inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
-  return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
-}
-
-// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
-// convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
-// so that it converges for every aspect ratio and every point.
-inline Vec3d EllipticCylinder::closest_point(const Vec3d& p) const {
-  const double px = std::abs(p.x() - center.x());
-  const double pz = std::max(0.0, p.z() - center.z());
-  const double side = p.x() < center.x() ? -1.0 : 1.0;
-  const bool x_major = semi_x >= semi_z;
-  const double a = x_major ? semi_x : semi_z, b = x_major ? semi_z : semi_x;
-  const double u = x_major ? px : pz, v = x_major ? pz : px;  // along the major and the minor axis
-  double fu = 0.0, fv = 0.0;
-  if (v > 0.0) {
-    if (u > 0.0) {
-      const double r = (a / b) * (a / b), e = r - 1.0, zu = r * u / a, zv = v / b;
-      double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
-      for (int i = 0; i < 200; ++i) {
-        const double x = zu / (t + e), y = zv / t, excess = x * x + y * y - 1.0;
-        (excess > 0.0 ? low : high) = t;
-        const double step = 0.5 * excess / (x * x / (t + e) + y * y / t), next = t + step;
-        const bool close = std::abs(step) <= 1e-9 * t;  // then the error that is left is the square of this
-        t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
-        if (close || !(low < high)) break;
-      }
-      fu = r * u / (t + e);
-      fv = v / t;
-    } else {
-      fv = b;
-    }
-  } else {
-    const double c = a * a - b * b;
-    if (a * u < c) {
-      fu = a * a * u / c;
-      fv = b * std::sqrt(std::max(0.0, 1.0 - (fu / a) * (fu / a)));
-    } else {
-      fu = a;
-    }
-  }
-  return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
-}
-
-inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
-  const Vec3d foot = closest_point(p) - center;
-  return Vec3d(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
-}
-
-static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/body.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
-
-namespace lumo {
-
-/// A part of a body's closed surface on which all tags are the same.
-struct Patch {
-  std::string name;
-  Shape shape = Plane{};                  ///< the exact surface; mesh nodes of the patch lie on it
-  bool bonded = false;                    ///< fixed to the carrier (closed set: its edge nodes are fixed too)
-  bool contactable = false;               ///< the indenter may touch it
-  bool meets_carrier = false;             ///< may come to rest on the carrier
-  SurfaceOptics optics = Dielectric{};
-  bool visible = true;                    ///< on the outside: light that leaves here may lie in a region
-};
-
-/// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.
-struct Facet {
-  std::vector<int> loop;
-  int patch = -1;                         ///< index into Body::patches, or Body::mirror_patch for a face in a symmetry plane
-};
-
-/// A rigid axis-aligned box that the silicone can come to rest on.
-struct RigidBox {
-  Vec3d center{0.0, 0.0, 0.0};             ///< [m]
-  Vec3d half{1.0, 1.0, 1.0};               ///< half edges [m]
-};
-
-/// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
-struct Sizing {
-  std::function<double(const Vec3d&)> edge;  ///< across y [m]
-  double stretch_y = 1.0;                   ///< edges along y are this much longer
-};
-
-/// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
-/// SI units, finger frame (x lateral, y along the finger, z outward normal).
-struct Body {
-  static constexpr int mirror_patch = -1;
-
-  std::string name;
-  std::vector<Patch> patches;
-  std::vector<Vec3d> vertices;               ///< of the boundary of the meshed sector [m]
-  std::vector<Facet> facets;                ///< closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves
-  Symmetry symmetry;                        ///< the whole body is the sector and its mirror images
-  Sizing sizing;
-  double exact_volume_m3 = 0.0;             ///< of the whole body; 0 when not known
-
-  std::vector<RigidBox> carrier;            ///< union of boxes for mechanical contact
-  Vec3d pivot{0.0, 0.0, 0.0};                ///< approach directions turn about this point (shifted along y) [m]
-
-  Medium medium;                            ///< inside
-  Medium surroundings;                      ///< outside (air)
-  SurfaceOptics touched = Dielectric{};     ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
-  std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
-  std::vector<Emitter> emitters;
-  int regions = 0;                          ///< number of readout regions
-  /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
-  std::function<int(const Vec3d& position, const Vec3d& normal)> region;
-  bool regions_in_space = false;            ///< region() is asked for where a point is, not for where it was undeformed
-  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nothing: it is not a region.
-  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
-};
-
-/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
-inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
-  const Vec3d fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
-  return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/elements/equations.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_EQUATIONS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_EQUATIONS_HPP
-
-namespace lumo {
-
-/// How a displacement field behaves under reflection in the planes that bound a sector.
-struct Parity {
-  bool odd_x = false;
-  bool odd_y = false;
-  bool operator==(const Parity&) const = default;
-};
-
-/// Numbers the free displacement components of a sector's nodes, and holds the sparsity pattern of its tangent.
-/// Bonded faces are closed sets: all their nodes are fixed. On a bounding plane an even field has no normal component and an odd
-/// field has only that one.
-struct Equations {
-  std::vector<int> of;      ///< 3 · node + component → equation, −1 where fixed
-  int count = 0;
-  SparseLower pattern;      ///< lower triangle; values are scratch
-  std::vector<int> slots;   ///< per tet, (3N)(3N+1)/2 positions in the pattern's values (row ≥ column, column by column), −1 where fixed
-
-  Equations(const Sector& sector, const Body& body, Parity parity);
-
-  /// Position in the pattern's values of an entry of the lower triangle.
-  int slot(int row, int column) const;
-};
-
-inline int Equations::slot(int row, int column) const {
-  if (row < column) std::swap(row, column);
-  const int* begin = pattern.innerIndexPtr() + pattern.outerIndexPtr()[column];
-  const int* end = pattern.innerIndexPtr() + pattern.outerIndexPtr()[column + 1];
-  return int(std::lower_bound(begin, end, row) - pattern.innerIndexPtr());
-}
-
-inline Equations::Equations(const Sector& sector, const Body& body, Parity parity) {
-  const TetMesh& mesh = sector.mesh;
-  const std::size_t n = mesh.nodes.size();
-  std::vector<char> fixed(3 * n, 0);
-  for (const BoundaryFace& f : mesh.faces)
-    if (body.patches[std::size_t(f.patch)].bonded)
-      for (int k = 0; k < mesh.nodes_per_face(); ++k)
-        for (std::size_t c = 0; c < 3; ++c) fixed[3 * std::size_t(f.nodes[std::size_t(k)]) + c] = 1;
-  const auto bound = [&](std::size_t node, std::size_t axis, bool odd) {
-    for (std::size_t c = 0; c < 3; ++c)
-      if ((c == axis) != odd) fixed[3 * node + c] = 1;
-  };
-  for (std::size_t k = 0; k < n; ++k) {
-    if (sector.planes.x && mesh.nodes[k].x() == 0.0) bound(k, 0, parity.odd_x);
-    if (sector.planes.y && mesh.nodes[k].y() == 0.0) bound(k, 1, parity.odd_y);
-  }
-  of.assign(3 * n, -1);
-  for (std::size_t i = 0; i < 3 * n; ++i)
-    if (!fixed[i]) of[i] = count++;
-
-  // Node graph first (compact), then the equations of each pair of nodes.
-  const std::size_t per = std::size_t(mesh.nodes_per_tet());
-  std::vector<std::vector<int>> near(n);
-  for (const auto& t : mesh.tets)
-    for (std::size_t a = 0; a < per; ++a)
-      for (std::size_t b = 0; b < per; ++b) near[std::size_t(t[a])].push_back(t[b]);
-  for (auto& list : near) {
-    std::sort(list.begin(), list.end());
-    list.erase(std::unique(list.begin(), list.end()), list.end());
-  }
-  std::vector<int> starts{0}, rows;
-  for (std::size_t k = 0; k < n; ++k)
-    for (std::size_t c = 0; c < 3; ++c) {
-      const int column = of[3 * k + c];
-      if (column < 0) continue;
-      for (int other : near[k])
-        for (std::size_t d = 0; d < 3; ++d)
-          if (const int row = of[3 * std::size_t(other) + d]; row >= column) rows.push_back(row);
-      starts.push_back(int(rows.size()));
-    }
-  const std::vector<double> zeros(rows.size(), 0.0);
-  pattern = Eigen::Map<const SparseLower>(count, count, int(rows.size()), starts.data(), rows.data(), zeros.data());
-
-  slots.reserve(mesh.tets.size() * (3 * per) * (3 * per + 1) / 2);
-  for (const auto& t : mesh.tets)
-    for (std::size_t j = 0; j < 3 * per; ++j)
-      for (std::size_t i = j; i < 3 * per; ++i) {
-        const int row = of[3 * std::size_t(t[i / 3]) + i % 3], column = of[3 * std::size_t(t[j / 3]) + j % 3];
-        slots.push_back(row < 0 || column < 0 ? -1 : slot(row, column));
-      }
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/elements/element.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_HPP
-
-namespace lumo {
-
-/// Gradients of Lagrange's shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
-template <int Nodes>
-Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3d& xi) {
-  static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-  Eigen::Matrix<double, 3, Nodes> g;
-  const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
-  for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? corner[k][i] : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
-    for (int k = 4; k < Nodes; ++k) {
-      const int a = tet_edges[k - 4][0], b = tet_edges[k - 4][1];
-      g(i, k) = 4.0 * (l[std::size_t(b)] * corner[a][i] + l[std::size_t(a)] * corner[b][i]);
-    }
-  }
-  return g;
-}
-
-/// A tetrahedral finite element: gradients of its shape functions by λ₁, λ₂, λ₃ at its quadrature points, 3 × nodes in the node order of TetMesh, on the
-/// reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, and how its mass is shared. `order` is the mesh's.
-/// Laws: gradients sum to zero and reproduce linear fields, weights sum to 1/6, shares of the mass to 1.
-template <class E>
-concept TetElement = requires(const E& element) {
-  requires E::order == 1 || E::order == 2;
-  requires E::nodes == (E::order == 1 ? 4 : 10);
-  requires E::points >= 1;
-  { E::gradients(0) } -> std::same_as<Eigen::Matrix<double, 3, E::nodes>>;
-  { E::weight(0) } -> std::convertible_to<double>;
-  { E::mass_share(0) } -> std::convertible_to<double>;
-  { element.mean_dilatation } -> std::convertible_to<bool>;
-};
-
-/// Quadratic tetrahedron; with `mean_dilatation` its volumetric energy sees the element's mean of J, which cures locking near
-/// incompressibility (Nagtegaal, Parks, Rice 1974). Four-point quadrature of degree 2.
-struct QuadraticTet {
-  static constexpr int order = 2;
-  static constexpr int nodes = 10;
-  static constexpr int points = 4;
-  bool mean_dilatation = true;
-
-  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
-    constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
-    return shape_gradients<nodes>(Vec3d(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
-  }
-  static double weight(int) { return 1.0 / 24.0; }
-  /// In proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be negative.
-  static double mass_share(int a) { return a < 4 ? 1.0 / 36.0 : 4.0 / 27.0; }
-};
-
-/// Linear tetrahedron: locks at ν = 0.495 (20–60 % too stiff on pads like LUMO's). Offered for comparison with codes that use it.
-struct LinearTet {
-  static constexpr int order = 1;
-  static constexpr int nodes = 4;
-  static constexpr int points = 1;
-  bool mean_dilatation = false;
-
-  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes>(Vec3d::Constant(0.25)); }
-  static double weight(int) { return 1.0 / 6.0; }
-  static double mass_share(int) { return 0.25; }
-};
-
-/// Eight linear tetrahedra in place of one quadratic, on its ten nodes; with `mean_dilatation` the volumetric energy sees the mean of J over the eight, which
-/// cures their locking (de Souza Neto, Pires, Owen 2005, patches of linear elements, here with an energy). Without it, linear tetrahedra of half the size.
-struct LinearPatchTet {
-  static constexpr int order = 2;
-  static constexpr int nodes = 10;
-  static constexpr int points = 8;
-  bool mean_dilatation = true;
-
-  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
-    using Gradients = Eigen::Matrix<double, 3, nodes>;
-    Gradients g = Gradients::Zero();
-    const auto& part = parts[q];
-    const auto edge = [&](int k) { return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1], place[part[k]][2] - place[part[0]][2]); };
-    for (int k = 1; k < 4; ++k) {
-      const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1), slope = 8.0 * u.cross(v);   // u × v · edge(k) = 1/8, six times the volume
-      for (int i = 0; i < 3; ++i) g(i, part[k]) = slope[i], g(i, part[0]) -= slope[i];
-    }
-    return g;
-  }
-  static double weight(int) { return 1.0 / 48.0; }
-  static double mass_share(int a) {
-    int shared = 0;
-    for (const auto& part : parts)
-      for (int node : part) shared += node == a;
-    return shared / 32.0;
-  }
-
-  /// Nodes of the eight: at the corners, and the octahedron between them cut along the line from node 4 to node 9, which mirrored() leaves in place.
-  static constexpr int parts[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
-
- private:
-  static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
-};
-
-/// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of BoundaryFace.
-inline std::array<double, 6> face_shape(double u, double v, int order) {
-  const double w = 1.0 - u - v;
-  if (order == 1) return {w, u, v, 0.0, 0.0, 0.0};
-  return {w * (2 * w - 1), u * (2 * u - 1), v * (2 * v - 1), 4 * w * u, 4 * u * v, 4 * v * w};
-}
-
-/// Derivatives of face_shape by u and v.
-inline std::array<std::array<double, 2>, 6> face_shape_derivatives(double u, double v, int order) {
-  if (order == 1) return {{{-1, -1}, {1, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}}};
-  const double w = 1.0 - u - v;
-  return {{{1 - 4 * w, 1 - 4 * w}, {4 * u - 1, 0}, {0, 4 * v - 1}, {4 * (w - u), -4 * u}, {4 * v, 4 * u}, {-4 * v, 4 * (w - v)}}};
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/simd.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_SIMD_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_SIMD_HPP
-
-namespace lumo {
-
-/// Eight numbers that go through the same arithmetic at once: one AVX-512 register, or as many smaller ones as the processor needs.
-struct Lanes {
-  static constexpr std::size_t width = 8;
-  typedef double Register __attribute__((vector_size(64)));
-  Register v = {};
-
-  /// A point, padded so that one load takes it.
-  struct Point {
-    typedef double Register __attribute__((vector_size(32)));
-    Register v = {};
-  };
-
-  double operator[](std::size_t lane) const { return v[lane]; }
-  void set(std::size_t lane, double value) { v[lane] = value; }
-  /// x, y and z of points[index[lane]]: whole points are read and turned, which takes less than reading number by number.
-  /// (Between functions go Lanes, not registers: how a bare register is handed over depends on the processor compiled for.)
-  static std::array<Lanes, 3> gathered(const std::vector<Point>& points, const std::array<int, width>& index) {
-    const auto two = [&](std::size_t lane) {
-      return Lanes{__builtin_shufflevector(points[std::size_t(index[lane])].v, points[std::size_t(index[lane + 4])].v, 0, 1, 2, 3, 4, 5, 6, 7)};
-    };
-    const Lanes p04 = two(0), p15 = two(1), p26 = two(2), p37 = two(3);
-    const auto even = [](const Lanes& a, const Lanes& b) { return Lanes{__builtin_shufflevector(a.v, b.v, 0, 8, 2, 10, 4, 12, 6, 14)}; };
-    const auto odd = [](const Lanes& a, const Lanes& b) { return Lanes{__builtin_shufflevector(a.v, b.v, 1, 9, 3, 11, 5, 13, 7, 15)}; };
-    const Lanes xz_low = even(p04, p15), xz_high = even(p26, p37), y_low = odd(p04, p15), y_high = odd(p26, p37);
-    return {Lanes{__builtin_shufflevector(xz_low.v, xz_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
-            Lanes{__builtin_shufflevector(y_low.v, y_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
-            Lanes{__builtin_shufflevector(xz_low.v, xz_high.v, 2, 3, 10, 11, 6, 7, 14, 15)}};
-  }
-  static Lanes of(double value) { return {Register{value, value, value, value, value, value, value, value}}; }
-
-  Lanes& operator+=(const Lanes& b) {
-    v += b.v;
-    return *this;
-  }
-  Lanes& operator-=(const Lanes& b) {
-    v -= b.v;
-    return *this;
-  }
-};
-
-inline Lanes operator+(const Lanes& a, const Lanes& b) { return {a.v + b.v}; }
-inline Lanes operator-(const Lanes& a, const Lanes& b) { return {a.v - b.v}; }
-inline Lanes operator*(const Lanes& a, const Lanes& b) { return {a.v * b.v}; }
-inline Lanes operator/(const Lanes& a, const Lanes& b) { return {a.v / b.v}; }
-inline Lanes operator-(const Lanes& a) { return {-a.v}; }
-inline Lanes operator+(double a, const Lanes& b) { return Lanes::of(a) + b; }
-inline Lanes operator-(double a, const Lanes& b) { return Lanes::of(a) - b; }
-inline Lanes operator*(double a, const Lanes& b) { return Lanes::of(a) * b; }
-inline Lanes operator+(const Lanes& a, double b) { return a + Lanes::of(b); }
-inline Lanes operator-(const Lanes& a, double b) { return a - Lanes::of(b); }
-
-inline Lanes log(const Lanes& a) {
-  Lanes l;
-  for (std::size_t lane = 0; lane < Lanes::width; ++lane) l.set(lane, std::log(a[lane]));
-  return l;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/materials/material.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_MATERIAL_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_MATERIAL_HPP
-
-namespace lumo {
-
-/// A function of the volume ratio J with its derivatives: energy density [J/m³], dU/dJ [Pa], d²U/dJ² [Pa].
-struct VolumetricSample {
-  double energy;
-  double stress;
-  double stiffness;
-};
-
-/// A hyperelastic solid, W(F) = distortion(F) + U(det F). The split lets an element treat the stiff volumetric part U by its mean.
-/// Laws: P(I) = 0; W(QF) = W(F) for rotations Q; stress and tangent are the derivatives of the energy; W = +∞ where det F ≤ 0 if the
-/// law resists inversion. Stress is the first Piola–Kirchhoff stress [Pa], 3 × 3; tangent is ∂P/∂F, 9 × 9, flattened by columns.
-template <class M>
-concept HyperelasticMaterial = requires(const M& m, const Mat3d& F, double J) {
-  { m.distortion_energy(F) } -> std::convertible_to<double>;
-  { m.distortion_stress(F) } -> std::convertible_to<Mat3d>;
-  { m.distortion_tangent(F) } -> std::convertible_to<Mat9d>;
-  { m.volumetric(J) } -> std::convertible_to<VolumetricSample>;
-  { m.shear_modulus() } -> std::convertible_to<double>;
-  validate(m);
-};
-
-/// h'(J) and h''(J) [Pa] of a solid W = μ/2 (I_C − 3) + h(J), as numbers or arrays of them.
-template <class T>
-struct DilatationSample {
-  T stress;
-  T stiffness;
-};
-
-/// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many elements at once.
-template <class M>
-concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, const Lanes& J) {
-  { m.dilatation(J) } -> std::same_as<DilatationSample<Lanes>>;
-};
-
-/// Derivative of det F by F: the cofactor matrix.
-inline Mat3d cofactor(const Mat3d& F) {
-  Mat3d c;
-  for (int j = 0; j < 3; ++j) {
-    const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
-    for (int i = 0; i < 3; ++i) {
-      const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
-      c(i, j) = F(i1, j1) * F(i2, j2) - F(i2, j1) * F(i1, j2);
-    }
-  }
-  return c;
-}
-
-/// A⁻ᵀ.
-inline Mat3d inverse_transposed(const Mat3d& A) {
-  const Mat3d c = cofactor(A);
-  return c * (1.0 / (c(0, 0) * A(0, 0) + c(1, 0) * A(1, 0) + c(2, 0) * A(2, 0)));
-}
-
-/// Second derivative of det F by F, flattened by columns.
-inline Mat9d determinant_hessian(const Mat3d& F) {
-  Mat9d h = Mat9d::Zero();
-  for (int j = 0; j < 3; ++j)
-    for (int turn = 1; turn < 3; ++turn)
-      for (int i = 0; i < 3; ++i) {
-        const int j2 = (j + turn) % 3, next = (i + 1) % 3, last = (i + 2) % 3;
-        const double* column = F.data() + 3 * (3 - j - j2);
-        h(i + 3 * j, next + 3 * j2) = turn == 1 ? column[last] : -column[last];
-        h(i + 3 * j, last + 3 * j2) = turn == 1 ? -column[next] : column[next];
-      }
-  return h;
-}
-
-/// a ⊗ b, both flattened by columns.
-inline Mat9d dyad(const Mat3d& a, const Mat3d& b) {
-  Mat9d product;
-  for (int j = 0; j < 9; ++j)
-    for (int i = 0; i < 9; ++i) product.data()[i + 9 * j] = a.data()[i] * b.data()[j];
-  return product;
-}
-
-/// m I of nine rows.
-inline Mat9d isotropic(double m) {
-  Mat9d diagonal = Mat9d::Zero();
-  for (int i = 0; i < 9; ++i) diagonal.data()[10 * i] = m;
-  return diagonal;
-}
-
-/// Energy density W(F) [J/m³].
-template <HyperelasticMaterial M>
-double energy_density(const M& m, const Mat3d& F) {
-  return m.distortion_energy(F) + m.volumetric(F.determinant()).energy;
-}
-
-/// First Piola–Kirchhoff stress P = ∂W/∂F [Pa].
-template <HyperelasticMaterial M>
-Mat3d first_piola(const M& m, const Mat3d& F) {
-  return m.distortion_stress(F) + m.volumetric(F.determinant()).stress * cofactor(F);
-}
-
-/// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
-template <HyperelasticMaterial M>
-Mat9d elasticity_tangent(const M& m, const Mat3d& F) {
-  const VolumetricSample u = m.volumetric(F.determinant());
-  const Mat3d c = cofactor(F);
-  return m.distortion_tangent(F) + dyad(u.stiffness * c, c) + u.stress * determinant_hessian(F);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/elements/element_points.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_POINTS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_POINTS_HPP
-
-namespace lumo {
-
-/// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
-template <TetElement Element>
-class ElementPoints {
-
- public:
-  using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
-
-  /// Throws InvalidArgument where the mesh is not of the element's order: nodes in the middle of edges would belong to no element, or be missing.
-  explicit ElementPoints(const TetMesh& mesh) {
-    if (mesh.order != Element::order)
-      throw InvalidArgument(message("elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
-    gradients_.reserve(mesh.tets.size() * Element::points);
-    weights_.reserve(mesh.tets.size() * Element::points);
-    for (const auto& t : mesh.tets)
-      for (int q = 0; q < Element::points; ++q) {
-        const Gradients by_xi = Element::gradients(q);
-        Mat3d jacobian = Mat3d::Zero();
-        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3d(by_xi.col(a)).transpose();
-        const Mat3d to_x = inverse_transposed(jacobian);
-        Gradients& by_x = gradients_.emplace_back();
-        for (int a = 0; a < Element::nodes; ++a)
-          for (int i = 0; i < 3; ++i) by_x(i, a) = to_x(i, 0) * by_xi(0, a) + to_x(i, 1) * by_xi(1, a) + to_x(i, 2) * by_xi(2, a);
-        weights_.push_back(Element::weight(q) * jacobian.determinant());
-      }
-  }
-
-  /// [1/m], of tetrahedron e at point q.
-  const Gradients& gradient(std::size_t e, int q) const { return gradients_[e * std::size_t(Element::points) + std::size_t(q)]; }
-  /// Volume that the point stands for [m³].
-  double weight(std::size_t e, int q) const { return weights_[e * std::size_t(Element::points) + std::size_t(q)]; }
-
- private:
-  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;
-  std::vector<double> weights_;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/elements/solid.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_SOLID_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_SOLID_HPP
-
-namespace lumo {
-
-/// Deformed node positions, 3 × nodes [m].
-using Positions = Eigen::Matrix3Xd;
-
-inline Positions positions_of(const TetMesh& mesh) {
-  Positions x(3, Eigen::Index(mesh.nodes.size()));
-  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];
-  return x;
-}
-
-/// The elastic energy of a tetrahedral mesh with its first and second derivatives.
-template <HyperelasticMaterial Material, TetElement Element>
-class Solid {
-
- public:
-  static constexpr int N = Element::nodes;
-  using Gradients = Eigen::Matrix<double, 3, N>;
-
-  /// Throws InvalidArgument where the mesh is not of the element's order.
-  Solid(const TetMesh& mesh, Material material, Element element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {}
-
-  /// Stored energy [J]; +∞ when an element is inverted at a quadrature point.
-  double energy(const Positions& x) const {
-    double sum = 0.0;
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      for (int q = 0; q < Element::points; ++q) {
-        sum += weight(e, q) * material_.distortion_energy(s.F[std::size_t(q)]);
-        if (!element_.mean_dilatation) sum += weight(e, q) * material_.volumetric(s.J[std::size_t(q)]).energy;
-      }
-      if (element_.mean_dilatation) sum += s.volume * material_.volumetric(s.mean_J).energy;
-      if (!std::isfinite(sum)) return std::numeric_limits<double>::infinity();
-    }
-    return sum;
-  }
-
-  /// Volume ratios that the volumetric energy sees: one per element with the locking cure, else one per quadrature point.
-  std::vector<double> volume_ratios(const Positions& x) const {
-    std::vector<double> J;
-    J.reserve(mesh_->tets.size() * cells());
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      if (element_.mean_dilatation) J.push_back(s.mean_J);
-      else J.insert(J.end(), s.J.begin(), s.J.end());
-    }
-    return J;
-  }
-
-  /// The same, carried on by the displacement dx along the slope that they have at the positions `linear`.
-  std::vector<double> predicted_ratios(const Positions& x, const Positions& linear, const Positions& dx) const {
-    std::vector<double> J = volume_ratios(x);
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, linear);
-      for (int q = 0; q < Element::points; ++q) {
-        const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
-        double rate = 0.0;
-        for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
-        if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
-        else J[e * cells() + std::size_t(q)] += rate;
-      }
-    }
-    return J;
-  }
-
-  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). With `seen` volume ratios the volumetric stress is linearised about
-  /// them, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
-  void add_forces(const Positions& x, Positions& force, const std::vector<double>* seen = nullptr) const {
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      Gradients f = Gradients::Zero();
-      for (int q = 0; q < Element::points; ++q) {
-        const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, seen);
-        const VolumetricSample u = material_.volumetric(theta);
-        const Mat3d& F = s.F[std::size_t(q)];
-        f += product(weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)), gradient(e, q));
-      }
-      for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
-    }
-  }
-
-  /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
-  void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
-                   const std::vector<double>* seen = nullptr) const {
-    constexpr int size = 3 * N;
-    Eigen::Matrix<double, size, size> K;
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      element_tangent(e, x, seen, K);
-      for (std::size_t k = 0; k < systems.size(); ++k) {
-        const int* slot = systems[k]->slots.data() + e * (size * (size + 1) / 2);
-        double* v = values[k];
-        for (int j = 0; j < size; ++j)
-          for (int i = j; i < size; ++i, ++slot)
-            if (*slot >= 0) v[*slot] += K(i, j);
-      }
-    }
-  }
-
-  /// Smallest det F over all quadrature points.
-  double smallest_J(const Positions& x) const {
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
-      for (double J : state(e, x).J) least = std::min(least, J);
-    return least;
-  }
-
-  /// Smallest undeformed volume that a quadrature point stands for [m³]; not positive where the mesh has an element that is inside out.
-  double smallest_volume() const {
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
-      for (int q = 0; q < Element::points; ++q) least = std::min(least, weight(e, q));
-    return least;
-  }
-
-  const Material& material() const { return material_; }
-
- private:
-  struct ElementState {
-    std::array<Mat3d, std::size_t(Element::points)> F;
-    std::array<double, std::size_t(Element::points)> J;
-    double volume = 0.0;
-    double mean_J = 0.0;
-  };
-
-  int node(std::size_t e, int a) const { return mesh_->tets[e][std::size_t(a)]; }
-  double weight(std::size_t e, int q) const { return points_.weight(e, q); }
-  const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
-
-  static Gradients product(const Mat3d& A, const Gradients& g) {
-    Gradients p;
-    for (int a = 0; a < N; ++a)
-      for (int i = 0; i < 3; ++i) p(i, a) = A(i, 0) * g(0, a) + A(i, 1) * g(1, a) + A(i, 2) * g(2, a);
-    return p;
-  }
-
-  ElementState state(std::size_t e, const Positions& x) const {
-    Gradients local;
-    for (int a = 0; a < N; ++a) local.col(a) = x.col(node(e, a));
-    ElementState s;
-    for (int q = 0; q < Element::points; ++q) {
-      const std::size_t k = std::size_t(q);
-      const Gradients& g = gradient(e, q);
-      s.F[k] = Mat3d::Zero();
-      for (int a = 0; a < N; ++a)
-        for (int j = 0; j < 3; ++j)
-          for (int i = 0; i < 3; ++i) s.F[k](i, j) += local(i, a) * g(j, a);
-      s.J[k] = s.F[k].determinant();
-      s.volume += weight(e, q);
-      s.mean_J += weight(e, q) * s.J[k];
-    }
-    s.mean_J /= s.volume;
-    return s;
-  }
-
-  std::size_t cells() const { return element_.mean_dilatation ? 1 : std::size_t(Element::points); }
-
-  // Volume ratio that the volumetric energy is taken at.
-  double ratio(std::size_t e, int q, const ElementState& s, const std::vector<double>* seen) const {
-    if (seen) return (*seen)[e * cells() + (element_.mean_dilatation ? 0 : std::size_t(q))];
-    return element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)];
-  }
-
-  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* seen, Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
-    const ElementState s = state(e, x);
-    Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
-    K.setZero();
-    for (int q = 0; q < Element::points; ++q) {
-      const Mat3d& F = s.F[std::size_t(q)];
-      const Gradients& g = gradient(e, q);
-      const Mat3d c = cofactor(F);
-      const VolumetricSample u = material_.volumetric(ratio(e, q, s, seen));
-      Mat9d A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
-      if (element_.mean_dilatation) {
-        dJ += product(weight(e, q) * c, g);
-      } else {
-        A += dyad(u.stiffness * c, c);
-      }
-      A = A * weight(e, q);
-      // Plain loops: Eigen's expressions of blocks were the dearest thing to compile in a simulator.
-      for (int a = 0; a < N; ++a) {
-        std::array<double, 27> T;   // 9 × 3, by columns
-        for (std::size_t k = 0; k < 27; ++k) T[k] = A.data()[k] * g(0, a) + A.data()[k + 27] * g(1, a) + A.data()[k + 54] * g(2, a);
-        for (int b = a; b < N; ++b)
-          for (int j = 0; j < 3; ++j) {
-            const double* t = T.data() + 9 * j;
-            double* block = &K(3 * b, 3 * a + j);
-            for (int i = 0; i < 3; ++i) block[i] += g(0, b) * t[i] + g(1, b) * t[i + 3] + g(2, b) * t[i + 6];
-          }
-      }
-    }
-    if (element_.mean_dilatation) {
-      const double stiffness = material_.volumetric(ratio(e, 0, s, seen)).stiffness / s.volume;
-      for (int j = 0; j < 3 * N; ++j) {
-        const double scaled = stiffness * dJ.data()[j];
-        for (int i = j; i < 3 * N; ++i) K(i, j) += scaled * dJ.data()[i];
-      }
-    }
-  }
-
-  const TetMesh* mesh_;
-  Material material_;
-  Element element_;
-  ElementPoints<Element> points_;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/contact_surface.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SURFACE_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SURFACE_HPP
-
-namespace lumo {
-
-/// A point of the surface at which the gap is taken: shape functions of its face there, and its share of the reference area.
-struct SurfacePoint {
-  std::array<double, 6> shape;
-  double area_m2;
-  double weight_m2;             ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
-  int part;                     ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
-  std::array<double, 3> hat;    ///< barycentric coordinates in that sub-triangle
-};
-
-/// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
-inline const std::array<std::array<int, 3>, 4>& face_parts() {
-  static constexpr std::array<std::array<int, 3>, 4> parts = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
-  return parts;
-}
-
-/// Part of a mesh's surface that may come into contact, with its quadrature.
-class ContactSurface {
- public:
-  /// Faces of the patches for which `chosen` holds, with points inside them.
-  template <class Choose>
-  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen) : mesh_(&mesh) {
-    for (const BoundaryFace& f : mesh.faces)
-      if (chosen(body.patches[std::size_t(f.patch)])) add(f);
-  }
-
-  /// The same with the points that a contact law wants.
-  template <class Choose, ContactHandler Contact>
-  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law) : ContactSurface(mesh, body, chosen) {
-    if (contact_points<Contact>() == ContactPoints::vertices) gather_at_vertices(area_per_vertex(law));
-  }
-
-  std::size_t size() const { return faces_.size(); }
-  const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
-  const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
-
-  Vec3d position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
-    Vec3d at = Vec3d::Zero();
-    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * Vec3d(x.col(faces_[f].nodes[k]));
-    return at;
-  }
-
-  /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
-  std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
-    const auto& n = faces_[f].nodes;
-    const auto at = [&](std::size_t k) -> Vec3d { return x.col(n[k]); };
-    const Vec3d a = at(0), b = at(1), c = at(2), middle = (a + b + c) / 3.0;
-    double r = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
-    if (mesh_->order == 2)
-      for (std::size_t k = 0; k < 3; ++k)
-        r = std::max(r, (2.0 * at(3 + k) - 0.5 * at(k) - 0.5 * at((k + 1) % 3) - middle).norm());
-    return {middle, r};
-  }
-
-  int nodes_per_face() const { return mesh_->nodes_per_face(); }
-
- private:
-  void add(const BoundaryFace& face);
-  void gather_at_vertices(double area_per_vertex);
-
-  const TetMesh* mesh_;
-  std::vector<BoundaryFace> faces_;
-  std::vector<std::vector<SurfacePoint>> points_;
-};
-
-/// Contact energy, forces and stiffness between a surface and one rigid thing, for a given signed distance.
-struct ContactSums {
-  double energy = 0.0;        ///< [J]
-  double push_N = 0.0;        ///< force on the indenter along −direction: −∂energy/∂advance … with the sign of a reaction
-  double push_stiffness = 0.0;///< ∂²energy/∂advance² [N/m]
-  double penetration_m = 0.0; ///< largest overlap
-};
-
-inline void ContactSurface::add(const BoundaryFace& face) {
-  const int order = mesh_->order;
-  std::vector<SurfacePoint> points;
-  // Corners of the sub-triangles in (u, v); each is quartered once more and takes the three-point rule there.
-  const std::array<std::array<double, 2>, 6> uv = {{{0, 0}, {1, 0}, {0, 1}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}}};
-  const std::array<std::array<double, 3>, 6> quarter = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, .5, 0}, {0, .5, .5}, {.5, 0, .5}}};
-  const int parts = order == 2 ? 4 : 1;
-  for (int part = 0; part < parts; ++part) {
-    const std::array<int, 3> corner = order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
-    for (const auto& small : face_parts())
-      for (int q = 0; q < 3; ++q) {
-        SurfacePoint p{};
-        p.part = part;
-        for (std::size_t k = 0; k < 3; ++k)
-          for (std::size_t m = 0; m < 3; ++m) p.hat[m] += (int(k) == q ? 2.0 / 3.0 : 1.0 / 6.0) * quarter[std::size_t(small[k])][m];
-        double u = 0.0, v = 0.0;
-        for (std::size_t m = 0; m < 3; ++m) u += p.hat[m] * uv[std::size_t(corner[m])][0], v += p.hat[m] * uv[std::size_t(corner[m])][1];
-        p.shape = face_shape(u, v, order);
-        const auto d = face_shape_derivatives(u, v, order);
-        Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
-        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
-          by_u += d[k][0] * mesh_->nodes[std::size_t(face.nodes[k])];
-          by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
-        }
-        p.area_m2 = by_u.cross(by_v).norm() * 0.5 / (12.0 * parts);
-        p.weight_m2 = p.area_m2;
-        points.push_back(p);
-      }
-  }
-  faces_.push_back(face);
-  points_.push_back(std::move(points));
-}
-
-// Every node once, on the first face that has it, with all of its area.
-inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
-  std::vector<double> area(mesh_->nodes.size(), 0.0);
-  std::vector<char> done(mesh_->nodes.size(), 0);
-  const auto corners = [&](int part) { return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2}; };
-  for (std::size_t f = 0; f < faces_.size(); ++f)
-    for (const SurfacePoint& p : points_[f])
-      for (std::size_t k = 0; k < 3; ++k) area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
-  for (std::size_t f = 0; f < faces_.size(); ++f) {
-    points_[f].clear();
-    for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
-        if (std::exchange(done[node], char(1))) continue;
-        SurfacePoint p{{}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}};
-        p.shape[local] = 1.0;
-        p.hat[k] = 1.0;
-        points_[f].push_back(p);
-      }
-  }
-}
-
-/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
-template <class Tool>
-struct Moving {
-  const Tool* tool;
-  Vec3d origin;      ///< of the tool's frame, now [m]
-  Vec3d direction;   ///< of its advance, unit
-
-  double distance(const Vec3d& p) const { return tool->distance(p - origin); }
-  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
-};
-
-namespace detail {
-
-// What a contact without friction would answer.
-struct NoFriction {
-  struct Answer {
-    Vec3d traction;
-    Mat3d stiffness;
-  };
-  Answer answer(std::size_t, std::size_t, const Vec3d&, const Vec3d&, const Vec3d&, double) const { return {Vec3d::Zero(), Mat3d::Zero()}; }
-};
-
-// Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
-// reaches, or all when the law sees other gaps than the present ones.
-template <class Tool, class Visit>
-void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
-  for (std::size_t f = 0; f < surface.size(); ++f) {
-    const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.distance(middle) <= radius;
-    if (!near && !(seen && std::any_of((*seen)[f].begin(), (*seen)[f].end(), [](double g) { return g < 0.0; }))) continue;
-    const std::vector<SurfacePoint>& points = surface.points(f);
-    for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
-  }
-}
-
-}  // namespace detail
-
-/// Gaps [m] that the contact law sees at each surface point, face by face; see QuasiStatic.
-using SeenGaps = std::vector<std::vector<double>>;
-
-/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
-/// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
-/// Friction, where a history of it is given, enters forces but not the energy.
-template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
-ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, std::type_identity_t<Positions>* force,
-                               const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
-  ContactSums sums;
-  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-    const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
-    if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
-    if (gamma >= 0.0) return;
-    const ContactResponse r = contact.respond(gamma);
-    sums.energy += p.weight_m2 * r.energy;
-    const double pressure = r.pressure + r.stiffness * (gamma - gap);
-    const Vec3d normal = rigid.sample(at).gradient;
-    Vec3d traction = p.weight_m2 * pressure * normal;
-    if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
-    sums.push_N += traction.dot(rigid.direction);
-    if (!force) return;
-    for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
-  });
-  return sums;
-}
-
-/// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
-template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
-ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
-                                double* values, std::type_identity_t<Eigen::VectorXd>* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
-  ContactSums sums;
-  const std::size_t nodes = std::size_t(surface.nodes_per_face());
-  Eigen::Matrix<double, 18, 18> K;
-  std::size_t open = std::size_t(-1);
-  const auto flush = [&] {
-    if (open == std::size_t(-1)) return;
-    const auto& n = surface.face(open).nodes;
-    for (std::size_t j = 0; j < 3 * nodes; ++j)
-      for (std::size_t i = 0; i < 3 * nodes; ++i) {
-        const int row = eq.of[3 * std::size_t(n[i / 3]) + i % 3], column = eq.of[3 * std::size_t(n[j / 3]) + j % 3];
-        if (row >= column && column >= 0) values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
-      }
-  };
-  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-    const double gamma = seen ? (*seen)[f][k] : rigid.distance(at);
-    if (gamma >= 0.0) return;
-    if (f != open) {
-      flush();
-      open = f;
-      K.setZero();
-    }
-    const DistanceSample d = rigid.sample(at);
-    const ContactResponse r = contact.respond(gamma);
-    Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
-    if (friction) block += p.weight_m2 * friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance)).stiffness;
-    sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
-    for (std::size_t a = 0; a < nodes; ++a) {
-      for (std::size_t b = 0; b < nodes; ++b)
-        K.template block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
-      if (!coupling) continue;
-      const Vec3d c = -p.shape[a] * (block * rigid.direction);
-      for (std::size_t i = 0; i < 3; ++i)
-        if (const int row = eq.of[3 * std::size_t(surface.face(f).nodes[a]) + i]; row >= 0) (*coupling)[row] += c[Eigen::Index(i)];
-    }
-  });
-  flush();
-  return sums;
-}
-
-/// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at the positions
-/// `linear` with the rigid thing at `then`.
-template <class Tool>
-SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x, const Moving<Tool>& then, const Positions& linear,
-                        const Positions& dx, double ds) {
-  SeenGaps gaps(surface.size());
-  for (std::size_t f = 0; f < surface.size(); ++f)
-    for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.distance(surface.position(f, p, x)) +
-                        then.sample(surface.position(f, p, linear)).gradient.dot(surface.position(f, p, dx) - ds * now.direction));
-  return gaps;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/contact_set.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SET_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SET_HPP
-
-namespace lumo {
-
-/// Contact field and pressure per mesh node; see MechanicalState.
-struct ContactField {
-  std::vector<double> field;        ///< > 0 in contact
-  std::vector<double> pressure_Pa;
-};
-
-/// Reference area of the intersection and of the union of two contact sets [m²].
-struct SetOverlap {
-  double both = 0.0;
-  double either = 0.0;
-  /// Intersection over union; 1 for two empty sets.
-  double ratio() const { return either > 0.0 ? both / either : 1.0; }
-};
-
-/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw overlaps are no
-/// measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a smooth contact grows as the distance to its
-/// edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3), scaled by its own slope, *is* that distance; inside it is continued linearly.
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
-
-/// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x);
-
-/// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
-
-namespace detail {
-
-// A convex polygon in the barycentric plane of a triangle, with the values of the fields at its corners.
-struct ClipPolygon {
-  struct Corner {
-    double u, v;
-    std::array<double, 2> field;
-  };
-  std::vector<Corner> corners;
-
-  /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
-  void clip(std::size_t k) {
-    std::vector<Corner> kept;
-    for (std::size_t i = 0; i < corners.size(); ++i) {
-      const Corner &a = corners[i], &b = corners[(i + 1) % corners.size()];
-      if (a.field[k] > 0.0) kept.push_back(a);
-      if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
-        const double t = a.field[k] / (a.field[k] - b.field[k]);
-        kept.push_back({a.u + t * (b.u - a.u), a.v + t * (b.v - a.v), {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
-      }
-    }
-    corners = std::move(kept);
-  }
-  /// Part of the triangle's area that it covers.
-  double fraction() const {
-    double twice = 0.0;
-    for (std::size_t i = 1; i + 1 < corners.size(); ++i)
-      twice += (corners[i].u - corners[0].u) * (corners[i + 1].v - corners[0].v) - (corners[i + 1].u - corners[0].u) * (corners[i].v - corners[0].v);
-    return std::abs(twice);
-  }
-};
-
-// Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
-template <class Visit>
-void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
-  const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
-  for (std::size_t f = 0; f < surface.size(); ++f)
-    for (std::size_t part = 0; part < parts; ++part) {
-      std::array<int, 3> node;
-      for (std::size_t k = 0; k < 3; ++k) node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
-      const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
-      visit(0.5 * (b - a).cross(c - a).norm(), node);
-    }
-}
-
-// A point of the edge of contact with the direction in which the gap opens there.
-struct EdgeSample {
-  Vec3d point;
-  Vec3d outward;
-  double spacing;   // of the nodes about it
-};
-
-// Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
-// G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
-  struct Free {
-    Vec3d middle, outward;
-    double power, slope, spacing;
-  };
-  std::vector<Free> free;
-  for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
-    std::array<double, 3> power;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double g = gap[std::size_t(node[k])];
-      if (!(g > tolerance)) return;
-      power[k] = std::cbrt(g * g);
-    }
-    const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
-    const Vec3d normal = e1.cross(e2);
-    const Vec3d gradient = ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
-    const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
-                 std::sqrt(2.3 * area)};
-    if (f.slope > 0.0 && f.power < 4.0 * f.spacing * f.slope) free.push_back(f);
-  });
-  std::vector<EdgeSample> samples;
-  for (const Free& f : free) {
-    // Too near, the kink inside a facet disturbs the gap; too far, the fit has to reach too far.
-    if (f.power < 0.25 * f.spacing * f.slope || f.power > 2.0 * f.spacing * f.slope) continue;
-    double w = 0.0, g = 0.0, s = 0.0, gg = 0.0, gs = 0.0;
-    for (const Free& other : free) {
-      const double t = (other.middle - f.middle).squaredNorm() / (16.0 * f.spacing * f.spacing);
-      if (t >= 1.0 || other.power < 0.25 * other.spacing * other.slope) continue;
-      const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
-      w += k, g += k * other.power, s += k * square, gg += k * other.power * other.power, gs += k * other.power * square;
-    }
-    const double spread = gg - g * g / w;
-    const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
-    const double start = std::max((s - bend * g) / w, 0.25 * s / w), here = std::max(start + bend * f.power, 0.25 * s / w);
-    samples.push_back({f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
-  }
-  return samples;
-}
-
-// Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
-// (algebraic spheres through oriented points).
-inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3d& p) {
-  double w = 0.0, pn = 0.0, pp = 0.0;
-  Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
-  for (const EdgeSample& s : samples) {
-    const Vec3d d = s.point - p;
-    const double t = d.squaredNorm() / (12.0 * s.spacing * s.spacing);
-    if (t >= 1.0) continue;
-    const double k = std::pow(1.0 - t, 4);
-    w += k;
-    sum_p += k * d;
-    sum_n += k * s.outward;
-    pn += k * d.dot(s.outward);
-    pp += k * d.squaredNorm();
-  }
-  if (!(w > 0.0)) return std::nullopt;
-  const double spread = pp - sum_p.squaredNorm() / w;
-  const double q = spread > 1e-12 * pp ? 0.5 * (pn - sum_p.dot(sum_n) / w) / spread : 0.0;
-  const Vec3d l = (sum_n - 2.0 * q * sum_p) / w;
-  const double c = -(l.dot(sum_p) + q * pp) / w;
-  // c + l·x + q x² at x = 0, turned into a distance along its slope; the circle's own root where it bends.
-  const double root = l.squaredNorm() - 4.0 * q * c;
-  if (!(root > 0.0)) return -c / std::max(l.norm(), 1e-300);
-  return -2.0 * c / (l.norm() + std::sqrt(root));
-}
-
-}  // namespace detail
-
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
-  const std::size_t n = mesh.nodes.size();
-  std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
-  ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
-  double overlap = 0.0;
-  for (std::size_t f = 0; f < surface.size(); ++f)
-    for (const SurfacePoint& p : surface.points(f)) {
-      const double g = rigid.distance(surface.position(f, p, x));
-      overlap = std::max(overlap, -g);
-      const std::array<int, 3> corner = mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t node = std::size_t(surface.face(f).nodes[std::size_t(corner[k])]);
-        area[node] += p.area_m2 * p.hat[k];
-        c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
-      }
-    }
-  for (std::size_t k = 0; k < n; ++k) {
-    if (area[k] <= 0.0) continue;
-    c.pressure_Pa[k] /= area[k];
-    spacing[k] = std::sqrt(1.15 * area[k]);
-    gap[k] = rigid.distance(x.col(Eigen::Index(k)));
-  }
-  // Nodes that hang free by less than the overlap at other points of their facets are in contact.
-  const double tolerance = 2.0 * overlap;
-  const std::vector<detail::EdgeSample> edge = detail::edge_of_contact(surface, x, gap, tolerance);
-  for (std::size_t k = 0; k < n; ++k) {
-    if (area[k] <= 0.0) continue;
-    const bool open = gap[k] > tolerance;
-    const double far = open ? -gap[k] : spacing[k];
-    double& field = c.field[k];
-    field = detail::distance_to_edge(edge, x.col(Eigen::Index(k))).value_or(far);
-    // The fit speaks for the edge's surroundings only; a node well on one side of it stays there.
-    if ((field > 0.0) == open && std::abs(field) > 0.5 * spacing[k]) field = far;
-  }
-  return c;
-}
-
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x) {
-  SetOverlap sum;
-  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
-    const auto at = [&](std::size_t k) { return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]}; };
-    const detail::ClipPolygon whole{{{0, 0, at(0)}, {1, 0, at(1)}, {0, 1, at(2)}}};
-    detail::ClipPolygon in_a = whole, in_b = whole;
-    in_a.clip(0);
-    in_b.clip(1);
-    detail::ClipPolygon in_both = in_a;
-    in_both.clip(1);
-    const double both = in_both.fraction();
-    sum.both += area * both;
-    sum.either += area * (in_a.fraction() + in_b.fraction() - both);
-  });
-  return sum;
-}
-
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x) {
-  return contact_overlap(surface, field, field, x).both;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/state.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
-
-namespace lumo {
-
-/// The pad at one load. Forces act on the indenter, along −direction; all in the finger frame, SI.
-struct MechanicalState {
-  Status status = Status::non_finite;
-  double load_N = 0.0;                       ///< prescribed
-  bool certified = false;                    ///< equilibrium, found so by an independent routine; never of a state that is only held
-  double force_N = 0.0;                      ///< contact wrench · (−direction)
-  double met_force_N = 0.0;                  ///< the force when a solver that goes in time stopped the advance, before the hold
-  double depth_m = 0.0;                      ///< advance since first touch of the exact undeformed profile
-  std::vector<Vec3d> displacement;            ///< per mesh node [m]
-  /// Contact field per mesh node: > 0 in contact with the indenter, < 0 outside; −infinity on nodes that it cannot touch.
-  /// Linear on the sub-facets of the surface (corners and edge middles); the contact set is {φ > 0}.
-  std::vector<double> contact_field;
-  std::vector<Vec3d> friction_N;              ///< friction on the body per mesh node; empty without
-  double friction_push_N = 0.0;              ///< what of it is in force_N
-  std::vector<double> pressure_Pa;           ///< indenter pressure per mesh node, per reference area; 0 off the surface
-  double contact_area_m2 = 0.0;              ///< A(C; X), deformed
-  double reference_area_m2 = 0.0;            ///< A_0(C), undeformed
-  double residual_N = std::numeric_limits<double>::infinity();  ///< norm of the out-of-balance forces, from an independent routine
-  double penetration_m = 0.0;                ///< largest overlap of surface and indenter
-  int iterations = 0;                        ///< Newton steps, or sweeps, spent on this load
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/objective/contact_progression.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OBJECTIVE_CONTACT_PROGRESSION_HPP
-#define SINGLE_INCLUDE_LUMO_OBJECTIVE_CONTACT_PROGRESSION_HPP
-
-namespace lumo {
-
-/// A number with its numerical error (half width of an interval that should hold a much finer computation's value).
-struct Estimate {
-  double value = 0.0;
-  double error = 0.0;
-};
-
-/// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). What the loads do not define is empty.
-struct ContactTerms {
-  std::optional<Estimate> form;     ///< q_form: patch radius at 2 N over indenter radius
-  std::optional<Estimate> stable;   ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
-  std::optional<Estimate> stiff;    ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
-  /// (q_form q_stable q_stiff)^(1/3).
-  std::optional<Estimate> score() const;
-};
-
-/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study (benchmarks/refinement/results.md).
-struct MechanicalError {
-  double area = 0.03;         ///< relative, of A
-  double overlap = 0.015;     ///< absolute, of an intersection over union
-  double stiffness = 0.008;   ///< relative, of a secant stiffness
-};
-
-/// The paper's loads that enter the terms [N].
-struct ContactLoads {
-  double first = 1.0, second = 2.0, third = 5.0, fourth = 10.0;
-};
-
-/// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states count.
-inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
-                           const MechanicalError& error = {}, const ContactLoads& loads = {});
-
-/// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper Table II.
-inline double progressive_constraint_gain(double depth, double baseline_depth) { return 100.0 * (1.0 - depth / baseline_depth); }
-
-namespace detail {
-
-/// A term in [0, 1]; where it is cut off, what of its error reaches back over the edge.
-inline Estimate clipped(const Estimate& e) {
-  const double value = std::clamp(e.value, 0.0, 1.0);
-  return {value, std::max(0.0, e.error - std::abs(e.value - value))};
-}
-
-}  // namespace detail
-
-inline std::optional<Estimate> ContactTerms::score() const {
-  if (!form || !stable || !stiff) return std::nullopt;
-  const double value = std::cbrt(form->value * stable->value * stiff->value);
-  const auto with = [&](double f, double s, double k) { return std::abs(std::cbrt(std::max(0.0, f) * std::max(0.0, s) * std::max(0.0, k)) - value); };
-  // Errors of the three terms are taken as independent; finite changes, because the cube root has no slope at zero.
-  const double a = std::max(with(form->value + form->error, stable->value, stiff->value), with(form->value - form->error, stable->value, stiff->value));
-  const double b = std::max(with(form->value, stable->value + stable->error, stiff->value), with(form->value, stable->value - stable->error, stiff->value));
-  const double c = std::max(with(form->value, stable->value, stiff->value + stiff->error), with(form->value, stable->value, stiff->value - stiff->error));
-  return Estimate{value, std::sqrt(a * a + b * b + c * c)};
-}
-
-inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
-                                  const MechanicalError& error, const ContactLoads& loads) {
-  const auto at = [&](double load) -> const MechanicalState* {
-    for (const MechanicalState& s : states)
-      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
-    return nullptr;
-  };
-  const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third), *four = at(loads.fourth);
-  ContactTerms q;
-  if (two) {
-    const double form = std::sqrt(two->contact_area_m2 / (pi * radius_m * radius_m));
-    q.form = detail::clipped({form, 0.5 * error.area * form});
-  }
-  if (two && four) {
-    const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
-  }
-  if (one && two && three && four) {
-    const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
-    const double late = (four->force_N - three->force_N) / (four->depth_m - three->depth_m);
-    const double ratio = early / late;
-    // A held indenter's force may pass the next load before it moves on: no advance, no stiffness.
-    const bool advanced = two->depth_m > one->depth_m && four->depth_m > three->depth_m;
-    if (advanced && late > 0.0) q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
-  }
-  return q;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/ledger.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_LEDGER_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_LEDGER_HPP
-
-namespace lumo {
-
-/// Where the emitted power of a run went [W]. Law: emitted = sum of everything else, to rounding.
-struct EnergyLedger {
-  double emitted = 0.0;
-  std::vector<double> channels;       ///< left for good, per channel of the readout (ExitPower: per region)
-  double to_indenter = 0.0;           ///< left through the contact set, into the opaque indenter
-  double elsewhere = 0.0;             ///< left for good, but through no region
-  double absorbed_in_medium = 0.0;    ///< in the silicone
-  double absorbed_at_surfaces = 0.0;  ///< at opaque surfaces: carrier and LEDs
-  double roulette = 0.0;              ///< ended minus added by Russian roulette; expectation 0, either sign
-  double refinement = 0.0;            ///< channels as first traced minus channels as refined; expectation 0, either sign
-  double lost = 0.0;                  ///< rays that leaked or bounced too often; target ≤ 1e-6 of emitted
-
-  double accounted() const {
-    return std::accumulate(channels.begin(), channels.end(), 0.0) + to_indenter + elsewhere + absorbed_in_medium + absorbed_at_surfaces +
-           roulette + refinement + lost;
-  }
-  /// |emitted − accounted| / emitted.
-  double imbalance() const { return emitted > 0.0 ? std::abs(emitted - accounted()) / emitted : std::abs(accounted()); }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/response.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_RESPONSE_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_RESPONSE_HPP
-
-namespace lumo {
-
-/// What the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once for each colour of the emitters.
-struct Response {
-  std::vector<double> power_W;  ///< mean over replicates
-  std::vector<double> error_W;  ///< standard error of the mean, from the scatter of the replicates
-  /// [W], replicates × channels. Replicate k of every state is traced with the same rays, so an error of a *difference* of states
-  /// comes from the differences row by row (common random numbers).
-  Eigen::MatrixXd replicates;
-  Eigen::MatrixXd direct;  ///< the part of `replicates` that met no surface but the one through which it left
-  EnergyLedger ledger;     ///< mean over replicates
-  long rays = 0;           ///< primary rays traced
-  long segments = 0;       ///< straight pieces traced
-};
-
-/// Standard error of the mean of each column of `rows` (independent replicates × channels); zeros for one row.
-inline std::vector<double> standard_error(const Eigen::MatrixXd& rows) {
-  std::vector<double> error(std::size_t(rows.cols()), 0.0);
-  const double n = double(rows.rows());
-  if (rows.rows() < 2) return error;
-  for (Eigen::Index c = 0; c < rows.cols(); ++c)
-    error[std::size_t(c)] = std::sqrt((rows.col(c).array() - rows.col(c).mean()).square().sum() / (n * (n - 1.0)));
-  return error;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/objective/optical_separation.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OBJECTIVE_OPTICAL_SEPARATION_HPP
-#define SINGLE_INCLUDE_LUMO_OBJECTIVE_OPTICAL_SEPARATION_HPP
-
-namespace lumo {
-
-/// Response of one state with what it is compared by (paper Eq. 6–7).
-struct ObservedState {
-  std::size_t scenario;       ///< the caller's number of the scenario
-  double diameter_m, angle_rad, y_m, load_N;
-  Eigen::MatrixXd change;     ///< (r − r_0)/P_emit, replicates × regions
-  TiltPlane tilt = TiltPlane::xz;
-};
-
-/// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the distance between
-/// their response changes; with its error from replicates and the two states that set it.
-struct Separation {
-  Estimate distance;
-  std::size_t first, second;  ///< indices into the states
-};
-
-/// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and what the dent reflects nearly
-/// cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
-struct OpticalError {
-  double mesh = 0.12;
-};
-
-/// (r − r_0)/P_emit by replicate.
-inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
-  return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
-}
-
-/// Distance of two response changes and its standard error from paired replicates. The square of the distance is the mean over pairs of
-/// *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding 1948): unlike the square of the mean difference it
-/// is not raised by noise. Where noise makes it negative the distance is 0. The error is that of the larger of distance and noise.
-inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
-
-/// May these two states be compared: same tool, angle and load, other place?
-inline bool comparable(const ObservedState& a, const ObservedState& b) {
-  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N && a.y_m != b.y_m;
-}
-
-/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of all pairs that come within
-/// two errors (of the difference) of the least distance and are noisier than that. Ascending; empty: done, or nothing can be compared. A pure function, so that a
-/// campaign that retraces them (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
-inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
-
-/// Empty when no two states can be compared. Cost: all pairs.
-inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error = {});
-
-inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
-  const Eigen::MatrixXd d = a - b;
-  const Eigen::RowVectorXd mean = d.colwise().mean();
-  const double n = double(d.rows());
-  if (d.rows() < 2) return {mean.norm(), 0.0};
-  const Eigen::MatrixXd off = d.rowwise() - mean;
-  const double noise2 = off.squaredNorm() / (n * (n - 1.0)), square = mean.squaredNorm() - noise2;
-  const double distance = std::sqrt(std::max(0.0, square)), scale = std::sqrt(std::max(square, noise2));
-  if (scale == 0.0) return {0.0, 0.0};
-  // To first order the distance moves with the replicates' components along the mean difference; where there is little but noise that
-  // overstates the error somewhat, since the mean difference is noise, too.
-  return {distance, std::sqrt((off * mean.transpose()).squaredNorm() / (n * (n - 1.0))) / scale};
-}
-
-namespace detail {
-
-/// Distances of all pairs that may be compared.
-inline std::vector<Separation> separations(const std::vector<ObservedState>& states) {
-  std::vector<Separation> pairs;
-  for (std::size_t i = 0; i < states.size(); ++i)
-    for (std::size_t j = i + 1; j < states.size(); ++j)
-      if (comparable(states[i], states[j])) pairs.push_back({response_distance(states[i].change, states[j].change), i, j});
-  return pairs;
-}
-
-}  // namespace detail
-
-inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
-  const std::vector<Separation> pairs = detail::separations(states);
-  // The least of the upper bounds, so that one very noisy pair does not stand for all.
-  const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
-  const auto least = std::min_element(pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
-  std::set<std::size_t> wanted;
-  for (const Separation& p : pairs) {
-    const bool within_reach = p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
-    if (within_reach && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
-  }
-  return {wanted.begin(), wanted.end()};
-}
-
-inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
-  const std::vector<Separation> pairs = detail::separations(states);
-  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
-  if (closest == pairs.end()) return std::nullopt;
-  Separation least = *closest;
-  least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);
-  return least;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/pipeline/observations.hpp
-#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_OBSERVATIONS_HPP
-#define SINGLE_INCLUDE_LUMO_PIPELINE_OBSERVATIONS_HPP
-
-namespace lumo {
-
-/// One state as it is kept: numbers only, no fields.
-struct StateRecord {
-  Status status = Status::non_finite;
-  double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
-  std::vector<double> response;          ///< per emitted power and channel: Observations::unloaded_response + mean change; empty without light
-  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × channels, both traced on the scenario's own mesh
-  std::vector<double> change_error;      ///< standard error of the response minus the unloaded one; empty without light
-};
-
-/// One scenario of an ensemble.
-struct ScenarioRecord {
-  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
-  Status status = Status::non_finite;    ///< of the last state that was tried
-  ContactTerms terms;
-  std::vector<StateRecord> states;
-  TiltPlane tilt = TiltPlane::xz;
-};
-
-/// Seconds spent, summed over threads, and by the clock in all.
-struct Timing {
-  double mesh = 0.0, mechanics = 0.0, optics = 0.0, total = 0.0;
-};
-
-/// All states and responses of one body under an ensemble.
-struct Observations {
-  std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
-  std::vector<double> unloaded_response;        ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
-  std::vector<double> unloaded_error;           ///< its standard error; meshes share their rays, so that it does not shrink with their number
-  EnergyLedger ledger;                          ///< of the traced state that closes worst
-  std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
-  Timing seconds;
-};
-
-/// The record of a scenario, before it is lit, from its states on `mesh`.
-template <Indenter Tool>
-ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
-                         const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
-  ScenarioRecord record;
-  record.diameter_m = 2.0 * contact_radius(scenario.indenter);
-  record.angle_rad = scenario.angle_rad;
-  record.y_m = scenario.y_m;
-  record.tilt = scenario.tilt;
-  record.status = states.back().status;
-  record.terms = contact_terms(body, mesh, states, contact_radius(scenario.indenter), error);
-  for (const MechanicalState& s : states)
-    record.states.push_back({s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2,
-                             s.residual_N, s.penetration_m, {}, {}, {}});
-  return record;
-}
-
-/// Did all scenarios converge, or were held where that is accepted?
-inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
-  return std::all_of(scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
-}
-
-/// All states that can be compared for J_obs.
-inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
-  std::vector<ObservedState> states;
-  for (std::size_t k = 0; k < scenarios.size(); ++k)
-    for (const StateRecord& s : scenarios[k].states)
-      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change, scenarios[k].tilt});
-  return states;
-}
-
-/// For the planes x = 0 and y = 0: channel of the light → its mirror image; empty: itself; nothing: unknown.
-using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
-
-/// The record of a scenario from that of its mirror image.
-template <Indenter Tool>
-ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
-  record.angle_rad = scenario.angle_rad;
-  record.y_m = scenario.y_m;
-  const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
-    if (!channel || channel->empty()) return;
-    for (StateRecord& s : record.states) {
-      const Eigen::MatrixXd change = s.change;
-      for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
-    }
-  };
-  if (image.mirror.x) renumber(channels[0]);
-  if (image.mirror.y) renumber(channels[1]);
-  return record;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/pipeline/ray_refinement.hpp
-#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_RAY_REFINEMENT_HPP
-#define SINGLE_INCLUDE_LUMO_PIPELINE_RAY_REFINEMENT_HPP
-
-namespace lumo {
-
-/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, 4, …
-constexpr int rays_of(int round) { return round < 4 ? 1 << (round / 2) : 4; }
-
-/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, 18, …
-constexpr int rays_up_to(int round) {
-  int all = 0;
-  for (int r = 0; r <= round; ++r) all += rays_of(r);
-  return all;
-}
-
-/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with new rays, at first
-/// half as many as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
-struct RayRefinement {
-  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 17;           ///< at most this many: rays_up_to(17) = 62; 0: everything is traced once
-  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/executor.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_EXECUTOR_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_EXECUTOR_HPP
-
-namespace lumo {
-
-/// Runs `task(i)` for every i in [0, count), in any order and on any thread, and returns when all are done.
-/// Law: each i exactly once; an exception thrown by a task is rethrown to the caller after the others have stopped.
-/// Tasks write to disjoint places, so that results do not depend on the number of threads.
-template <class E>
-concept Executor = requires(const E& executor, std::size_t count) {
-  executor.for_each(count, [](std::size_t) {});
-};
-
-/// Everything on the calling thread, in order.
-struct Serial {
-  template <std::invocable<std::size_t> Task>
-  void for_each(std::size_t count, Task&& task) const {
-    for (std::size_t i = 0; i < count; ++i) task(i);
-  }
-};
-
-static_assert(Executor<Serial>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/stopwatch.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_STOPWATCH_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_STOPWATCH_HPP
-
-// By the system's calls: <chrono> and <thread>, with their calendars and stop tokens, would add a twenty-fifth to what it costs to include lumo.
-
-namespace lumo {
-
-/// The clock on which Video4Linux2 and SocketCAN's adapter stamp (CLOCK_MONOTONIC).
-inline std::int64_t steady_ns() {
-  timespec now{};
-  ::clock_gettime(CLOCK_MONOTONIC, &now);
-  return std::int64_t(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
-}
-
-/// Lets others run; a signal ends it early.
-inline void pause_for(double seconds) {
-  const double whole = std::floor(seconds);
-  const timespec span{time_t(whole), long(1e9 * (seconds - whole))};
-  ::nanosleep(&span, nullptr);
-}
-
-/// Seconds by the clock since it was made.
-class Stopwatch {
- public:
-  double seconds() const { return 1e-9 * double(steady_ns() - start_); }
-
- private:
-  std::int64_t start_ = steady_ns();
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/ray_focus.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_RAY_FOCUS_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_RAY_FOCUS_HPP
-
-namespace lumo {
-
-/// How densely rays are sent along y: most where the body is pressed, since rays far from there find nothing changed. Default: evenly.
-/// Changes how sure a response is, not its expected value. Compare responses of one focus: then only what the press changed is left.
-struct RayFocus {
-  double y_m = 0.0;
-  double length_m = 0.0;      ///< the density falls by e over this distance; 0: nowhere
-  double least = 1.0 / 8.0;  ///< of the density at y_m
-
-  double density(double y) const { return length_m > 0.0 ? std::max(least, std::exp(-std::abs(y - y_m) / length_m)) : 1.0; }
-  /// The same for y and −y?
-  bool is_symmetric() const { return y_m == 0.0 || length_m == 0.0; }
-};
+/// Literals that turn the field's units into SI: `5.0_mm`, `106.0_kPa`, `3.1_dB_per_cm`.
+inline namespace literals {
+
+constexpr double operator""_m(long double v) { return double(v); }
+constexpr double operator""_mm(long double v) { return double(v * 1e-3L); }
+constexpr double operator""_um(long double v) { return double(v * 1e-6L); }
+constexpr double operator""_N(long double v) { return double(v); }
+constexpr double operator""_Pa(long double v) { return double(v); }
+constexpr double operator""_kPa(long double v) { return double(v * 1e3L); }
+constexpr double operator""_MPa(long double v) { return double(v * 1e6L); }
+constexpr double operator""_W(long double v) { return double(v); }
+constexpr double operator""_kg_per_m3(long double v) { return double(v); }
+constexpr double operator""_N_per_m3(long double v) { return double(v); }
+constexpr double operator""_deg(long double v) { return double(v * 3.14159265358979323846264338327950288L / 180.0L); }
+constexpr double operator""_per_m(long double v) { return double(v); }
+/// Power attenuation: 10 dB are a factor of ten, so 1 dB/cm = 100 ln(10)/10 per metre.
+constexpr double operator""_dB_per_cm(long double v) { return double(v * 23.0258509299404568401799145468436421L); }
+
+}  // namespace literals
+
+inline constexpr double pi = 3.14159265358979323846;
 
 }  // namespace lumo
 
@@ -2930,13 +259,17 @@ constexpr std::uint64_t mix64(std::uint64_t x) {
 }
 
 /// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
-constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) { return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1)); }
+constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
+  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
+}
 
 /// A number in (0, 1) from a key.
 constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
 
 /// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
-inline std::uint32_t nearest_power_of_two(double wish) { return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish)))); }
+inline std::uint32_t nearest_power_of_two(double wish) {
+  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
+}
 
 constexpr std::uint32_t reverse_bits(std::uint32_t x) {
   x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
@@ -2947,8 +280,8 @@ constexpr std::uint32_t reverse_bits(std::uint32_t x) {
 }
 
 /// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
-/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011) with
-/// the constants that Vegdahl found (2021), which are better mixed than the first ones.
+/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
+/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
 constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
   x = reverse_bits(x);
   x ^= x * 0x3d20adeau;
@@ -3045,7 +378,8 @@ struct Sobol {
 };
 
 /// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
-/// different seeds are independent. Law: a pure function of (seed, index, dimension).
+/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
+/// keep a state and are not scrambled.
 struct OwenSobol {
   std::uint64_t seed = 0;
 
@@ -3060,4190 +394,569 @@ struct OwenSobol {
 
 #endif
 
-// ---- lumo/optics/beer_lambert.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_BEER_LAMBERT_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_BEER_LAMBERT_HPP
+// ---- lumo/lab/rig.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
 
 namespace lumo {
 
-/// What fills the body, for light that runs straight through it. Made from the Medium data of a body.
-/// Laws: transmittance(0) = 1, T(a + b) = T(a)·T(b), not increasing. What is not transmitted is booked as absorbed.
-template <class M>
-concept TransparentMedium = std::constructible_from<M, Medium> && requires(const M& medium, double path_m) {
-  { medium.refractive_index() } -> std::convertible_to<double>;
-  { medium.transmittance(path_m) } -> std::convertible_to<double>;
+// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md explains each). They were
+// fixed before any decoder, localiser or force estimator ran on a log of the lab. The lab's `noise` multiplies all that
+// is marked σ.
+
+/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is
+/// recorded. The picture is its green plane.
+struct CameraRig {
+  int width = 192, height = 80;    ///< of the window [px]
+  double focal_px = 616.0;         ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
+  double distance_m = 0.25;        ///< from the facing side; assumed, 0.41 mm/px
+  double aim_sigma_rad = 1.5_deg;  ///< σ of yaw, pitch and roll of one placing by hand; assumed
+  double aim_sigma_m = 1.0_mm;     ///< σ of the place along y and z; assumed
+  double frames_per_s = 30.0;
+  double exposure_s = 1.0e-3;  ///< device setting 10 (paper), 100 µs each (librealsense #8243)
+  double gain = 64.0;          ///< device setting (paper)
+  double level_DN = 70.0;      ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
+  double gamma = 1.0;          ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;       ///< assumed
+  double full_DN = 255.0;
+  double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
+  double read_DN = 0.6;           ///< σ, assumed
+  double row_DN = 0.35;           ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
+  double pixel_gain = 0.01;       ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
+  double blur_px = 0.8;           ///< standard deviation of the lens's point spread; assumed
+  double stamp_sigma_s = 0.2e-3;  ///< σ of a stamp; assumed
 };
 
-/// Exponential extinction along a path. Source: Bouguer 1729, Lambert 1760, Beer 1852; paper §III (μ_ext acts as absorption).
-class BeerLambert {
- public:
-  /// Throws InvalidArgument unless the index lies in [1, 5] and the extinction in [0, 1e6] 1/m.
-  explicit BeerLambert(const Medium& medium) : medium_(medium) {
-    require_in_range("refractive index", medium.refractive_index, 1.0, 5.0, "");
-    require_in_range("extinction", medium.extinction_per_m, 0.0, 1e6, "1/m");
-  }
-
-  double refractive_index() const { return medium_.refractive_index; }
-  /// Share of the power left after `path_m` metres.
-  double transmittance(double path_m) const { return std::exp(-medium_.extinction_per_m * path_m); }
-
- private:
-  Medium medium_;
+/// The finger's lamps and the room's.
+struct LightRig {
+  double lamp_drift = 3.0e-3;  ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up
+                               ///< (memory: assumed)
+  double lamp_drift_s = 20.0;   ///< its time
+  double lamp_white = 1.0e-3;   ///< σ frame by frame; assumed
+  double ambient_DN = 5.0;      ///< mean; assumed
+  double ambient_slope = 0.2;   ///< relative, from end to end of the window; assumed
+  double ambient_drift = 0.02;  ///< σ relative; assumed
+  double ambient_drift_s = 5.0;
+  double flicker = 0.1;  ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
+  double flicker_hz = 100.0;
+  double spot_DN = 80.0;  ///< a LED's package seen through the side, on top of the side's light; assumed (the paper
+                          ///< detects five LEDs)
+  double spot_sigma_m = 0.7_mm;  ///< half of the package's 1.6 mm, blurred; assumed
 };
 
-static_assert(TransparentMedium<BeerLambert>);
-static_assert(!TransparentMedium<int>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/intersector.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_INTERSECTOR_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_INTERSECTOR_HPP
-
-namespace lumo {
-
-/// Triangle of an optical scene, counter-clockwise seen from outside the body, or from the lit side of a carrier face.
-struct SceneTriangle {
-  std::array<Vec3d, 3> corners;  ///< [m]
-  bool in_air_only = false;     ///< a carrier face: met only by rays outside the body
+/// The indenter and how well it comes back.
+struct ContactRig {
+  double place_sigma_m = 0.25_mm;  ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
+  double tilt_sigma_rad =
+      0.5_deg;  ///< σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
+  double load_sigma = 0.005;     ///< σ of a hold's load, relative; assumed
+  double sensor_sigma_N = 0.05;  ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
+  double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
+  double sensor_hz = 100.0;
+  double marker_sigma_m = 0.02_mm;  ///< σ of the followed marker on the indenter; assumed
 };
 
-/// The first triangle on a ray.
-struct RayHit {
-  double t = std::numeric_limits<double>::infinity();  ///< along the unit direction [m]; infinite: nothing
-  int triangle = -1;
-  explicit operator bool() const { return triangle >= 0; }
+/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes
+/// suggest for Dragon Skin; assumed.
+struct SiliconeRig {
+  std::array<double, 3> part{0.02, 0.015, 0.015};
+  std::array<double, 3> time_s{0.1, 1.0, 10.0};
 };
 
-/// Finds what a ray meets first, *given the medium it is in*: inside the body only faces that it can leave by (d·n > 0, not in_air_only)
-/// count, outside only faces that it can meet from their front (d·n < 0). A ray that starts on a face can therefore never meet that
-/// face again, whatever the rounding, and needs no offset.
-template <class S>
-concept RayScene = requires(const S& scene, const Vec3d& v, bool inside) {
-  { scene.first_hit(v, v, inside) } -> std::same_as<RayHit>;
+/// How a joint moves without contact: to and fro as a cosine, with a rest after each sweep. Moving shows friction,
+/// resting what sticks. Assumed.
+struct FreeRunRig {
+  double beat_s = 0.75;  ///< of a sweep and its rest
+  double sweep_s = 0.5;
+  double swing_rad = 0.35;                ///< to both sides
+  double rest_velocity_rad_per_s = 0.02;  ///< Coulomb friction turns within about it
 };
 
-/// Builds a RayScene from triangles. Laws: same triangles, same hits; results do not depend on where the scene lies in space.
-template <class I>
-concept Intersector = requires(const I& intersector, const std::vector<SceneTriangle>& triangles) {
-  { intersector.build(triangles) } -> RayScene;
+/// The joints under local position control, with current for torque: one, or a second one alike before it.
+struct MotorRig {
+  int joints = 1;
+  double joint_to_joint_m = 45.0_mm;       ///< from the first of two to the second; assumed
+  double joint_to_origin_m = 65.0_mm;      ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
+  double torque_constant_Nm_per_A = 0.35;  ///< gear included; assumed
+  double constant_sigma =
+      0.02;  ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
+  double stiction_Nm =
+      0.079;  ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  double white_Nm = 0.0685;  ///< σ of one sample; current noise and ripple: set for 1.29 N
+  double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
+  double weight_Nm = 0.06;                                ///< of the finger, times sin q; assumed
+  double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed
+  double velocity_sigma_rad_per_s = 0.003;  ///< σ; assumed
+  double hold_rad = 0.15;                   ///< where it holds; assumed
+  double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
+  double hz = 250.0;
+  FreeRunRig free_run;
 };
 
-}  // namespace lumo
+/// How the pad at hand differs from the computed one.
+struct SpecimenRig {
+  double stiffness = 1.0;  ///< of its silicone, relative: it deforms as the computed pad does under the load over this
+  double lamps = 1.0;      ///< power of its LEDs, relative
 
-#endif
-
-// ---- lumo/optics/bvh.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_BVH_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_BVH_HPP
-
-namespace lumo {
-
-/// Ray scene on a tree of boxes, four children a node: triangles in double precision, boxes in float, rounded outwards.
-class BvhScene {
- public:
-  /// Throws InvalidArgument when a corner is not finite.
-  BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
-
-  /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  RayHit first_hit(const Vec3d& origin, const Vec3d& direction, bool inside) const;
-
- private:
-  static constexpr std::size_t bins = 16;
-  using Box = Eigen::AlignedBox<double, 3>;
-  struct Triangle {
-    Vec3d corner, edge1, edge2;
-    int id;
-    bool in_air_only;
-  };
-  struct Node {
-    std::array<Eigen::Array4f, 3> low, high;
-    std::array<int, 4> child{};  ///< node, or first triangle of a leaf
-    std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 for nothing
-  };
-  struct Range {
-    int first, last;
-    Box box;
-  };
-
-  Range bounds(int first, int last) const;
-  bool split(const Range& range, std::array<Range, 2>& halves);
-  int build(const Range& range);
-
-  std::vector<Triangle> triangles_;
-  std::vector<Node> nodes_;
-  std::vector<Box> boxes_;      ///< per input triangle, while building
-  std::vector<int> order_;      ///< likewise
-  Vec3d center_ = Vec3d::Zero();  ///< corners are stored relative to it
-  double slack_ = 0.0;          ///< rays may start this far behind a face [m]
-  int leaf_size_;
+  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms
+  /// more.
+  double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
 };
 
-/// The library's own Intersector; needs Eigen only. Law: independent of the place of the scene (it is centred).
-/// Source: binned surface area heuristic, Wald 2007; ray–triangle test, Möller & Trumbore 1997.
-struct Bvh {
-  struct Config {
-    int leaf_size = 4;  ///< triangles up to which a range is not split
-  };
-  Config config{};
-
-  template <class Scene = BvhScene>
-  Scene build(const std::vector<SceneTriangle>& triangles) const { return Scene(triangles, config.leaf_size); }
+/// All of it.
+struct Rig {
+  SpecimenRig specimen;
+  CameraRig camera;
+  LightRig light;
+  ContactRig contact;
+  SiliconeRig silicone;
+  MotorRig motor;
 };
 
-inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
-  Box all;
-  for (const SceneTriangle& t : triangles)
-    for (const Vec3d& p : t.corners) {
-      if (!p.allFinite()) throw InvalidArgument("optical scene: a corner is not finite");
-      all.extend(p);
-    }
-  if (triangles.empty()) return;
-  center_ = all.center();
-  const double extent = all.diagonal().norm(), pad = 1e-6 * extent;
-  slack_ = 1e-11 * extent;
-  for (const SceneTriangle& t : triangles) {
-    Box box;
-    for (const Vec3d& p : t.corners) box.extend(Vec3d(p - center_));
-    boxes_.emplace_back(Vec3d(box.min().array() - pad), Vec3d(box.max().array() + pad));
-  }
-  order_.resize(triangles.size());
-  std::iota(order_.begin(), order_.end(), 0);
-  build(bounds(0, int(triangles.size())));
-  for (int i : order_) {
-    const auto& [a, b, c] = triangles[std::size_t(i)].corners;
-    triangles_.push_back({a - center_, b - a, c - a, i, triangles[std::size_t(i)].in_air_only});
-  }
-  boxes_ = {};
-  order_ = {};
+/// What a pixel gives for the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number,
+/// times `noise`), the row's offset, black level, full well, gamma, 8 bits (EMVA 1288's linear model).
+inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise, double normal, double row_offset) {
+  signal = std::max(signal, 0.0);
+  signal += noise * std::sqrt(camera.shot_DN * signal + camera.read_DN * camera.read_DN) * normal + row_offset;
+  double value = std::clamp(signal + camera.black_DN, 0.0, camera.full_DN);
+  const double inverse_gamma = 1.0 / camera.gamma;
+  if (inverse_gamma != 1.0) value = camera.full_DN * std::pow(value / camera.full_DN, inverse_gamma);
+  return std::uint8_t(std::lround(value));
 }
 
-inline auto BvhScene::bounds(int first, int last) const -> Range {
-  Range r{first, last, {}};
-  for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
-  return r;
-}
-
-// Cuts the range where the expected cost of a ray is least; false when it is small, or cannot be cut.
-inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
-  const int n = range.last - range.first;
-  if (n <= leaf_size_) return false;
-  Box centers;
-  for (int i = range.first; i < range.last; ++i) centers.extend(boxes_[std::size_t(order_[std::size_t(i)])].center());
-  int axis = 0;
-  const double width = centers.diagonal().maxCoeff(&axis);
-  if (!(width > 0.0)) return false;
-  const auto bin = [&](int i) {
-    const double x = (boxes_[std::size_t(i)].center()[axis] - centers.min()[axis]) / width;
-    return std::min(bins - 1, std::size_t(x * double(bins)));
-  };
-  const auto area = [](const Box& b) {
-    const Vec3d d = b.diagonal();
-    return d.x() * d.y() + d.y() * d.z() + d.z() * d.x();
-  };
-  std::array<Box, bins> box;
-  std::array<int, bins> count{};
-  for (int i = range.first; i < range.last; ++i) {
-    const int id = order_[std::size_t(i)];
-    box[bin(id)].extend(boxes_[std::size_t(id)]);
-    ++count[bin(id)];
-  }
-  std::array<double, bins> right{};
-  Box sweep;
-  for (std::size_t b = bins; b-- > 1;) {
-    sweep.extend(box[b]);
-    right[b] = sweep.isEmpty() ? 0.0 : area(sweep);
-  }
-  sweep.setEmpty();
-  double best = std::numeric_limits<double>::infinity();
-  std::size_t cut = 0;
-  for (std::size_t b = 1, below = 0; b < bins; ++b) {
-    sweep.extend(box[b - 1]);
-    below += std::size_t(count[b - 1]);
-    if (below == 0 || below == std::size_t(n)) continue;
-    const double cost = area(sweep) * double(below) + right[b] * double(std::size_t(n) - below);
-    if (cost < best) best = cost, cut = b;
-  }
-  const auto begin = order_.begin();
-  const auto middle = std::partition(begin + range.first, begin + range.last, [&](int id) { return bin(id) < cut; });
-  halves = {bounds(range.first, int(middle - begin)), bounds(int(middle - begin), range.last)};
-  return true;
-}
-
-inline int BvhScene::build(const Range& range) {
-  std::vector<Range> parts{range};
-  for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
-    std::sort(parts.begin(), parts.end(), [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
-    std::array<Range, 2> halves;
-    if (!split(parts[tried], halves)) {
-      ++tried;
-      continue;
-    }
-    parts[tried] = halves[0];
-    parts.push_back(halves[1]);
-    tried = 0;
-  }
-  const std::size_t me = nodes_.size();
-  nodes_.emplace_back();
-  for (std::size_t k = 0; k < 4; ++k) {
-    for (std::size_t a = 0; a < 3; ++a) {
-      const bool used = k < parts.size();
-      nodes_[me].low[a][Eigen::Index(k)] = used ? float(parts[k].box.min()[Eigen::Index(a)]) : std::numeric_limits<float>::infinity();
-      nodes_[me].high[a][Eigen::Index(k)] = used ? float(parts[k].box.max()[Eigen::Index(a)]) : -std::numeric_limits<float>::infinity();
-    }
-    if (k >= parts.size()) {
-      nodes_[me].count[k] = -1;
-      continue;
-    }
-    const bool leaf = parts.size() == 1 || parts[k].last - parts[k].first <= leaf_size_;
-    nodes_[me].count[k] = leaf ? parts[k].last - parts[k].first : 0;
-    const int child = leaf ? parts[k].first : build(parts[k]);
-    nodes_[me].child[k] = child;
-  }
-  return int(me);
-}
-
-inline RayHit BvhScene::first_hit(const Vec3d& origin, const Vec3d& direction, bool inside) const {
-  RayHit best;
-  if (nodes_.empty()) return best;
-  const Vec3d o = origin - center_;
-  std::array<float, 3> of, inverse;
-  for (std::size_t a = 0; a < 3; ++a) {
-    const double d = direction[Eigen::Index(a)];
-    of[a] = float(o[Eigen::Index(a)]);
-    inverse[a] = float(1.0 / (std::abs(d) < 1e-12 ? std::copysign(1e-12, d) : d));
-  }
-  struct Todo {
-    int child, count;
-    float t;
-  };
-  std::array<Todo, 256> stack;  // three a level at most; trees stay far below 80 levels
-  std::size_t top = 0;
-  stack[top++] = {0, 0, 0.0f};
-  while (top > 0) {
-    const Todo now = stack[--top];
-    if (double(now.t) > best.t) continue;
-    for (int i = now.child; i < now.child + now.count; ++i) {
-      const Triangle& t = triangles_[std::size_t(i)];
-      const Vec3d p = direction.cross(t.edge2);
-      const double det = t.edge1.dot(p);  // > 0: against the normal, so from outside
-      if (inside ? t.in_air_only || !(det < 0.0) : !(det > 0.0)) continue;
-      const double f = 1.0 / det;
-      const Vec3d s = o - t.corner;
-      const double u = f * s.dot(p);
-      if (!(u >= -1e-10 && u <= 1.0 + 1e-10)) continue;
-      const Vec3d q = s.cross(t.edge1);
-      const double v = f * direction.dot(q);
-      if (!(v >= -1e-10 && u + v <= 1.0 + 1e-10)) continue;
-      const double d = f * t.edge2.dot(q);
-      if (d >= -slack_ && d < best.t) best = {d, t.id};
-    }
-    if (now.count > 0) continue;
-    const Node& node = nodes_[std::size_t(now.child)];
-    Eigen::Array4f enter = Eigen::Array4f::Zero(), leave = Eigen::Array4f::Constant(float(best.t));
-    for (std::size_t a = 0; a < 3; ++a) {
-      const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a], &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
-      enter = enter.max((near - of[a]) * inverse[a]);
-      leave = leave.min((far - of[a]) * inverse[a]);
-    }
-    const std::size_t base = top;
-    for (std::size_t k = 0; k < 4; ++k) {
-      if (node.count[k] < 0 || !(enter[Eigen::Index(k)] <= leave[Eigen::Index(k)] * 1.000001f) || top == stack.size()) continue;
-      std::size_t at = top++;  // keep the nearest on top
-      for (; at > base && stack[at - 1].t < enter[Eigen::Index(k)]; --at) stack[at] = stack[at - 1];
-      stack[at] = {node.child[k], node.count[k], enter[Eigen::Index(k)]};
-    }
-  }
-  return best;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/surface/quadratic_face.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_QUADRATIC_FACE_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_QUADRATIC_FACE_HPP
-
-namespace lumo {
-
-/// Shape functions of a quadratic triangle at barycentric (b1, b2); nodes: corners 0, 1, 2, then the middles of edges 01, 12, 20.
-inline std::array<double, 6> quadratic_shape(double b1, double b2) {
-  const double b0 = 1.0 - b1 - b2;
-  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0), 4.0 * b0 * b1, 4.0 * b1 * b2, 4.0 * b2 * b0};
-}
-
-/// Its point at (b1, b2).
-inline Vec3d on_quadratic(const std::array<Vec3d, 6>& x, double b1, double b2) {
-  const std::array<double, 6> n = quadratic_shape(b1, b2);
-  return n[0] * x[0] + n[1] * x[1] + n[2] * x[2] + n[3] * x[3] + n[4] * x[4] + n[5] * x[5];
-}
-
-/// The same at (k1, k2)/n. Points on an edge come from the edge's own three nodes in the order of their `numbers`, so that neighbours get the same
-/// bits: no cracks.
-inline Vec3d lattice_point(const std::array<Vec3d, 6>& x, const std::array<int, 6>& numbers, int n, int k1, int k2) {
-  const double h = 1.0 / n;
-  const auto on_edge = [&](std::size_t a, std::size_t b, std::size_t m, int ka, int kb) {
-    if (kb == 0) return x[a];
-    if (ka == 0) return x[b];
-    if (numbers[a] > numbers[b]) std::swap(a, b), std::swap(ka, kb);
-    const double s = ka * h, t = kb * h;
-    return Vec3d(s * (2.0 * s - 1.0) * x[a] + t * (2.0 * t - 1.0) * x[b] + 4.0 * s * t * x[m]);
-  };
-  const int k0 = n - k1 - k2;
-  if (k2 == 0) return on_edge(0, 1, 3, k0, k1);
-  if (k0 == 0) return on_edge(1, 2, 4, k1, k2);
-  if (k1 == 0) return on_edge(2, 0, 5, k2, k0);
-  return on_quadratic(x, k1 * h, k2 * h);
-}
-
-/// Unit normal at (b1, b2); not finite where the triangle is crushed to nothing.
-inline Vec3d quadratic_normal(const std::array<Vec3d, 6>& x, double b1, double b2) {
-  const double b0 = 1.0 - b1 - b2;
-  const Vec3d d1 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b1 - 1.0) * x[1] + 4.0 * (b0 - b1) * x[3] + 4.0 * b2 * (x[4] - x[5]);
-  const Vec3d d2 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b2 - 1.0) * x[2] + 4.0 * (b0 - b2) * x[5] + 4.0 * b1 * (x[4] - x[3]);
-  return d1.cross(d2).normalized();
-}
-
-/// A boundary face of the mesh in one state.
-struct QuadraticFace {
-  std::array<Vec3d, 6> reference, deformed;  ///< [m]
-  std::array<Vec3d, 6> normal;               ///< unit outward normals of the deformed face at its nodes, shared with its neighbours
-  std::array<double, 6> contact;            ///< contact field, > 0 in contact, −infinity where there can be none
-  int patch;
-  bool may_touch;
-
-  /// Inside {φ > 0}, φ linear on the four triangles between corners and edge middles?
-  bool in_contact(double b1, double b2) const {
-    if (!may_touch) return false;
-    const double b0 = 1.0 - b1 - b2;
-    double value = 0.0;
-    const auto add = [&](double weight, std::size_t node) {
-      if (weight > 0.0) value += weight * contact[node];  // a weight of 0 must not meet −infinity
-    };
-    if (b0 > 0.5) {
-      add(2.0 * b0 - 1.0, 0), add(2.0 * b1, 3), add(2.0 * b2, 5);
-    } else if (b1 > 0.5) {
-      add(2.0 * b1 - 1.0, 1), add(2.0 * b0, 3), add(2.0 * b2, 4);
-    } else if (b2 > 0.5) {
-      add(2.0 * b2 - 1.0, 2), add(2.0 * b1, 4), add(2.0 * b0, 5);
-    } else {
-      add(1.0 - 2.0 * b2, 3), add(1.0 - 2.0 * b0, 4), add(1.0 - 2.0 * b1, 5);
-    }
-    return value > 0.0;
-  }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/surface/normal_recovery.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_NORMAL_RECOVERY_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_NORMAL_RECOVERY_HPP
-
-namespace lumo {
-
-/// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its normals.
-inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<BoundaryFace>& faces) {
-  std::vector<std::array<int, 6>> numbers(faces.size());
-  std::map<std::array<int, 3>, int> known;  // patch and the corners of the edge (of a corner: itself twice)
-  for (std::size_t f = 0; f < faces.size(); ++f)
-    for (std::size_t k = 0; k < 6; ++k) {
-      const int a = faces[f].nodes[k % 3], b = k < 3 ? a : faces[f].nodes[(k + 1) % 3];
-      numbers[f][k] = known.try_emplace({faces[f].patch, std::min(a, b), std::max(a, b)}, int(known.size())).first->second;
-    }
-  return numbers;
-}
-
-/// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light load turns them; and where
-/// the body is undeformed its shape is known. So the exact normals are turned as the faces turn, by the nearest field that is continuous and
-/// quadratic on each patch: it turns every node's surroundings as much as the faces do in the mean. Source: Hinton, Campbell 1974.
-inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
-  using Vector6d = Eigen::Matrix<double, 6, 1>;
-  using Matrix6d = Eigen::Matrix<double, 6, 6>;
-  using SparseMatrix = Eigen::SparseMatrix<double>;
-  struct Point {
-    double weight, b1, b2;
-  };
-  constexpr double w = 0.223381589678011, b = 0.445948490915965, v = 0.109951743655322, c = 0.091576213509771;  // degree 4: Dunavant 1985
-  constexpr std::array<Point, 6> rule = {{{w, b, b}, {w, 1 - 2 * b, b}, {w, b, 1 - 2 * b}, {v, c, c}, {v, 1 - 2 * c, c}, {v, c, 1 - 2 * c}}};
-
-  const std::vector<std::array<int, 6>> nodes = patchwise_nodes(mesh_faces);
-  int size = 0;
-  for (const std::array<int, 6>& n : nodes) size = std::max(size, 1 + *std::max_element(n.begin(), n.end()));
-  std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(36 * faces.size());
-  Eigen::MatrixX3d turned = Eigen::MatrixX3d::Zero(size, 3);
-  for (std::size_t f = 0; f < faces.size(); ++f) {
-    const std::array<Vec3d, 6>& x = faces[f].reference;
-    const double area = 0.5 * (x[1] - x[0]).cross(x[2] - x[0]).norm();
-    Matrix6d mass = Matrix6d::Zero();
-    for (const Point& p : rule) {
-      const Vector6d shape(quadratic_shape(p.b1, p.b2).data());
-      mass += area * p.weight * shape * shape.transpose();
-      const Vec3d turn = quadratic_normal(faces[f].deformed, p.b1, p.b2) - quadratic_normal(x, p.b1, p.b2);
-      if (!turn.allFinite()) continue;  // a face that is crushed to nothing has no normal
-      for (std::size_t k = 0; k < 6; ++k) turned.row(nodes[f][k]) += area * p.weight * shape[int(k)] * turn.transpose();
-    }
-    for (std::size_t k = 0; k < 6; ++k)
-      for (std::size_t l = 0; l < 6; ++l) entries.emplace_back(nodes[f][k], nodes[f][l], mass(int(k), int(l)));
-  }
-  SparseMatrix mass(size, size);
-  mass.setFromTriplets(entries.begin(), entries.end());
-  Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower | Eigen::Upper> solver(mass);
-  solver.setTolerance(1e-10);
-  turned = solver.solve(turned).eval();
-  for (std::size_t f = 0; f < faces.size(); ++f)
-    for (std::size_t k = 0; k < 6; ++k)
-      faces[f].normal[k] = (outward_normal(body, faces[f].patch, faces[f].reference[k]) + turned.row(nodes[f][k]).transpose()).normalized();
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/surface/polygon_cells.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_POLYGON_CELLS_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_POLYGON_CELLS_HPP
-
-namespace lumo {
-
-/// Cuts a convex polygon into triangles with edges of about `size_m` that fit together corner to corner. How many is decided on the polygon
-/// `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram becomes an even number of cells each way, of
-/// four triangles each, any other polygon a fan about its middle: mirror images of a polygon have mirror images of its triangles.
-inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, const std::vector<Vec3d>& like, double size_m) {
-  std::vector<std::array<Vec3d, 3>> cells;
-  const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
-  if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
-    const int nu = 2 * pieces(0.5 * (like[1] - like[0]).norm()), nv = 2 * pieces(0.5 * (like[3] - like[0]).norm());
-    const auto at = [&](double i, double j) {
-      const double u = i / nu, v = j / nv;
-      return Vec3d((1.0 - u) * (1.0 - v) * c[0] + u * (1.0 - v) * c[1] + u * v * c[2] + (1.0 - u) * v * c[3]);
-    };
-    for (int i = 0; i < nu; ++i)
-      for (int j = 0; j < nv; ++j) {
-        const Vec3d middle = at(i + 0.5, j + 0.5);
-        const std::array<Vec3d, 4> p{at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)};
-        for (std::size_t k = 0; k < 4; ++k) cells.push_back({p[k], p[(k + 1) % 4], middle});
-      }
-    return cells;
-  }
-  const std::size_t m = c.size();
-  double longest = 0.0;
-  Vec3d middle = Vec3d::Zero();
-  for (std::size_t k = 0; k < m; ++k) {
-    middle += c[k] / double(m);
-    for (std::size_t l = 0; l < k; ++l) longest = std::max(longest, (like[k] - like[l]).norm());
-  }
-  const int n = pieces(longest);
-  for (std::size_t k = 0; k < m; ++k) {
-    const auto at = [&](int i, int j) { return Vec3d(middle + (double(i) / n) * (c[k] - middle) + (double(j) / n) * (c[(k + 1) % m] - middle)); };
-    for (int i = 0; i < n; ++i)
-      for (int j = 0; i + j < n; ++j) {
-        cells.push_back({at(i, j), at(i + 1, j), at(i, j + 1)});
-        if (i + j + 1 < n) cells.push_back({at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)});
-      }
-  }
-  return cells;
-}
-inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, double size_m) { return polygon_cells(c, c, size_m); }
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/surface/set_back.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_SET_BACK_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_SET_BACK_HPP
-
-namespace lumo {
-
-/// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the body lie behind
-/// it if that is more: where a body rests on its carrier the two may cross a little, and light in the gap must still meet the carrier.
-/// Throws InvalidArgument for a face that is not a polygon of finite corners with an area.
-inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3d>& soft, double gap_m) {
-  const double reach = 1e-3;  // [m]; what lies deeper behind the face does not rest on it
-  const std::vector<Vec3d>& c = face.corners;
-  const std::size_t m = c.size();
-  if (m < 3) throw InvalidArgument(message("carrier face '", face.name, "' has ", m, " corners, needs 3"));
-  for (const Vec3d& p : c)
-    if (!p.allFinite()) throw InvalidArgument(message("carrier face '", face.name, "': a corner is not finite"));
-  Vec3d n = Vec3d::Zero();
-  for (std::size_t k = 1; k + 1 < m; ++k) n += (c[k] - c[0]).cross(c[k + 1] - c[0]);
-  if (!(n.norm() > 0.0)) throw InvalidArgument(message("carrier face '", face.name, "' has no area"));
-  n.normalize();
-  std::vector<Vec3d> out(m);  // in-plane outward normals of the edges
-  for (std::size_t k = 0; k < m; ++k) out[k] = (c[(k + 1) % m] - c[k]).cross(n).normalized();
-  double back = gap_m;
-  for (const Vec3d& x : soft) {
-    const double depth = n.dot(c[0] - x);
-    if (depth <= 0.5 * back || depth > reach) continue;
-    bool over = true;
-    for (std::size_t k = 0; k < m && over; ++k) over = out[k].dot(x - c[k]) < 0.0;
-    if (over) back = 2.0 * depth;
-  }
-  // Standing back opens slits along the rim: the face is made larger in its plane, so that light cannot slip through.
-  std::vector<Vec3d> corner(m);
-  for (std::size_t k = 0; k < m; ++k) {
-    const Vec3d& a = out[(k + m - 1) % m];
-    corner[k] = c[k] - back * n + 10.0 * back * (a + out[k]) / (1.0 + std::max(-0.9, a.dot(out[k])));
-  }
-  return corner;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/fresnel.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_FRESNEL_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_FRESNEL_HPP
-
-namespace lumo {
-
-/// A smooth interface met under a given angle: share of the power that is reflected, and the cosine behind it.
-struct FresnelSplit {
-  double reflectance;    ///< 1 under total internal reflection
-  double cosine_behind;  ///< of the refracted ray to the normal; 0 under total internal reflection
-};
-
-/// Unpolarised power reflectance of a smooth dielectric interface.
-/// `cosine` in [0, 1] in front, `index_ratio` = n in front / n behind. Laws: reciprocity (the same on the way back), R + T = 1,
-/// ((n−1)/(n+1))² at normal incidence, R_p = 0 at Brewster's angle. Source: Fresnel 1823; Born & Wolf, Principles of Optics, §1.5.
-inline FresnelSplit fresnel(double cosine, double index_ratio) {
-  const double sine2 = index_ratio * index_ratio * (1.0 - cosine * cosine);
-  if (!(sine2 < 1.0)) return {1.0, 0.0};
-  const double behind = std::sqrt(1.0 - sine2);
-  const double s = (index_ratio * cosine - behind) / (index_ratio * cosine + behind);
-  const double p = (cosine - index_ratio * behind) / (cosine + index_ratio * behind);
-  return {0.5 * (s * s + p * p), behind};
-}
-
-/// Mirror image of the unit direction `d` in the plane with unit normal `n`.
-inline Vec3d reflect(const Vec3d& d, const Vec3d& n) { return (d - 2.0 * d.dot(n) * n).normalized(); }
-
-/// Refracted direction of the unit direction `d` by Snell's law; `n` is the unit normal on the side that light comes from.
-inline Vec3d refract(const Vec3d& d, const Vec3d& n, double index_ratio, double cosine_behind) {
-  return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/surface_optics.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
-
-namespace lumo {
-
-// The policies themselves (Dielectric, Lambertian, Mirror, Absorber) are data of a body: morphology/optical_data.hpp.
-// Here is what light does there. Dielectric is the one that lets light through; the tracer splits it by fresnel().
-
-/// Reflectance of an opaque surface [–], in [0, 1]. What is not reflected is booked as absorbed there.
-constexpr double reflectance(const Lambertian& s) { return s.albedo; }
-constexpr double reflectance(const Mirror& s) { return s.reflectance; }
-constexpr double reflectance(const Absorber&) { return 0.0; }
-
-namespace detail {
-
-/// Direction about the axis `n` with density cos θ/π from two numbers in (0, 1); the azimuth starts at `t1`.
-inline Vec3d cosine_direction(const Vec3d& t1, const Vec3d& t2, const Vec3d& n, double u, double azimuth) {
-  const double sine = std::sqrt(u);
-  return (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + std::sqrt(1.0 - u) * n).normalized();
-}
-
-}  // namespace detail
-
-/// Where opaque surfaces send light: unit direction for the incoming unit direction `d`, unit normal `n` on the lit side, and two
-/// numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image paths take image directions.
-inline Vec3d reflected(const Lambertian&, const Vec3d&, const Vec3d& n, double u, double v, const Vec3d& mirror) {
-  const Vec3d m = mirror.cwiseProduct(n);
-  Vec3d t1, t2;
-  tangents(m, t1, t2);
-  return mirror.cwiseProduct(detail::cosine_direction(t1, t2, m, u, 2.0 * pi * v));
-}
-inline Vec3d reflected(const Mirror&, const Vec3d& d, const Vec3d& n, double, double, const Vec3d&) { return reflect(d, n); }
-inline Vec3d reflected(const Absorber&, const Vec3d&, const Vec3d& n, double, double, const Vec3d&) { return n; }
-
-/// An opaque surface. Law: 0 ≤ reflectance ≤ 1, and reflected() stays on the lit side.
-template <class S>
-concept OpaqueSurface = requires(const S& s, const Vec3d& v) {
-  { reflectance(s) } -> std::convertible_to<double>;
-  { reflected(s, v, v, 0.5, 0.5, v) } -> std::convertible_to<Vec3d>;
-};
-
-static_assert(OpaqueSurface<Lambertian> && OpaqueSurface<Mirror> && OpaqueSurface<Absorber>);
-static_assert(!OpaqueSurface<Dielectric>);
-
-template <std::same_as<SurfaceOptics> Optics>
-inline bool is_dielectric(const Optics& s) { return std::holds_alternative<Dielectric>(s); }
-
-/// Throws InvalidArgument for a reflectance outside [0, 1].
-template <std::same_as<SurfaceOptics> Optics>
-inline void validate(const Optics& optics) {
-  std::visit(
-      [](const auto& s) {
-        if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) require_in_range("surface reflectance", reflectance(s), 0.0, 1.0, "");
-      },
-      optics);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/optical_scene.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_OPTICAL_SCENE_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_OPTICAL_SCENE_HPP
-
-namespace lumo {
-
-/// Where a ray met the scene.
-struct ScenePoint {
-  int face = -1;              ///< boundary face of the mesh; −1 on a carrier face
-  double b1 = 0.0, b2 = 0.0;  ///< barycentric in the face (of corners 1 and 2)
-  double u = 0.0, v = 0.0;    ///< barycentric in the flat triangle (of corners 1 and 2)
-};
-
-/// The surface of a body in one state, as light meets it: every face of the mesh cut into sub_facets² triangles on its quadratic map,
-/// plus the carrier faces. Knows exact normals, regions, contact, and the optics of each face.
-class OpticalScene {
- public:
-  struct Config {
-    int sub_facets = 3;            ///< each edge of a quadratic face is cut into this many; linear faces are not cut
-    double carrier_gap_m = 20e-6;  ///< carrier faces stand back by this, or by as far as the body is pressed into them if that is more
-    double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
-  };
-
-  /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
-  /// `images`: also label regions for mirror images in the planes of this symmetry.
-  /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad indices or optics.
-  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field,
-               Symmetry images, const Config& config);
-
-  const std::vector<SceneTriangle>& triangles() const { return triangles_; }
-
-  /// Locates the point `p` [m] on triangle `t`.
-  ScenePoint locate(int t, const Vec3d& p) const;
-  /// Unit normal of triangle `t` (flat, outward).
-  Vec3d flat_normal(int t) const;
-  /// Unit outward normal of the deformed body.
-  Vec3d smooth_normal(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized(); }
-  /// Undeformed position [m].
-  Vec3d reference(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
-  /// Deformed position on the quadratic map [m].
-  Vec3d position(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
-  /// What light inside the body meets where a tool touches it.
-  const SurfaceOptics& touched() const { return body_->touched; }
-  /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
-  bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
-  /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
-  int region(const ScenePoint& p, unsigned image) const;
-  const SurfaceOptics& optics(int t) const {
-    if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
-    return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
-  }
-  int triangles_per_face() const { return int(lattice_.size()); }
-  bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
-  double triangle_area(int t) const;
-  double area(int face) const;      ///< of its triangles [m²]
-  /// May a point of a face, or of one of its mirror images, lie in a region while the body is undeformed?
-  bool has_region(int face) const { return has_region_[std::size_t(face)] != 0; }
-  std::size_t face_count() const { return faces_.size(); }
-  /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
-  int triangle_at(int face, double b1, double b2, Vec3d& point) const;
-  const Patch& patch(int face) const { return body_->patches[std::size_t(faces_[std::size_t(face)].patch)]; }
-  /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
-  std::array<Vec3d, 3> reference_corners(int face, int sub) const;
-  /// Corners of triangle `t` in the undeformed body; of a carrier face, where it stands without gap [m].
-  std::array<Vec3d, 3> reference_corners(int t) const {
-    if (!on_body(t)) return rigid_reference_[std::size_t(t) - body_triangles_];
-    return reference_corners(t / triangles_per_face(), t % triangles_per_face());
-  }
-  /// Region of a place on a patch, undeformed and as it is now, or of its mirror image.
-  int region(int patch, const Vec3d& reference, const Vec3d& position, unsigned image) const;
-  int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
-  /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
-  int surface_number(int t) const {
-    return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
-  }
-  /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the triangle.
-  Vec3d pulled_inward(int t, const Vec3d& p) const;
-
- private:
-  static constexpr int mixed = -2;
-  void add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field);
-  void add_carrier(const Config& config);
-  void label(Symmetry images);
-
-  const Body* body_;
-  int n_;                                                   ///< cuts per edge
-  std::vector<std::array<std::array<int, 2>, 3>> lattice_;  ///< (b1, b2)·n of the corners of each sub-facet
-  std::vector<QuadraticFace> faces_;
-  std::vector<SceneTriangle> triangles_;
-  std::vector<int> rigid_;  ///< carrier face of each triangle after those of the body
-  std::vector<std::array<Vec3d, 3>> rigid_reference_;
-  std::size_t body_triangles_ = 0;
-  std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
-  std::vector<char> has_region_;            ///< per face, undeformed: the same in all states, also where regions stay in space
-};
-
-inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                                  const std::vector<double>& contact_field, Symmetry images, const Config& config)
-    : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
-  require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
-  require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
-  require_in_range("carrier cell", config.carrier_cell_m * 1e3, 1e-3, 1e6, "mm");
-  if (mesh.order != 1 && mesh.order != 2) throw InvalidArgument(message("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
-  for (const Patch& p : body.patches) validate(p.optics);
-  for (const RigidFace& f : body.rigid_faces) validate(f.optics);
-  validate(body.touched);
-  if (body.regions > 0 && !body.region) throw InvalidArgument("optical scene: the body has regions but no region function");
-  for (int i = 0; i < n_; ++i)
-    for (int j = 0; i + j < n_; ++j) {
-      lattice_.push_back({{{i, j}, {i + 1, j}, {i, j + 1}}});
-      if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
-    }
-  add_faces(mesh, displacement, contact_field);
-  recover_normals(faces_, mesh.faces, body);
-  body_triangles_ = triangles_.size();
-  add_carrier(config);
-  label(images);
-}
-
-inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field) {
-  const std::size_t nodes = mesh.nodes.size();
-  if (!displacement.empty() && displacement.size() != nodes)
-    throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
-  if (!contact_field.empty() && contact_field.size() != nodes)
-    throw InvalidArgument(message("optical scene: ", contact_field.size(), " contact values for ", nodes, " nodes"));
-  if (mesh.faces.empty()) throw InvalidArgument("optical scene: the mesh has no boundary faces");
-  const double none = -std::numeric_limits<double>::infinity();
-  faces_.reserve(mesh.faces.size());
-  triangles_.reserve(mesh.faces.size() * lattice_.size());
-  for (const BoundaryFace& face : mesh.faces) {
-    if (face.patch < 0 || std::size_t(face.patch) >= body_->patches.size())
-      throw InvalidArgument(message("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
-    QuadraticFace f;
-    f.patch = face.patch;
-    const std::size_t given = mesh.order == 2 ? 6 : 3;
-    for (std::size_t k = 0; k < given; ++k) {
-      const std::size_t node = std::size_t(face.nodes[k]);
-      if (face.nodes[k] < 0 || node >= nodes)
-        throw InvalidArgument(message("optical scene: face with node ", face.nodes[k], " of ", nodes));
-      f.reference[k] = mesh.nodes[node];
-      f.deformed[k] = displacement.empty() ? mesh.nodes[node] : Vec3d(mesh.nodes[node] + displacement[node]);
-      f.contact[k] = contact_field.empty() ? none : contact_field[node];
-      if (!f.deformed[k].allFinite() || !(f.deformed[k].cwiseAbs().maxCoeff() < 1e6))
-        throw InvalidArgument(message("optical scene: node ", node, " is not at a finite place below 1e6 m"));
-      if (!(f.contact[k] < std::numeric_limits<double>::infinity()))
-        throw InvalidArgument(message("optical scene: contact field of node ", node, " is ", f.contact[k]));
-    }
-    for (std::size_t k = given; k < 6; ++k) {
-      const std::size_t a = k - 3, b = (a + 1) % 3;
-      f.reference[k] = 0.5 * (f.reference[a] + f.reference[b]);
-      f.deformed[k] = 0.5 * (f.deformed[a] + f.deformed[b]);
-      f.contact[k] = 0.5 * (f.contact[a] + f.contact[b]);
-    }
-    f.may_touch = *std::max_element(f.contact.begin(), f.contact.end()) > 0.0;
-    faces_.push_back(f);
-    const auto at = [&](const std::array<int, 2>& k) { return lattice_point(f.deformed, face.nodes, n_, k[0], k[1]); };
-    for (const auto& c : lattice_) triangles_.push_back({{at(c[0]), at(c[1]), at(c[2])}, false});
-  }
-}
-
-// The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.
-inline void OpticalScene::add_carrier(const Config& config) {
-  std::vector<Vec3d> soft;
-  for (const QuadraticFace& f : faces_)
-    if (is_dielectric(body_->patches[std::size_t(f.patch)].optics)) soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
-  for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
-    const std::vector<Vec3d>& place = body_->rigid_faces[i].corners;
-    const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
-    const auto cells = polygon_cells(place, config.carrier_cell_m);
-    const auto moved = polygon_cells(corner, place, config.carrier_cell_m);
-    for (std::size_t k = 0; k < cells.size(); ++k) {
-      triangles_.push_back({moved[k], true});
-      rigid_reference_.push_back(cells[k]);
-      rigid_.push_back(int(i));
-    }
-  }
-}
-
-inline int OpticalScene::region(int patch, const Vec3d& reference, const Vec3d& position, unsigned image) const {
-  if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
-  const Vec3d mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-  const Vec3d n = outward_normal(*body_, patch, reference);
-  const int r = body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
-  return r >= 0 && r < body_->regions ? r : -1;
-}
-
-// Faces whose nodes share a region need no look-up at a hit; most do.
-inline void OpticalScene::label(Symmetry images) {
-  has_region_.assign(faces_.size(), 0);
-  for (unsigned image = 0; image < 4; ++image) {
-    if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
-    for (std::size_t face = 0; face < faces_.size(); ++face) {
-      const QuadraticFace& f = faces_[face];
-      std::array<int, 6> r{};
-      for (std::size_t k = 0; k < 6; ++k) {
-        r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
-        const int undeformed = body_->regions_in_space ? region(f.patch, f.reference[k], f.reference[k], image) : r[k];
-        has_region_[face] = has_region_[face] || undeformed != -1;
-      }
-      labels_[image].push_back(std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; }) ? r[0] : mixed);
-    }
-  }
-}
-
-inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
-  const int known = labels_[image][std::size_t(p.face)];
-  if (known != mixed) return known;
-  const Vec3d undeformed = reference(p);
-  return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed, image);
-}
-
-inline ScenePoint OpticalScene::locate(int t, const Vec3d& p) const {
-  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
-  const auto& [a, b, c] = corners;
-  const Vec3d e1 = b - a, e2 = c - a, n = e1.cross(e2);
-  const double f = 1.0 / n.squaredNorm();
-  const auto unit = [](double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; };  // also takes NaN, of a triangle without area
-  double u = unit(f * n.dot((p - a).cross(e2))), v = unit(f * n.dot(e1.cross(p - a)));
-  if (const double s = u + v; s > 1.0) u /= s, v /= s;
-  ScenePoint r;
-  r.u = u, r.v = v;
-  if (!on_body(t)) return r;
-  r.face = t / int(lattice_.size());
-  const auto& l = lattice_[std::size_t(t) % lattice_.size()];
-  r.b1 = (l[0][0] + u * (l[1][0] - l[0][0]) + v * (l[2][0] - l[0][0])) / n_;
-  r.b2 = (l[0][1] + u * (l[1][1] - l[0][1]) + v * (l[2][1] - l[0][1])) / n_;
-  return r;
-}
-
-inline std::array<Vec3d, 3> OpticalScene::reference_corners(int face, int sub) const {
-  const std::array<Vec3d, 6>& x = faces_[std::size_t(face)].reference;
-  if (sub < 0) return {x[0], x[1], x[2]};
-  std::array<Vec3d, 3> corners;
-  for (std::size_t k = 0; k < 3; ++k) {
-    const auto& [i, j] = lattice_[std::size_t(sub)][k];
-    corners[k] = on_quadratic(x, double(i) / n_, double(j) / n_);
-  }
-  return corners;
-}
-
-inline double OpticalScene::triangle_area(int t) const {
-  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
-  const auto& [a, b, c] = corners;
-  return 0.5 * (b - a).cross(c - a).norm();
-}
-
-inline double OpticalScene::area(int face) const {
+/// The lab's clock.
+inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
+
+/// Throws InvalidArgument for numbers out of range.
+inline void validate(const Rig& r) {
+  require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
+  require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
+  require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
+  require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
+  require_positive("focal length", r.camera.focal_px, "px");
+  require_in_range("distance of the camera", r.camera.distance_m, 0.05, 10.0, "m");
+  require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
+  require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
+  require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
+  require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
+  require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
+  require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
+  require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
+  require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");
+  require_positive("stiffness of the position control", r.motor.stiffness_Nm_per_rad, "N·m/rad");
   double sum = 0.0;
-  for (int k = 0; k < triangles_per_face(); ++k) sum += triangle_area(face * triangles_per_face() + k);
-  return sum;
+  for (std::size_t k = 0; k < r.silicone.part.size(); ++k) {
+    require_in_range("part of the relaxation", r.silicone.part[k], 0.0, 0.9, "");
+    require_positive("relaxation time", r.silicone.time_s[k], "s");
+    sum += r.silicone.part[k];
+  }
+  require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
 }
 
-inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3d& point) const {
-  const double x = b1 * n_, y = b2 * n_;
-  int i = std::clamp(int(x), 0, n_ - 1), j = std::clamp(int(y), 0, n_ - 1 - i);
-  double u = x - i, v = y - j;
-  const bool upper = u + v > 1.0 && i + j + 1 < n_;
-  const int t = face * int(lattice_.size()) + 2 * n_ * i - i * i + 2 * j + (upper ? 1 : 0);
-  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
-  const auto& [a, b, c] = corners;
-  point = upper ? Vec3d((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3d((1.0 - u - v) * a + u * b + v * c);
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/lab/random_stream.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_RANDOM_STREAM_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_RANDOM_STREAM_HPP
+
+namespace lumo {
+
+/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was
+/// drawn elsewhere. The same on every machine up to its mathematical functions' last bit.
+class RandomStream {
+ public:
+  RandomStream(std::uint64_t seed, std::uint64_t stream) : key_(combine(combine(0x1ab0ull, seed), stream)) {}
+
+  double uniform() { return lumo::uniform(combine(key_, count_++)); }
+  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
+  double normal() {
+    if (spare_) return spare_ = false, second_;
+    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
+    second_ = r * std::sin(a);
+    spare_ = true;
+    return r * std::cos(a);
+  }
+
+ private:
+  std::uint64_t key_, count_ = 0;
+  double second_ = 0.0;
+  bool spare_ = false;
+};
+
+/// First-order Gauss–Markov noise of standard deviation 1.
+class SlowNoise {
+ public:
+  SlowNoise(RandomStream draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
+  /// At a time not before the last one.
+  double at(double t_s) {
+    const double keep = std::exp(-(t_s - t_s_) / time_s_);
+    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
+    t_s_ = t_s;
+    return value_;
+  }
+
+ private:
+  RandomStream draws_;
+  double time_s_, value_, t_s_ = 0.0;
+};
+
+/// How much brighter lamps are than their mean, relative: slowly together, and frame by frame; standard deviations as
+/// the rig has them. Takes the streams `first` and `first` + 2.
+class LampNoise {
+ public:
+  LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first)
+      : drift_(rig.lamp_drift),
+        white_(rig.lamp_white),
+        slow_(RandomStream(seed, first), rig.lamp_drift_s),
+        fast_(seed, first + 2) {}
+  double at(double t_s) {
+    const double slow = drift_ * slow_.at(t_s);
+    return slow + white_ * fast_.normal();
+  }
+
+ private:
+  double drift_, white_;
+  SlowNoise slow_;
+  RandomStream fast_;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/sense/recording/csv.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_CSV_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_CSV_HPP
+
+namespace lumo::sense {
+
+/// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields.
+/// No quotes, no empty lines but at the end, no comments; fields may have spaces around them, lines may end in CR LF.
+/// Every fault is an InputError of one line with file, line and column.
+class CsvReader {
+ public:
+  static constexpr std::size_t max_line = 65536, max_columns = 256;
+
+  /// Reads the header. `name` stands in messages.
+  CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
+    if (!read_line()) throw InputError(message(name_, ": is empty, must begin with a line of column names"));
+    if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
+    split();
+    for (const std::string_view f : fields_) {
+      if (f.empty()) throw InputError(message(name_, ":1: column ", columns_.size() + 1, " has no name"));
+      for (const std::string& c : columns_)
+        if (c == f) throw InputError(message(name_, ":1: column '", printable(f), "' is there twice"));
+      columns_.emplace_back(f);
+    }
+  }
+
+  const std::vector<std::string>& columns() const { return columns_; }
+  /// Place of a column, or −1.
+  int find(std::string_view column) const {
+    for (std::size_t i = 0; i < columns_.size(); ++i)
+      if (columns_[i] == column) return int(i);
+    return -1;
+  }
+  /// Place of a column that must be there.
+  int require(std::string_view column) const {
+    if (const int i = find(column); i >= 0) return i;
+    throw InputError(message(name_, ":1: column '", column, "' is missing"));
+  }
+  /// Throws for the first column that is none of those known.
+  template <class Known> void require_known(Known known) const {
+    for (const std::string& c : columns_)
+      if (!known(std::string_view(c))) throw InputError(message(name_, ":1: column '", printable(c), "' is not known"));
+  }
+
+  /// Goes to the next row; false at the end of the file.
+  bool next() {
+    if (!read_line()) return false;
+    if (line_text_.find_first_not_of(" \t") == std::string::npos) {
+      while (read_line())
+        if (line_text_.find_first_not_of(" \t") != std::string::npos)
+          throw InputError(message(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
+      return false;
+    }
+    split();
+    if (fields_.size() != columns_.size())
+      throw InputError(message(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
+    return true;
+  }
+  std::string_view text(int column) const { return fields_[std::size_t(column)]; }
+  /// A finite number.
+  double number(int column) const {
+    const std::string_view f = text(column);
+    double v = 0.0;
+    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
+    if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
+    return v;
+  }
+  std::int64_t integer(int column) const {
+    const std::string_view f = text(column);
+    std::int64_t v = 0;
+    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
+    if (error != std::errc() || end != f.data() + f.size()) fail(column, "is no whole number of 64 bits");
+    return v;
+  }
+  long line() const { return line_; }
+  const std::string& name() const { return name_; }
+  /// Throws the error of a field: file, line, column, text, reason.
+  [[noreturn]] void fail(int column, std::string_view why) const {
+    throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
+                             printable(text(column)), "' ", why));
+  }
+
+ private:
+  bool read_line() {
+    line_text_.clear();
+    ++line_;
+    for (int c = in_.get(); c != std::istream::traits_type::eof(); c = in_.get()) {
+      if (c == '\n') {
+        if (line_text_.ends_with('\r')) line_text_.pop_back();
+        return true;
+      }
+      if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
+      line_text_ += char(c);
+      if (line_text_.size() > max_line)
+        throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
+    }
+    if (in_.bad()) throw InputError(message(name_, ":", line_, ": cannot be read"));
+    return !line_text_.empty();
+  }
+
+  void split() {
+    fields_.clear();
+    const std::string_view all = line_text_;
+    if (const auto quote = all.find('"'); quote != std::string_view::npos)
+      throw InputError(message(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
+    for (std::size_t from = 0;;) {
+      const std::size_t to = std::min(all.find(',', from), all.size());
+      std::string_view f = all.substr(from, to - from);
+      while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
+      while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
+      fields_.push_back(f);
+      if (fields_.size() > max_columns)
+        throw InputError(message(name_, ":", line_, ": has more than ", max_columns, " fields"));
+      if (to == all.size()) return;
+      from = to + 1;
+    }
+  }
+
+  std::istream& in_;
+  std::string name_, line_text_;
+  std::vector<std::string> columns_;
+  std::vector<std::string_view> fields_;
+  long line_ = 0;
+};
+
+/// The shortest text that reads back as the same number. Throws InvalidArgument unless it is finite.
+inline std::string csv_number(double v) {
+  if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
+  char buffer[32];
+  const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, v);
+  return {buffer, end};
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/lab/hand_plan.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_HAND_PLAN_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_HAND_PLAN_HPP
+
+namespace lumo {
+
+using HandJoints = std::array<double, 4>;  ///< proximal and distal of the left finger, then of the right; bending
+                                           ///< inwards is positive [rad]
+
+/// Something that presses on a link: 0 and 1 are the left finger's, from proximal to distal, 2 and 3 the right one's.
+struct HandTouch {
+  int link;
+  double y_m, load_N;
+};
+
+/// A grasp: what the hand looks like while it holds, and what presses where.
+struct HandGrasp {
+  HandJoints joints_rad;
+  std::vector<HandTouch> touches;
+};
+
+/// The joints sweep their workspace without contact, then grasp after grasp is closed, held and opened.
+struct HandPlan {
+  std::string title = "grasps of a hand with two fingers";
+  int sweep_steps = 6;                   ///< of each joint, there and back
+  double low_rad = 0.0, high_rad = 0.4;  ///< of the sweep; the fingers then do not meet
+  double speed_rad_per_s = 0.5;
+  double close_s = 0.4, hold_s = 0.8;
+  std::vector<HandGrasp> grasps;
+};
+
+/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where
+/// `step_m` is not 0, at its nearest multiple.
+inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
+  require_in_range("number of grasps", count, 1, 1000, "");
+  require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
+  HandPlan plan;
+  RandomStream draws(seed, 40);
+  for (int g = 0; g < count; ++g) {
+    HandGrasp grasp;
+    for (double& q : grasp.joints_rad)
+      q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
+    const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
+    for (int k = 0; k < links; ++k) {
+      const double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
+      grasp.touches.push_back(
+          {(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
+    }
+    std::sort(grasp.touches.begin(), grasp.touches.end(),
+              [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
+    plan.grasps.push_back(std::move(grasp));
+  }
+  return plan;
+}
+
+/// What really pressed on the hand at a frame.
+struct HandTruth {
+  std::int64_t stamp_ns = 0;
+  HandJoints joints_rad{};
+  std::vector<HandTouch> touches;  ///< with the loads of this moment
+};
+
+/// truth.csv of a hand: stamp_ns, link, y_mm, force_N; a row for each touch of each frame.
+inline std::string truth_text(const std::vector<HandTruth>& truth) {
+  std::string t = "stamp_ns,link,y_mm,force_N\n";
+  for (const HandTruth& s : truth)
+    for (const HandTouch& c : s.touches)
+      t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + sense::csv_number(1e3 * c.y_m) + ',' +
+           sense::csv_number(c.load_N) + '\n';
   return t;
 }
 
-inline Vec3d OpticalScene::flat_normal(int t) const {
-  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
-  const auto& [a, b, c] = corners;
-  return (b - a).cross(c - a).normalized();
-}
-
-inline Vec3d OpticalScene::pulled_inward(int t, const Vec3d& p) const {
-  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
-  const auto& [a, b, c] = corners;
-  const double size = std::sqrt((b - a).cross(c - a).norm());
-  return p + 1e-4 * ((a + b + c) / 3.0 - p) - 1e-5 * size * flat_normal(t);
-}
-
 }  // namespace lumo
 
 #endif
 
-// ---- lumo/optics/surface/place_key.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_PLACE_KEY_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_PLACE_KEY_HPP
+// ---- lumo/core/types.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
 
 namespace lumo {
 
-/// A place to about a nanometre, for look-ups.
-using PlaceKey = std::array<long long, 3>;
-
-// The odd unit keeps round coordinates off the borders of its cells.
-inline PlaceKey place_key(const Vec3d& p) {
-  constexpr double unit = 1.0471975512e-9;
-  return {std::llround(p.x() / unit), std::llround(p.y() / unit), std::llround(p.z() / unit)};
-}
-
-/// The mirror image of `p` with x ≥ 0 and y ≥ 0, as far as there is `symmetry`.
-inline Vec3d folded(Vec3d p, Symmetry symmetry) {
-  if (symmetry.x) p.x() = std::abs(p.x());
-  if (symmetry.y) p.y() = std::abs(p.y());
-  return p;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/transport/light_nodes.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_LIGHT_NODES_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_LIGHT_NODES_HPP
-
-namespace lumo {
-
-/// Corners of all triangles of Lambertian surfaces, each with the function that is 1 there, 0 at its neighbours and linear in between.
-/// Light that falls on such a surface is shared by the three nodes about it: shares vary continuously with the place and add up to 1.
-/// Source: linear elements for radiosity, Heckbert (thesis, 1991). In a plane of `symmetry` mirror images are one node.
-class LightNodes {
+/// A small matrix of fixed size: Eigen's, with sums and products that are computed at once instead of expressions.
+/// Their order of summation is fixed, whatever the processor's vectors, so results do not depend on them; and a
+/// compiler makes no type for each formula. An operand that is an expression of Eigen's (a block, a transpose) takes
+/// Eigen's own operators.
+template <class S, int Rows, int Cols> class SmallMatrix : public Eigen::Matrix<S, Rows, Cols> {
  public:
-  LightNodes(const OpticalScene& scene, Symmetry symmetry) : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
-    // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be patches of their own.
-    std::map<PlaceKey, int> patch_at;
-    const auto place = [&](int t) {
-      const std::array<Vec3d, 3> corner = scene.reference_corners(t);
-      return place_key(folded((corner[0] + corner[1] + corner[2]) / 3.0, symmetry));
-    };
-    for (int t = 0; t < int(of_.size()) && scene.on_body(t); ++t)
-      if (std::holds_alternative<Lambertian>(scene.optics(t))) {
-        const auto [it, fresh] = patch_at.try_emplace(place(t), scene.surface_number(t));
-        it->second = std::min(it->second, scene.surface_number(t));
-      }
-    std::map<std::tuple<int, PlaceKey, PlaceKey, double>, int> known;
-    for (int t = 0; t < int(of_.size()); ++t) {
-      const SurfaceOptics& optics = scene.optics(t);
-      const Lambertian* surface = std::get_if<Lambertian>(&optics);
-      if (surface == nullptr) continue;
-      const std::array<Vec3d, 3> corner = scene.reference_corners(t);
-      Vec3d side = Vec3d::Zero();
-      if (!scene.on_body(t)) {
-        const Vec3d middle = (corner[0] + corner[1] + corner[2]) / 3.0;
-        side = 1e-3 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized();
-        if (symmetry.x && middle.x() < 0.0) side.x() = -side.x();
-        if (symmetry.y && middle.y() < 0.0) side.y() = -side.y();
-      }
-      const int patch = scene.on_body(t) ? patch_at[place(t)] : -1;
-      for (std::size_t k = 0; k < 3; ++k) {
-        const auto key = std::tuple(patch, place_key(folded(corner[k], symmetry)), place_key(side), surface->albedo);
-        const auto [it, fresh] = known.try_emplace(key, int(albedo_.size()));
-        if (fresh) albedo_.push_back(surface->albedo), area_.push_back(0.0);
-        of_[std::size_t(t)][k] = it->second;
-        area_[std::size_t(it->second)] += scene.triangle_area(t) / 3.0;
-      }
-    }
+  using Base = Eigen::Matrix<S, Rows, Cols>;
+  using Base::Base;
+  SmallMatrix() = default;
+  template <class E> SmallMatrix& operator=(const Eigen::EigenBase<E>& e) {
+    Base::operator=(e.derived());
+    return *this;
   }
 
-  std::size_t size() const { return albedo_.size(); }
-  /// The three nodes of a triangle; −1: it is not Lambertian.
-  const std::array<int, 3>& of(int triangle) const { return of_[std::size_t(triangle)]; }
-  /// Shares of the nodes at a point of a triangle.
-  static std::array<double, 3> shares(const ScenePoint& p) { return {1.0 - p.u - p.v, p.u, p.v}; }
-  double albedo(std::size_t node) const { return albedo_[node]; }
-  /// Integral of the node's function, over all its mirror images [m²].
-  double area(std::size_t node) const { return area_[node]; }
-
- private:
-  std::vector<std::array<int, 3>> of_;
-  std::vector<double> albedo_, area_;
+  SmallMatrix eval() const { return *this; }
+  SmallMatrix normalized() const { return Base::normalized(); }
+  SmallMatrix cross(const SmallMatrix& b) const requires(Rows == 3 && Cols == 1) { return Base::cross(b); }
 };
 
-}  // namespace lumo
+template <class S> using Vec3 = SmallMatrix<S, 3, 1>;
+template <class S> using Mat3 = SmallMatrix<S, 3, 3>;
+/// Derivative of a 3 × 3 tensor by another, both flattened column by column: row i + 3 j, column k + 3 l.
+template <class S> using Mat9 = SmallMatrix<S, 9, 9>;
 
-#endif
+using Vec3d = Vec3<double>;
+using Mat3d = Mat3<double>;
+using Mat9d = Mat9<double>;
 
-// ---- lumo/optics/exit_power.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_EXIT_POWER_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_EXIT_POWER_HPP
+/// What may scale a matrix of scalars S.
+template <class F, class S>
+concept ScaleOf = std::same_as<F, S> || std::is_arithmetic_v<F>;
 
-namespace lumo {
+template <class S, int R, int C>
+SmallMatrix<S, R, C> operator+(const SmallMatrix<S, R, C>& a, const SmallMatrix<S, R, C>& b) {
+  SmallMatrix<S, R, C> sum;
+  for (int k = 0; k < R * C; ++k) sum.data()[k] = a.data()[k] + b.data()[k];
+  return sum;
+}
 
-/// Light that left the body for good: where it last crossed the surface, and where it goes.
-struct Escape {
-  Vec3d reference;   ///< last exit point in the undeformed body [m]
-  Vec3d position;    ///< the same point, deformed [m]
-  Vec3d direction;   ///< unit, in air
-  int region = -1;  ///< Body::region of the last exit point
+template <class S, int R, int C>
+SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a, const SmallMatrix<S, R, C>& b) {
+  SmallMatrix<S, R, C> difference;
+  for (int k = 0; k < R * C; ++k) difference.data()[k] = a.data()[k] - b.data()[k];
+  return difference;
+}
+
+template <class S, int R, int C> SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a) {
+  SmallMatrix<S, R, C> opposite;
+  for (int k = 0; k < R * C; ++k) opposite.data()[k] = -a.data()[k];
+  return opposite;
+}
+
+template <class S, int R, int C, ScaleOf<S> F>
+SmallMatrix<S, R, C> operator*(const SmallMatrix<S, R, C>& a, const F& factor) {
+  SmallMatrix<S, R, C> product;
+  for (int k = 0; k < R * C; ++k) product.data()[k] = a.data()[k] * S(factor);
+  return product;
+}
+
+template <class S, int R, int C, ScaleOf<S> F>
+SmallMatrix<S, R, C> operator*(const F& factor, const SmallMatrix<S, R, C>& a) {
+  return a * factor;
+}
+
+template <class S, int R, int C, ScaleOf<S> F>
+SmallMatrix<S, R, C> operator/(const SmallMatrix<S, R, C>& a, const F& divisor) {
+  SmallMatrix<S, R, C> quotient;
+  for (int k = 0; k < R * C; ++k) quotient.data()[k] = a.data()[k] / S(divisor);
+  return quotient;
+}
+
+template <class S, int C> SmallMatrix<S, 3, C> operator*(const Mat3<S>& a, const SmallMatrix<S, 3, C>& b) {
+  SmallMatrix<S, 3, C> product;
+  for (int j = 0; j < C; ++j)
+    for (int i = 0; i < 3; ++i)
+      product.data()[i + 3 * j] =
+          a.data()[i] * b.data()[3 * j] + a.data()[i + 3] * b.data()[1 + 3 * j] + a.data()[i + 6] * b.data()[2 + 3 * j];
+  return product;
+}
+
+/// a bᵀ.
+template <class S, class B>
+requires std::same_as<std::remove_const_t<B>, Eigen::Matrix<S, 3, 1>> Mat3<S>
+operator*(const Vec3<S>& a, const Eigen::Transpose<B>& b) {
+  Mat3<S> dyad;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) dyad.data()[i + 3 * j] = a.data()[i] * b.nestedExpression().data()[j];
+  return dyad;
+}
+
+template <class S> Vec3<S> elementwise_min(const Vec3<S>& a, const Vec3<S>& b) {
+  return {std::min(a.x(), b.x()), std::min(a.y(), b.y()), std::min(a.z(), b.z())};
+}
+template <class S> Vec3<S> elementwise_max(const Vec3<S>& a, const Vec3<S>& b) {
+  return {std::max(a.x(), b.x()), std::max(a.y(), b.y()), std::max(a.z(), b.z())};
+}
+
+/// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
+template <class S> void tangents(const Vec3<S>& n, Vec3<S>& t1, Vec3<S>& t2) {
+  const double sign =
+      n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
+  const S a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
+  t1 = {1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x()};
+  t2 = {b, sign + n.y() * n.y() * a, -n.y()};
+}
+
+/// Planes of mirror symmetry of a body. `x` is the plane x = 0, `y` the plane y = 0.
+struct Symmetry {
+  bool x = false;
+  bool y = false;
+  bool operator==(const Symmetry&) const = default;
 };
-
-/// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position, direction) reaches it.
-/// Optional: `std::optional<std::vector<int>> image_channels(const Body&, int axis) const`, channel → its mirror image in the plane across axis 0 or 1
-/// (empty: itself; nothing: it has none), lets one of two mirrored states stand for both.
-/// Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light that is not seen.
-template <class R>
-concept ExitReadout = requires(const R& readout, const Body& body, const Escape& escape) {
-  { readout.channels(body) } -> std::convertible_to<int>;
-  { readout.channel(escape) } -> std::convertible_to<int>;
-};
-
-/// A direction [unit] and the solid angle [sr] that it stands for; 0: there is no way.
-struct Connection {
-  Vec3d direction{0.0, 0.0, 1.0};
-  double solid_angle_sr = 0.0;
-};
-
-/// A readout behind openings that are small seen from the body: few paths come there by themselves. What Lambertian faces send is gathered from ways
-/// that start at an opening (next-event estimation: Coveyou, Cain & Yost 1967); light that never met such a face is traced forward, as for others.
-/// Laws: connect(k, p, u, v) leads from the point p through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is
-/// the integral of f over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes one has one channel.
-template <class R>
-concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3d& p, int k, double u) {
-  { readout.openings() } -> std::convertible_to<int>;
-  { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
-};
-
-/// All power that leaves through each region of the body, whatever its direction (model reading of paper §III: r_b).
-struct ExitPower {
-  int channels(const Body& body) const { return body.regions; }
-  int channel(const Escape& escape) const { return escape.region; }
-  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const { return axis == 0 ? body.region_image_x : body.region_image_y; }
-};
-
-static_assert(ExitReadout<ExitPower>);
-static_assert(!ExitReadout<int> && !ConnectedReadout<ExitPower>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/transport/ray_pattern.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RAY_PATTERN_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RAY_PATTERN_HPP
-
-namespace lumo {
-
-/// A primary ray and what later events of its path draw their numbers from.
-struct PrimaryRay {
-  Vec3d origin{0.0, 0.0, 0.0};      ///< [m]
-  Vec3d direction{0.0, 0.0, 1.0};  ///< unit
-  std::uint64_t key = 0;           ///< the same for mirror images of a path
-  int triangle = -1;               ///< of the scene that it starts on, if known
-};
-
-/// The one deterministic set of primary rays for all designs, states and emitters. Closed under x → −x and y → −y: a point of the
-/// sequence makes a ray of the emitter moved to the quadrant x ≥ 0, y ≥ 0, and the rays of the real emitters are its mirror images.
-/// An emitter that is its own mirror image shoots into a half or a quarter of the hemisphere only, so that nothing is traced twice.
-class RayPattern {
- public:
-  /// The rays of one emitter that belong to one mirror image.
-  struct Beam {
-    Emitter source;  ///< moved to the fundamental quadrant
-    Vec3d axis{0.0, 0.0, 1.0}, tangent1{1.0, 0.0, 0.0}, tangent2{0.0, 1.0, 0.0};
-    double azimuth_from = 0.0, azimuth_range = 2.0 * pi;
-    Vec3d mirror{1.0, 1.0, 1.0};  ///< (±1, ±1, 1): from the fundamental ray to the real one
-    std::uint64_t orbit = 0;     ///< the same for emitters that are mirror images
-    std::uint32_t rays = 0;      ///< per replicate
-    double power_W = 0.0;        ///< per ray
-  };
-
-  /// `rays` per emitter and replicate, a power of two ≥ 4; with a focus about so many on average, each a power of two. With `symmetry` only one
-  /// beam of each set of mirror images is kept. Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
-  RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus = {});
-
-  const std::vector<Beam>& beams() const { return beams_; }
-
-  /// Ray `index` of a beam, from numbers in (0, 1): angle to the axis and azimuth of its direction, then its place on the emitter.
-  static PrimaryRay ray(const Beam& beam, const std::array<double, 4>& u, std::uint64_t seed, std::uint32_t index) {
-    const double azimuth = beam.azimuth_from + beam.azimuth_range * u[1];
-    const Polar polar = beam.source.polar(u[0]);
-    const Vec3d d = (polar.sine * std::cos(azimuth) * beam.tangent1 + polar.sine * std::sin(azimuth) * beam.tangent2 + polar.cosine * beam.axis).normalized();
-    const Vec3d p = beam.source.point(u[2], u[3]);
-    return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
-  }
-  static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
-    return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
-  }
-
-  /// Is the set of emitters its own mirror image in each plane?
-  static Symmetry symmetry_of(const std::vector<Emitter>& emitters);
-
- private:
-  std::vector<Beam> beams_;
-};
-
-/// Lengths below which two places of an emitter are one [m].
-inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 0.2) - e.point(0.9, 0.8)).norm(); }
-
-/// Do two emitters radiate alike? Points and directions at some numbers tell.
-inline bool same(const Emitter& a, const Emitter& b) {
-  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel() || a.in_air() != b.in_air()) return false;
-  const double reach = tolerance(a);
-  if ((a.center() - b.center()).norm() > reach || a.axis().dot(b.axis()) < 1.0 - 1e-12) return false;
-  for (const auto& [u, v] : {std::pair(0.1, 0.2), std::pair(0.7, 0.1), std::pair(0.4, 0.9)})
-    if ((a.point(u, v) - b.point(u, v)).norm() > reach) return false;
-  for (double u : {0.05, 0.3, 0.5, 0.7, 0.95})
-    if (std::abs(a.polar(u).cosine - b.polar(u).cosine) > 1e-12) return false;
-  return true;
-}
-
-/// The mirror image with centre (and, in a plane, axis) in x ≥ 0, y ≥ 0.
-inline Emitter fundamental(const Emitter& e, Vec3d& mirror) {
-  const Vec3d center = e.center(), axis = e.axis();
-  mirror = Vec3d::Ones();
-  for (Eigen::Index a = 0; a < 2; ++a) {
-    const bool in_plane = std::abs(center[a]) <= tolerance(e);
-    if (in_plane ? axis[a] < -1e-9 : center[a] < 0.0) mirror[a] = -1.0;
-  }
-  return e.mirrored(mirror);
-}
-
-inline const Vec3d flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
-
-inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
-  const auto closed = [&](const Vec3d& m) {
-    return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
-      return std::any_of(emitters.begin(), emitters.end(), [&](const auto& other) { return same(e.mirrored(m), other); });
-    });
-  };
-  return {closed(flip_x), closed(flip_y)};
-}
-
-inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus) {
-  if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
-  for (const Emitter& e : emitters) e.validate();
-  const Symmetry has = symmetry_of(emitters);
-  if ((symmetry.x && !has.x) || (symmetry.y && !has.y))
-    throw InvalidArgument("ray pattern: a symmetric state is claimed, but the emitters are not symmetric");
-  double density = 0.0;
-  for (const Emitter& e : emitters) density += focus.density(e.center().y()) / double(emitters.size());
-  std::vector<Emitter> orbits;
-  for (const Emitter& e : emitters) {
-    Vec3d home;
-    Beam beam{fundamental(e, home)};
-    const auto known = std::find_if(orbits.begin(), orbits.end(), [&](const auto& o) { return same(o, beam.source); });
-    beam.orbit = std::uint64_t(known - orbits.begin());
-    if (known == orbits.end()) orbits.push_back(beam.source);
-    beam.source = orbits[beam.orbit];  // the very same bits for all images
-    beam.axis = beam.source.axis();
-    const bool own_x = same(beam.source.mirrored(flip_x), beam.source);
-    const bool own_y = same(beam.source.mirrored(flip_y), beam.source);
-    tangents(beam.axis, beam.tangent1, beam.tangent2);
-    if (own_x || own_y) {
-      beam.tangent1 = own_x ? Vec3d::UnitX() : Vec3d::UnitY();
-      beam.tangent2 = beam.axis.cross(beam.tangent1);
-      beam.azimuth_from = own_x && own_y ? 0.0 : -0.5 * pi;
-      beam.azimuth_range = own_x && own_y ? 0.5 * pi : pi;
-    }
-    const std::uint32_t images = (own_x ? 2u : 1u) * (own_y ? 2u : 1u);
-    const double wish = rays * focus.density(e.center().y()) / density;
-    beam.rays = std::max(1u, std::max(4u, nearest_power_of_two(wish)) / images);
-    beam.power_W = e.power_W() / double(beam.rays * images);
-    for (std::uint32_t image = 0; image < 4; ++image) {
-      if (((image & 1u) && !own_x) || ((image & 2u) && !own_y)) continue;
-      beam.mirror = home;
-      if (image & 1u) beam.mirror.x() = -beam.mirror.x();
-      if (image & 2u) beam.mirror.y() = -beam.mirror.y();
-      if ((symmetry.x && beam.mirror.x() < 0.0) || (symmetry.y && beam.mirror.y() < 0.0)) continue;
-      beams_.push_back(beam);
-    }
-  }
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/transport/face_set.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_FACE_SET_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_FACE_SET_HPP
-
-namespace lumo {
-
-/// Some faces of the body, or triangles of the scene, each with a block of a low-discrepancy sequence as large as its area asks for: points
-/// and directions on it that do not depend on the state, and are mirror images on faces that are mirror images. In a plane of `symmetry`
-/// mirror images are one face.
-class FaceSet {
- public:
-  struct Face {
-    int face;                         ///< of the body; −1: a single triangle
-    int triangle;                     ///< of the scene
-    Vec3d mirror;                      ///< (±1, ±1, 1): from the image with x ≥ 0, y ≥ 0 to this face
-    std::array<int, 3> corner_order;  ///< corners in an order that mirror images share
-    std::uint32_t first = 0;          ///< place in the sequence of rays; the same for mirror images
-    std::uint32_t count = 0;          ///< samples of this face, a power of two
-  };
-
-  /// `wanted(triangle)` says which belong to it. `whole`: only faces of the body, asked with their first triangle; else all triangles.
-  /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face, and more of them where the
-  /// focus is, which must have the symmetry.
-  template <class Predicate>
-  FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted);
-
-  std::size_t size() const { return faces_.size(); }
-  const Face& operator[](std::size_t k) const { return faces_[k]; }
-  /// Does a point on the body lie on one of the faces?
-  bool has(const ScenePoint& p) const { return p.face >= 0 && member_[std::size_t(p.face)]; }
-
-  /// A point on a face.
-  struct Sample {
-    ScenePoint at;
-    PrimaryRay ray;           ///< starts there; its direction is left open
-    Vec3d normal;              ///< unit outward normal of the flat triangle
-    double area = 0.0;        ///< that it stands for [m²]
-    std::uint32_t index = 0;  ///< in the sequence
-  };
-  /// Sample `i` of face `k`. Takes dimensions 2 and 3 of the sequence; 0 and 1 are for its direction.
-  Sample sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const;
-
- private:
-  // Place along Morton's curve, 10 bits an axis; cells do not line up with regular grids.
-  static std::uint64_t morton(const Vec3d& unit_cube);
-  void number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images, double total, std::uint32_t least);
-
-  int per_face_;  ///< sub-facets of a face
-  std::vector<Face> faces_;
-  std::vector<char> member_;  ///< per face of the body
-};
-
-inline std::uint64_t FaceSet::morton(const Vec3d& p) {
-  std::uint64_t code = 0;
-  for (int bit = 9; bit >= 0; --bit)
-    for (Eigen::Index a = 0; a < 3; ++a) code = (code << 1) | ((std::uint64_t(std::clamp(p[a], 0.0, 1.0) * 1013.37 + 0.318) >> bit) & 1u);
-  return code;
-}
-
-template <class Predicate>
-FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted)
-    : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
-  std::map<PlaceKey, int> known;  // folded by the symmetry → index
-  std::vector<Vec3d> centers;      // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
-  std::vector<double> shares;     // undeformed area [m²] × density
-  std::vector<int> images;        // faces folded onto each
-  std::vector<bool> in_plane;
-  const auto add = [&](int f, int triangle, const std::array<Vec3d, 3>& corner) {
-    const Vec3d center = (corner[0] + corner[1] + corner[2]) / 3.0;
-    Vec3d mirror = Vec3d::Ones();
-    for (Eigen::Index a = 0; a < 2; ++a)
-      if (center[a] < -1e-9) mirror[a] = -1.0;
-    const bool fundamental = !(symmetry.x && mirror.x() < 0.0) && !(symmetry.y && mirror.y() < 0.0);
-    Face face{f, triangle, mirror, {0, 1, 2}};
-    std::sort(face.corner_order.begin(), face.corner_order.end(), [&](int a, int b) {
-      return place_key(mirror.cwiseProduct(corner[std::size_t(a)])) < place_key(mirror.cwiseProduct(corner[std::size_t(b)]));
-    });
-    const auto [it, fresh] = known.try_emplace(place_key(folded(center, symmetry)), int(faces_.size()));
-    const std::size_t k = std::size_t(it->second);
-    if (fresh) {
-      faces_.push_back(face);
-      centers.push_back(folded(center, {true, focus.is_symmetric()}));
-      shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() * focus.density(center.y()));
-      images.push_back(0);
-      in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
-    } else if (fundamental) {
-      faces_[k] = face;
-    }
-    ++images[k];
-  };
-  for (int f = 0; whole && f < int(scene.face_count()); ++f)
-    if (wanted(f * per_face_)) add(f, -1, scene.reference_corners(f, -1)), member_[std::size_t(f)] = 1;
-  for (int t = 0; !whole && t < int(scene.triangles().size()); ++t)
-    if (wanted(t)) add(-1, t, scene.reference_corners(t));
-  const int expected = (symmetry.x ? 2 : 1) * (symmetry.y ? 2 : 1);
-  for (std::size_t k = 0; k < faces_.size(); ++k)
-    if (images[k] != expected && !in_plane[k])
-      throw InvalidArgument("optical scene: a symmetric state is claimed, but the surface mesh is not symmetric");
-  number(centers, shares, images, total, least);
-}
-
-// Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
-inline void FaceSet::number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images, double total,
-                            std::uint32_t least) {
-  struct Block {
-    std::uint64_t code = 0;
-    std::uint32_t first = 0, count = 0;
-  };
-  Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
-  double all = 0.0;
-  for (std::size_t k = 0; k < faces_.size(); ++k) {
-    low = elementwise_min(low, centers[k]), high = elementwise_max(high, centers[k]);
-    all += shares[k] * images[k];
-  }
-  const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
-  std::map<PlaceKey, Block> blocks;  // what is found for one of two mirror images serves both: rounding could part them
-  for (std::size_t k = 0; k < faces_.size(); ++k) {
-    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::max(least, nearest_power_of_two(total * shares[k] / all))});
-  }
-  std::map<std::pair<std::uint64_t, PlaceKey>, Block*> order;
-  for (auto& [place, block] : blocks) order[{block.code, place}] = &block;
-  std::uint32_t next = 0;
-  for (auto& [place, block] : order) {  // blocks of 2^m numbers start at multiples of 2^m: each is a net
-    block->first = (next + block->count - 1) / block->count * block->count;
-    next = block->first + block->count;
-  }
-  for (std::size_t k = 0; k < faces_.size(); ++k) {
-    const Block& block = blocks[place_key(centers[k])];
-    faces_[k].first = block.first, faces_[k].count = block.count;
-  }
-}
-
-inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const {
-  const Face& f = faces_[k];
-  Sample x;
-  x.index = f.first + i;
-  const double s = std::sqrt(sequence(x.index, 2)), v = sequence(x.index, 3);
-  std::array<double, 3> b{};
-  b[std::size_t(f.corner_order[0])] = 1.0 - s;
-  b[std::size_t(f.corner_order[1])] = s * (1.0 - v);
-  b[std::size_t(f.corner_order[2])] = s * v;
-  if (f.face >= 0) {
-    x.ray.triangle = scene.triangle_at(f.face, b[1], b[2], x.ray.origin);
-  } else {
-    x.ray.triangle = f.triangle;
-    const std::array<Vec3d, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
-    const auto& [p, q, r] = corners;
-    x.ray.origin = b[0] * p + b[1] * q + b[2] * r;
-  }
-  x.ray.key = combine(sequence.seed, x.index);
-  x.at = scene.locate(x.ray.triangle, x.ray.origin);
-  const std::array<Vec3d, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
-  const auto& [p, q, r] = corners;
-  const Vec3d normal = (q - p).cross(r - p);
-  x.normal = normal.normalized();
-  x.area = 0.5 * normal.norm() * (f.face >= 0 ? per_face_ : 1) / f.count;
-  return x;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/transport/light_accounts.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_LIGHT_ACCOUNTS_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_LIGHT_ACCOUNTS_HPP
-
-namespace lumo {
-
-/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power) from where it goes on.
-struct Tally {
-  EnergyLedger ledger;
-  std::vector<double> direct;    ///< part of the channels: direct light, but not what `gathered` has
-  std::vector<double> gathered;  ///< part of the channels that ExitGather finds with less noise
-  std::vector<std::pair<int, double>> arrived;
-};
-
-/// Light from an emitter that left the body for good after reflections.
-struct Exit {
-  std::uint64_t route;  ///< the same for paths that met the same surfaces in the same way
-  Escape light;         ///< of the traced one of the mirror images; its region is not looked up
-  ScenePoint at;
-  Vec3d normal;          ///< of the flat facet
-  int patch;
-  double power;  ///< [W], of one image
-};
-
-/// Where the power of paths is booked. A traced path stands for all its mirror images.
-template <ExitReadout Readout>
-class LightAccounts {
- public:
-
-  LightAccounts(const OpticalScene& surface, const Readout& readout, int channels, std::size_t nodes, Symmetry symmetry)
-      : surface_(surface), readout_(readout), channels_(std::size_t(channels)), arrived_(nodes, 0.0) {
-    for (unsigned image = 0; image < 4; ++image)
-      if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
-    reset();
-  }
-
-  const std::vector<unsigned>& images() const { return images_; }
-
-  /// `power` [W] of one image, for all of them.
-  void book(double& account, double power) { account += power * double(images_.size()); }
-  /// Light that falls on a Lambertian face.
-  void arrive(int node, double power) {
-    double& sum = arrived_[std::size_t(node)];
-    if (!(sum > 0.0)) reached_.push_back(node);
-    book(sum, power);
-  }
-  /// Books an exit in a channel, or elsewhere (−1). `power` is that of one image.
-  void book_exit(int channel, double power) { (seen(channel) ? ledger.channels[std::size_t(channel)] : ledger.elsewhere) += power; }
-  /// Books an exit of all images. `is_direct`: refracted out at most; `is_gathered`: ExitGather finds it, too.
-  void book_exit(const Exit& e, bool is_direct, bool is_gathered) {
-    for (unsigned image : images_) {
-      const int c = channel(e, image);
-      book_exit(c, e.power);
-      if (!seen(c)) continue;
-      if (is_gathered)
-        gathered_[std::size_t(c)] += e.power;
-      else if (is_direct)
-        direct_[std::size_t(c)] += e.power;
-    }
-  }
-  /// Channel of an exit, or −1.
-  int channel(const Exit& e, unsigned image) const {
-    const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
-                             e.at.face >= 0 ? surface_.region(e.at, image) : surface_.region(e.patch, e.light.reference, e.light.position, image)});
-  }
-
-  /// What was booked since the last call.
-  Tally take() {
-    Tally t{std::move(ledger), std::move(direct_), std::move(gathered_), {}};
-    for (int k : reached_) t.arrived.emplace_back(k, arrived_[std::size_t(k)]), arrived_[std::size_t(k)] = 0.0;
-    reached_.clear();
-    reset();
-    return t;
-  }
-  /// Σ weight(node)·(power that arrived there), for all that arrived since the last call; forgets everything else that was booked.
-  template <class Weight>
-  double collect(Weight&& weight) {
-    double sum = 0.0;
-    for (int k : reached_) sum += weight(std::size_t(k)) * arrived_[std::size_t(k)], arrived_[std::size_t(k)] = 0.0;
-    reached_.clear();
-    return sum;
-  }
-
-  EnergyLedger ledger;
-
- private:
-  bool seen(int channel) const { return channel >= 0 && std::size_t(channel) < ledger.channels.size(); }
-  void reset() {
-    ledger = {};
-    ledger.channels.assign(channels_, 0.0);
-    direct_ = gathered_ = ledger.channels;
-  }
-
-  const OpticalScene& surface_;
-  const Readout& readout_;
-  std::size_t channels_;
-  std::vector<unsigned> images_;
-  std::vector<double> direct_, gathered_;  ///< as in Tally
-  std::vector<double> arrived_;            ///< per node
-  std::vector<int> reached_;               ///< nodes with arrived_ > 0
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/scattering_medium.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SCATTERING_MEDIUM_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SCATTERING_MEDIUM_HPP
-
-namespace lumo {
-
-/// A medium that also turns light aside. transmittance() is the share that runs straight on; of the rest, albedo() is scattered.
-/// Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not come through `path_m` ends, drawn with the density −dT/ds on
-/// [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is the same forwards and backwards (reciprocity).
-template <class M>
-concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double x) {
-  { medium.albedo() } -> std::convertible_to<double>;
-  { medium.free_path_m(x, x) } -> std::convertible_to<double>;
-  { medium.scattering_cosine(x) } -> std::convertible_to<double>;
-};
-
-/// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
-/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. With albedo 0 it is BeerLambert, to the last bit.
-/// Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
-class ScatteringMedium {
- public:
-  /// Throws InvalidArgument unless index and extinction are BeerLambert's, the albedo lies in [0, 1] and the anisotropy in [−0.999, 0.999].
-  explicit ScatteringMedium(const Medium& medium) : straight_(medium), medium_(medium) {
-    require_in_range("scattering albedo", medium.scattering_albedo, 0.0, 1.0, "");
-    require_in_range("anisotropy of scattering", medium.anisotropy, -0.999, 0.999, "");
-  }
-
-  double refractive_index() const { return straight_.refractive_index(); }
-  double transmittance(double path_m) const { return straight_.transmittance(path_m); }
-  double albedo() const { return medium_.scattering_albedo; }
-  double free_path_m(double path_m, double u) const {
-    const double depth = medium_.extinction_per_m * path_m;
-    return depth > 0.0 ? std::clamp(-std::log1p(u * std::expm1(-depth)) / medium_.extinction_per_m, 0.0, path_m) : u * path_m;
-  }
-  double scattering_cosine(double u) const {
-    const double g = medium_.anisotropy, s = 2.0 * u - 1.0;
-    if (std::abs(g) < 1e-4) return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);  // the formula's limit, where it would cancel
-    const double q = (1.0 - g * g) / (1.0 + g * s);
-    return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
-  }
-
- private:
-  BeerLambert straight_;
-  Medium medium_;
-};
-
-static_assert(TurbidMedium<ScatteringMedium>);
-static_assert(!TurbidMedium<BeerLambert>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/transport/path_tracer.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_PATH_TRACER_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_PATH_TRACER_HPP
-
-namespace lumo {
-
-struct PathLimits {
-  double roulette_below, scattered_below;
-  int max_events;
-};
-
-/// Follows one primary ray through all its branches and books where its power goes. One object per replicate.
-/// The medium is a state of the ray, never inferred from counted hits.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-class PathTracer {
- public:
-
-  /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light ExitGather finds, if it came straight from an emitter or a face.
-  PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index, const Readout& readout,
-             int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry, const PathLimits& limits)
-      : surface_(surface),
-        scene_(scene),
-        medium_(medium),
-        outer_index_(outer_index),
-        nodes_(nodes),
-        exits_(exits),
-        limits_(limits),
-        accounts_(surface, readout, channels, nodes.size(), symmetry) {}
-
-  /// Traces `ray`, which starts in the body, or (`inside` false) in the air, as a path of the mirror image `mirror`.
-  /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds, instead of the channels.
-  /// `gathers_direct`: ExitGather finds the emitter's direct light.
-  void run(const PrimaryRay& ray, const Vec3d& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr,
-           bool gathers_direct = true) {
-    ++rays;
-    mirror_ = mirror;
-    start_ = power_W;
-    from_emitter_ = from_emitter;
-    gathers_direct_ = gathers_direct;
-    accounts_.book(accounts_.ledger.emitted, power_W);
-    Branch first;
-    first.origin = ray.origin, first.direction = ray.direction, first.power = power_W, first.key = ray.key;
-    first.triangle = ray.triangle, first.direct = from_emitter, first.inside = inside;
-    log_ = log;
-    stack_.push_back(first);
-    while (!stack_.empty()) {
-      const Branch b = stack_.back();
-      stack_.pop_back();
-      follow(b);
-    }
-  }
-
-  /// Where the power went.
-  LightAccounts<Readout>& accounts() { return accounts_; }
-
-  long rays = 0, segments = 0;
-
- private:
-  struct Branch {
-    Vec3d origin = Vec3d::Zero(), direction = Vec3d::Zero();
-    double power = 0.0;
-    std::uint64_t key = 0;
-    int exit_triangle = -1;
-    ScenePoint exit;  ///< where a ray in air left the body
-    Vec3d exit_position = Vec3d::Zero();
-    std::uint64_t route = 0;
-    int triangle = -1;  ///< that it starts on
-    int events = 0;
-    bool inside = true;
-    bool direct = true;         ///< light that was refracted out at most
-    bool carrier_last = false;  ///< in air: met the carrier since it left the body
-    bool scattered = false;     ///< in the medium, once at least
-    bool spread = false;        ///< by a tool that wets the body: like a scattered one it has no neighbours
-  };
-
-  // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
-  bool survives(Branch& b) {
-    b.direct = false;
-    if (!(b.power > 0.0)) return false;
-    const double full = (b.scattered ? limits_.scattered_below : limits_.roulette_below) * start_;
-    if (b.power >= full) return true;
-    if (uniform(combine(b.key, 0)) * full < b.power) {
-      accounts_.book(accounts_.ledger.roulette, b.power - full);
-      b.power = full;
-      return true;
-    }
-    accounts_.book(accounts_.ledger.roulette, b.power);
-    return false;
-  }
-
-  void escape(const Branch& b) {
-    EnergyLedger& ledger = accounts_.ledger;
-    if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
-    const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct ? gathers_direct_ : !from_emitter_);
-    const bool lone = b.scattered || b.spread || (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
-    const Escape light{surface_.reference(b.exit), b.exit_position, b.direction, -1};
-    const Exit e{b.route, light, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power};
-    if (log_ != nullptr && from_emitter_ && !gathered && !lone)
-      log_->push_back(e);
-    else
-      accounts_.book_exit(e, b.direct, gathered);
-  }
-
-  void follow(Branch b);
-  void scatter(const Branch& b, double path_m, double power);
-  bool meet(Branch& b, int triangle);
-  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed);
-  bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at);
-
-  const OpticalScene& surface_;
-  const Scene& scene_;
-  const Medium& medium_;
-  double outer_index_;
-  const LightNodes& nodes_;
-  const FaceSet& exits_;
-  PathLimits limits_;
-  LightAccounts<Readout> accounts_;
-  std::vector<Exit>* log_ = nullptr;
-  std::vector<Branch> stack_;
-  Vec3d mirror_ = Vec3d::Ones();
-  double start_ = 0.0;
-  bool from_emitter_ = true, gathers_direct_ = true;
-};
-
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
-  for (;;) {
-    RayHit hit;
-    if (++b.events <= limits_.max_events && b.direction.allFinite() && b.origin.allFinite()) {
-      ++segments;
-      hit = scene_.first_hit(b.origin, b.direction, b.inside);
-      if (!hit && !b.inside) return escape(b);
-      if (!hit && b.triangle >= 0) {  // slipped out by rounding at an edge: once more from a point that is surely inside
-        b.origin = surface_.pulled_inward(b.triangle, b.origin);
-        hit = scene_.first_hit(b.origin, b.direction, b.inside);
-      }
-    }
-    if (!hit) return accounts_.book(accounts_.ledger.lost, b.power);
-    const auto& corner = surface_.triangles()[std::size_t(hit.triangle)].corners;
-    const Vec3d n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
-    const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));  // single-precision scenes: t again in double
-    const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
-    if (b.inside) {
-      const double left = b.power * medium_.transmittance(path_m);
-      double absorbed = b.power - left;
-      if constexpr (TurbidMedium<Medium>) {
-        const double scattered = medium_.albedo() * absorbed;
-        absorbed -= scattered;
-        scatter(b, path_m, scattered);
-      }
-      accounts_.book(accounts_.ledger.absorbed_in_medium, absorbed);
-      b.power = left;
-    }
-    b.origin += path_m * b.direction;
-    if (!meet(b, hit.triangle)) return;
-  }
-}
-
-// Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a clear medium, so that direct light
-// and what is gathered backwards stay free of scattering's noise: there too, each piece sends on both.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m, double power) {
-  if constexpr (TurbidMedium<Medium>) {
-    if (!(power > 0.0)) return;
-    Branch c = b;
-    c.power = power;
-    c.key = combine(b.key, 6);
-    c.scattered = true;
-    if (!survives(c)) return;
-    const Vec3d axis = mirror_.cwiseProduct(b.direction);  // image paths take image directions
-    const double cosine = medium_.scattering_cosine(uniform(combine(c.key, 2))), azimuth = 2.0 * pi * uniform(combine(c.key, 3));
-    const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
-    Vec3d t1, t2;
-    tangents(axis, t1, t2);
-    c.origin += medium_.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
-    c.direction = mirror_.cwiseProduct((sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
-    stack_.push_back(c);
-  }
-}
-
-// What happens at a surface. True: `b` goes on.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
-  const ScenePoint at = surface_.locate(triangle, b.origin);
-  b.triangle = triangle;
-  const SurfaceOptics& optics = surface_.optics(triangle);
-  if (is_dielectric(optics)) {
-    if (at.face >= 0) return meet_dielectric(b, triangle, at);
-    accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
-    return false;
-  }
-  if (const auto& nodes = nodes_.of(triangle); nodes[0] >= 0 && b.inside == (at.face >= 0)) {  // goes on with all else that falls there
-    const std::array<double, 3> share = LightNodes::shares(at);
-    for (std::size_t k = 0; k < 3; ++k)
-      if (share[k] > 0.0) accounts_.arrive(nodes[k], share[k] * b.power);
-    return false;
-  }
-  b.carrier_last = !b.inside;
-  return reflect_off(b, optics, b.inside ? Vec3d(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle), accounts_.ledger.absorbed_at_surfaces);
-}
-
-// At an opaque surface whose unit normal points back to where the light comes from.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
-  b.key = combine(b.key, 1);
-  std::visit(
-      [&](const auto& s) {
-        if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
-          const double kept = b.power * reflectance(s);
-          accounts_.book(absorbed, b.power - kept);
-          b.power = kept;
-          b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), mirror_);
-        }
-      },
-      optics);
-  return survives(b);
-}
-
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle, const ScenePoint& at) {
-  const bool touched = surface_.in_contact(at);
-  if (!b.inside && touched) {  // from air: the opaque indenter is in the way
-    accounts_.book(accounts_.ledger.to_indenter, b.power);
-    return false;
-  }
-  if (touched && !is_dielectric(surface_.touched())) {  // the tool wets it: no air is left between
-    const Vec3d flat = -surface_.flat_normal(triangle), curved = -surface_.smooth_normal(at);
-    const bool specular = std::holds_alternative<Mirror>(surface_.touched());
-    b.spread = b.spread || !specular;
-    const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
-    return reflect_off(b, surface_.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
-  }
-  const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
-  const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();
-  const Vec3d flat = side * Vec3d(surface_.flat_normal(triangle));
-  Vec3d n = side * Vec3d(surface_.smooth_normal(at));
-  FresnelSplit split{};
-  Vec3d back, on;
-  const auto turn = [&] {
-    const double cosine = std::min(1.0, -b.direction.dot(n));
-    split = fresnel(cosine, ratio);
-    back = reflect(b.direction, n);
-    on = refract(b.direction, n, ratio, split.cosine_behind);
-    return cosine > 0.0 && back.dot(flat) > 0.0 && (split.reflectance >= 1.0 || on.dot(flat) < 0.0);
-  };
-  if (!turn()) {  // at grazing angles the curved normal may contradict the facet that was hit
-    n = flat;
-    turn();
-  }
-  const double reflected_power = b.power * split.reflectance;
-  const double refracted_power = b.power - reflected_power;
-  const std::uint64_t key = b.key, route = combine(b.route, 2 * std::uint64_t(surface_.surface_number(triangle)));
-  if (refracted_power > 0.0) {
-    if (b.inside && touched) {
-      accounts_.book(accounts_.ledger.to_indenter, refracted_power);
-    } else {
-      Branch c = b;
-      c.direction = on;
-      c.power = refracted_power;
-      c.key = combine(key, 4);
-      c.route = route + 1;
-      c.inside = !b.inside;
-      if (c.inside) {
-        if (survives(c)) stack_.push_back(c);
-      } else {
-        c.exit = at;
-        c.exit_triangle = triangle;
-        c.exit_position = b.origin;
-        c.carrier_last = false;
-        stack_.push_back(c);
-      }
-    }
-  }
-  b.direction = back;
-  b.power = reflected_power;
-  b.key = combine(key, 5);
-  b.route = route;
-  return survives(b);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/transport/radiosity.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RADIOSITY_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RADIOSITY_HPP
-
-namespace lumo {
-
-/// Adds `factor` × the accounts of `part`, `emitted` too.
-inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {
-  for (std::size_t c = 0; c < sum.channels.size(); ++c) sum.channels[c] += factor * part.channels[c];
-  sum.emitted += factor * part.emitted;
-  sum.to_indenter += factor * part.to_indenter;
-  sum.elsewhere += factor * part.elsewhere;
-  sum.absorbed_in_medium += factor * part.absorbed_in_medium;
-  sum.absorbed_at_surfaces += factor * part.absorbed_at_surfaces;
-  sum.roulette += factor * part.roulette;
-  sum.refinement += factor * part.refinement;
-  sum.lost += factor * part.lost;
-}
-
-/// Where one watt from each node of Lambertian faces goes.
-class CarrierTransport {
- public:
-  CarrierTransport(std::size_t nodes, int channels) : sums_(nodes), weights_(nodes, 0.0) {
-    for (Tally& t : sums_) t.gathered.assign(std::size_t(channels), 0.0), t.ledger.channels = t.gathered;
-  }
-  /// Adds what became of a ray of one watt that stands for the area `area_m2` about a point with these shares of the nodes.
-  void add(const Tally& ray, const std::array<int, 3>& nodes, const std::array<double, 3>& shares, double area_m2) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double w = shares[k] * area_m2;
-      Tally& sum = sums_[std::size_t(nodes[k])];
-      weights_[std::size_t(nodes[k])] += w;
-      add_scaled(sum.ledger, ray.ledger, w);
-      for (std::size_t c = 0; c < sum.gathered.size(); ++c) sum.gathered[c] += w * ray.gathered[c];
-      for (const auto& [j, power] : ray.arrived) sum.arrived.emplace_back(j, w * power);
-    }
-  }
-  std::size_t size() const { return sums_.size(); }
-  const Tally& sum(std::size_t node) const { return sums_[node]; }
-  /// What sum(node) is to be multiplied by; 0 where nothing was added.
-  double per_watt(std::size_t node) const { return weights_[node] > 0.0 ? 1.0 / weights_[node] : 0.0; }
-
- private:
-  std::vector<Tally> sums_;
-  std::vector<double> weights_;
-};
-
-/// Light that falls on a Lambertian face goes on as a Lambertian source that is linear between nodes (radiosity: Goral et al. 1984). Which
-/// rays a face sends does not depend on what arrives, so that states differ smoothly, and further bounces cost no rays. Sends on what arrived
-/// at the nodes, bounce after bounce, until less than 1e-13 of the emitted power is under way. `total`: the emitters' own tally, completed
-/// here. Returns what each node sent [W]. Jacobi iteration of the radiosity equation p = e + Tᵀ(albedo·p); it ends because every factor is
-/// at most 1.
-inline std::vector<double> exchange(const LightNodes& nodes, const CarrierTransport& transport, Tally& total) {
-  std::vector<double> now(nodes.size(), 0.0), next(nodes.size(), 0.0), sent(nodes.size(), 0.0);
-  for (const auto& [k, power] : total.arrived) now[std::size_t(k)] += power;
-  EnergyLedger& ledger = total.ledger;
-  const double emitted = ledger.emitted;
-  double left = 0.0;
-  for (int bounce = 0; bounce < 10000; ++bounce) {
-    left = 0.0;
-    for (std::size_t k = 0; k < nodes.size(); ++k) {
-      const double on = now[k] * nodes.albedo(k);
-      ledger.absorbed_at_surfaces += now[k] - on;
-      sent[k] += on;
-      const double each = on * transport.per_watt(k);
-      if (each > 0.0)
-        for (const auto& [j, share] : transport.sum(k).arrived) next[std::size_t(j)] += each * share;
-    }
-    for (double p : next) left += p;
-    now.swap(next);
-    std::fill(next.begin(), next.end(), 0.0);
-    if (left < 1e-13 * emitted) break;
-  }
-  for (std::size_t k = 0; k < nodes.size(); ++k) {
-    const double each = sent[k] * transport.per_watt(k);
-    add_scaled(ledger, transport.sum(k).ledger, each);
-    for (std::size_t c = 0; c < total.gathered.size(); ++c) total.gathered[c] += each * transport.sum(k).gathered[c];
-  }
-  ledger.emitted = emitted;
-  ledger.lost += left;
-  return sent;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/transport/splatting.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_SPLATTING_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_SPLATTING_HPP
-
-namespace lumo {
-
-/// Light from the emitters that reaches the readout by reflections, without the noise of rays that jump over borders of regions: rays from one
-/// point of an emitter form a grid of directions, and where the three rays of a triangle of neighbours go the same way, their power is
-/// spread over the triangle of their exits, linearly, and cut exactly at the borders (beams: Heckbert & Hanrahan 1984). Rays whose neighbours
-/// go another way are booked where they are. All power is kept; what spreading changes falls with the square of the grid's spacing.
-template <class Path>
-class ExitBeams {
- public:
-
-  explicit ExitBeams(Path& path) : path_(path) {}
-
-  /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places come in pairs opposite
-  /// each other about the middle; places and shifts are a net. With more rays there are more places and finer grids.
-  void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
-    const std::uint32_t pairs = std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / 16.0)));
-    const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
-    std::uint32_t rows = 1, columns = 1;  // in sin², in azimuth; cells of a full circle are made squarer
-    while (rows * columns < directions) (columns < rows * (beam.azimuth_range > 2.0 ? 2u : 1u) ? columns : rows) *= 2u;
-    const bool around = beam.azimuth_range > 6.0;
-    for (std::uint32_t place = 0; place < places; ++place) {
-      const double shift_u = sequence(place, 0), shift_v = sequence(place, 1), at_u = sequence(place / 2, 2), at_v = sequence(place / 2, 3);
-      const double place_u = place % 2 ? 1.0 - at_u : at_u, place_v = place % 2 ? 1.0 - at_v : at_v;
-      exits_.clear();
-      first_.assign(1, 0);
-      for (std::uint32_t i = 0; i < rows; ++i)
-        for (std::uint32_t j = 0; j < columns; ++j) {
-          const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          path_.run(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), beam.mirror, beam.power_W, true, true, &exits_,
-                    beam.source.has_intensity());
-          first_.push_back(exits_.size());
-        }
-      left_.assign(exits_.size(), 6);
-      const auto at = [&](std::uint32_t i, std::uint32_t j) { return i * columns + j % columns; };
-      for (std::uint32_t i = 0; i + 1 < rows; ++i)
-        for (std::uint32_t j = 0; j + (around ? 0 : 1) < columns; ++j) {
-          spread(at(i, j), at(i + 1, j), at(i, j + 1));
-          spread(at(i + 1, j + 1), at(i, j + 1), at(i + 1, j));
-        }
-      for (std::size_t e = 0; e < exits_.size(); ++e)
-        for (unsigned image : path_.accounts().images())
-          if (left_[e] > 0) path_.accounts().book_exit(path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / 6.0);
-    }
-  }
-
- private:
-  using Weights = std::array<double, 3>;  ///< of the three exits
-  struct Corner {
-    Weights at;
-    int channel;
-  };
-
-  // Each exit has six triangles about it, and gives each a sixth of its power.
-  void spread(std::uint32_t a, std::uint32_t b, std::uint32_t c) {
-    const auto same = [&](std::uint32_t ray, const Exit& e) -> std::size_t {
-      for (std::size_t k = first_[ray]; k < first_[ray + 1]; ++k)
-        if (exits_[k].route == e.route && exits_[k].normal.dot(e.normal) > 0.5) return k;
-      return exits_.size();
-    };
-    for (std::size_t k = first_[a]; k < first_[a + 1]; ++k) {
-      const std::size_t l = same(b, exits_[k]), m = same(c, exits_[k]);
-      if (l == exits_.size() || m == exits_.size()) continue;
-      corner_ = {&exits_[k], &exits_[l], &exits_[m]};
-      --left_[k], --left_[l], --left_[m];
-      for (unsigned image : path_.accounts().images()) {
-        image_ = image;
-        std::array<Corner, 3> t;
-        for (std::size_t n = 0; n < 3; ++n) t[n] = {{}, path_.accounts().channel(*corner_[n], image)}, t[n].at[n] = 1.0;
-        book(t[0], t[1], t[2], 1.0, 0);
-      }
-    }
-  }
-
-  static Weights mix(const Weights& a, const Weights& b, double t) {
-    return {a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])};
-  }
-  int channel(const Weights& w) const {
-    Exit e = *corner_[0];
-    e.at.face = -1;  // between the rays: its place on the surface is not known
-    for (Vec3d Escape::*part : {&Escape::reference, &Escape::position, &Escape::direction})
-      e.light.*part = w[0] * (corner_[0]->light.*part) + w[1] * (corner_[1]->light.*part) + w[2] * (corner_[2]->light.*part);
-    e.light.direction.normalize();
-    return path_.accounts().channel(e, image_);
-  }
-  void book(const Weights& a, const Weights& b, const Weights& c, double area, int channel) {
-    double power = 0.0;
-    for (std::size_t n = 0; n < 3; ++n) power += (a[n] + b[n] + c[n]) / 3.0 * corner_[n]->power;
-    path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
-  }
-
-  // `area`: share of the whole triangle. Where one corner differs the border is found on its two edges; else the triangle is quartered.
-  void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
-    if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
-    const Corner* odd = a.channel == b.channel ? &c : b.channel == c.channel ? &a : a.channel == c.channel ? &b : nullptr;
-    const Corner *next = odd == &a ? &b : odd == &b ? &c : &a, *last = odd == &a ? &c : odd == &b ? &a : &b;
-    if (odd != nullptr) {
-      bool two = true;
-      const auto border = [&](const Corner& other) {
-        double low = 0.0, high = 1.0;
-        for (int step = 0; step < 12 && two; ++step) {
-          const double t = 0.5 * (low + high);
-          const int here = channel(mix(odd->at, other.at, t));
-          two = here == odd->channel || here == other.channel;
-          (here == odd->channel ? low : high) = t;
-        }
-        return 0.5 * (low + high);
-      };
-      const double s = border(*next), t = two ? border(*last) : 0.0;
-      if (two) {
-        const Weights p = mix(odd->at, next->at, s), q = mix(odd->at, last->at, t);
-        book(odd->at, p, q, area * s * t, odd->channel);
-        book(p, next->at, last->at, area * (1.0 - s), next->channel);
-        book(p, last->at, q, area * s * (1.0 - t), next->channel);
-        return;
-      }
-    }
-    if (depth == 4) {
-      for (const Corner* k : {&a, &b, &c}) book(k->at, k->at, k->at, area / 3.0, k->channel);
-      return;
-    }
-    const auto middle = [&](const Corner& p, const Corner& q) {
-      const Weights w = mix(p.at, q.at, 0.5);
-      return Corner{w, channel(w)};
-    };
-    const Corner ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
-    book(a, ab, ca, area / 4.0, depth + 1), book(ab, b, bc, area / 4.0, depth + 1);
-    book(ca, bc, c, area / 4.0, depth + 1), book(ab, bc, ca, area / 4.0, depth + 1);
-  }
-
-  Path& path_;
-  std::vector<Exit> exits_;
-  std::vector<std::size_t> first_;  ///< exit of each ray
-  std::vector<int> left_;           ///< sixths of each exit that are not spread
-  std::array<const Exit*, 3> corner_{};
-  unsigned image_ = 0;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/transport/next_event.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_NEXT_EVENT_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_NEXT_EVENT_HPP
-
-namespace lumo {
-
-/// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come there: few do.
-/// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on Lambertian
-/// faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for Fresnel and extinction: Clausius 1864;
-/// Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind openings is gathered from ways through them; then direct light is not.
-/// Points lie fixed in the undeformed body: no sample crosses the border of a region that moves with it, so states differ smoothly.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-class ExitGather {
- public:
-
-  ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
-             const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
-             PathTracer<Scene, Medium, Readout>& path)
-      : surface_(surface),
-        scene_(scene),
-        medium_(medium),
-        ratio_(medium.refractive_index() / outer_index),
-        readout_(readout),
-        channels_(channels),
-        nodes_(nodes),
-        exits_(exits),
-        path_(path) {
-    for (unsigned image = 0; image < 4; ++image) {
-      if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
-      const Vec3d m = sign(image);
-      for (const Emitter& e : emitters)
-        if (e.has_intensity() && !e.in_air()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
-    }
-  }
-
-  /// Replaces the gathered part of the channels of `total`; `sent`: power of the nodes [W], their images included.
-  void run(const OwenSobol& sequence, const std::vector<double>& sent, Tally& total) {
-    if (exits_.size() == 0) return;
-    direct_.assign(std::size_t(channels_), 0.0);
-    diffuse_ = direct_;
-    for (std::size_t k = 0; k < exits_.size(); ++k) {
-      const std::uint32_t count = exits_[k].count, direct = (count + direct_every - 1) / direct_every;
-      for (std::uint32_t i = 0; i < count; ++i) {
-        FaceSet::Sample x = exits_.sample(k, surface_, sequence, i);
-        if (surface_.in_contact(x.at)) continue;
-        reference_ = surface_.reference(x.at);
-        for (unsigned image : images_) region_[image] = surface_.region(x.at, image);
-        Vec3d n = surface_.smooth_normal(x.at);
-        if (!n.allFinite()) n = x.normal;
-        if constexpr (ConnectedReadout<Readout>) {
-          gather_connected(x, n, exits_[k].mirror, sequence, sent);
-        } else {
-          if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
-          gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
-        }
-      }
-    }
-    path_.accounts().take();  // the paths ran backwards: what they booked on their way is not power
-    for (std::size_t c = 0; c < direct_.size(); ++c) {
-      const double better = direct_[c] + diffuse_[c] - total.gathered[c];
-      total.ledger.channels[c] += better;
-      total.ledger.refinement -= better;
-      total.direct[c] += direct_[c];
-    }
-  }
-
- private:
-  struct Source {
-    Emitter emitter;  ///< mirrored to the side of the fundamental face
-    Vec3d axis;
-  };
-
-  /// Direct light is smooth in place: one point of this many will do.
-  static constexpr std::uint32_t direct_every = 2;
-
-  static Vec3d mirror(const Vec3d& p, const Vec3d& m) { return m.cwiseProduct(p); }
-  static Vec3d sign(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
-
-  // Books `power` for every image, if the way out is free and the readout sees it.
-  void book(std::vector<double>& account, const FaceSet::Sample& x, const Vec3d& out, double power) const {
-    for (unsigned image : images_) {
-      const int channel = channel_of(x, out, image);
-      if (channel >= 0 && channel < channels_) account[std::size_t(channel)] += power;
-    }
-  }
-  int channel_of(const FaceSet::Sample& x, const Vec3d& out, unsigned image) const {
-    const Vec3d m = sign(image);
-    return readout_.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
-  }
-  bool seen(const FaceSet::Sample& x, const Vec3d& out) const {
-    bool any = false;
-    for (unsigned image : images_) any = any || channel_of(x, out, image) >= 0;
-    return any && !scene_.first_hit(x.ray.origin, out, false);
-  }
-
-  void gather_direct(const FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, double area) {
-    const double u = sequence(x.index, 4), v = sequence(x.index, 5);
-    for (const Source& s : emitters_[(m.x() < 0.0 ? 1u : 0u) + (m.y() < 0.0 ? 2u : 0u)]) {
-      const Vec3d from = mirror(s.emitter.point(u, v), m), way = x.ray.origin - from;
-      const double length = way.norm();
-      const Vec3d d = way / length;
-      const double intensity = s.emitter.intensity(d.dot(mirror(s.axis, m))), meets = d.dot(x.normal), cosine = std::min(1.0, d.dot(n));
-      if (!(intensity > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
-      const FresnelSplit split = fresnel(cosine, ratio_);
-      if (split.reflectance >= 1.0) continue;
-      const Vec3d out = refract(d, -n, ratio_, split.cosine_behind);
-      if (out.dot(x.normal) <= 0.0 || !seen(x, out)) continue;
-      ++path_.segments;
-      const RayHit hit = scene_.first_hit(from, d, true);
-      if (!hit || hit.t < length - 1e-6 * length) continue;
-      const double power = intensity * meets / (length * length) * area * (1.0 - split.reflectance);
-      book(direct_, x, out, power * medium_.transmittance(length));
-    }
-  }
-
-  void gather_diffuse(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
-    const Vec3d out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
-    double weight = 0.0;
-    if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
-    book(diffuse_, x, out, radiosity(x, m, weight, sent));
-  }
-
-  // Openings are not mirror images of each other: each image of the point has its own way out.
-  void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
-    for (unsigned image : images_)
-      for (int k = 0; k < readout_.openings(); ++k) {
-        const Connection way = readout_.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
-        const Vec3d out = mirror(way.direction, sign(image));
-        double weight = 0.0;
-        if (!(way.solid_angle_sr > 0.0 && out.dot(x.normal) > 0.0 && out.dot(n) > 0.0) || !enter(x, n, out, weight)) continue;
-        const int channel = channel_of(x, out, image);
-        if (channel < 0 || channel >= channels_ || scene_.first_hit(x.ray.origin, out, false)) continue;
-        diffuse_[std::size_t(channel)] += radiosity(x, m, weight * out.dot(n) * way.solid_angle_sr / pi, sent);
-      }
-  }
-
-  // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is weight·radiosity of where it comes from,
-  // if its directions have a cosine law. False: there is no such light.
-  bool enter(FaceSet::Sample& x, const Vec3d& n, const Vec3d& out, double& weight) const {
-    const FresnelSplit split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
-    if (split.reflectance >= 1.0) return false;
-    x.ray.direction = refract(-out, n, 1.0 / ratio_, split.cosine_behind);
-    const double slant = x.ray.direction.dot(x.normal) / x.ray.direction.dot(n);  // flat facet, curved normal
-    if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0)) return false;
-    weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
-    return true;
-  }
-
-  double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
-    path_.run(x.ray, m, weight / double(images_.size()), false);
-    return path_.accounts().collect([&](std::size_t k) { return sent[k] / nodes_.area(k); });
-  }
-
-  const OpticalScene& surface_;
-  const Scene& scene_;
-  const Medium& medium_;
-  double ratio_;  ///< index inside / outside
-  const Readout& readout_;
-  int channels_;
-  const LightNodes& nodes_;
-  const FaceSet& exits_;
-  PathTracer<Scene, Medium, Readout>& path_;
-  std::vector<unsigned> images_;
-  std::array<std::vector<Source>, 4> emitters_;
-  std::vector<double> direct_, diffuse_;
-  Vec3d reference_ = Vec3d::Zero();  ///< of the sample at hand
-  std::array<int, 4> region_{};    ///< likewise, per image
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/tracer.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRACER_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_TRACER_HPP
-
-namespace lumo {
-
-/// Planes in which body, mesh and emitters are their own mirror images.
-inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
-  const Symmetry s = RayPattern::symmetry_of(body.emitters), m = mesh.symmetry, b = body.symmetry;
-  return {s.x && m.x && b.x, s.y && m.y && b.y};
-}
-
-/// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout sees.
-///
-/// Emitters in the medium (or in air beside it), both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III). Channels of the
-/// response: those of the readout for the light of the first colour, then for that of the next. A medium that scatters sends on light twice from
-/// each straight piece, straight and scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
-/// 1. Paths from the emitters, on a random grid or net of directions that is the same for every design, state and emitter, until they are
-///    absorbed, leave for good, or fall on a Lambertian face. What leaves through regions after reflections is spread between neighbouring
-///    paths (exit_beams.hpp).
-/// 2. Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear between nodes (carrier_exchange.hpp).
-/// 3. What leaves through faces with regions is gathered backwards from them (exit_gather.hpp): direct light and light of Lambertian faces.
-/// With exit_rays = 0 steps 1 and 3 are plain forward tracing. Draws of later events are keyed by (path, event). Same arguments, same bits,
-/// whatever the thread; const and thread-safe: run one state per task. Errors: of the integration, stated in the Response; of light that is
-/// linear between nodes (scene.sub_facets, scene.carrier_cell_m), and of spreading, which are not in it.
-template <TransparentMedium Medium = BeerLambert, ExitReadout Readout = ExitPower, Intersector Backend = Bvh>
-class Tracer {
- public:
-  struct Config {
-    int rays_per_emitter = 1 << 16;   ///< over all replicates; a power of two
-    int replicates = 8;               ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
-    int carrier_rays = 1 << 15;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
-    int exit_rays = 1 << 18;          ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
-    double roulette_below = 0.005;    ///< branches below this share of their path's start weight may be ended
-    double scattered_below = 0.25;    ///< the same for branches that were scattered in the medium, of which there are many
-    int max_events = 4096;            ///< a branch that meets more surfaces is booked as lost
-    std::uint64_t seed = 0;           ///< another number, another independent pattern
-    OpticalScene::Config scene{};
-  };
-
-  Tracer() = default;
-  explicit Tracer(const Config& config, const Readout& readout = {}, const Backend& backend = {})
-      : config_(config), readout_(readout), backend_(backend) {}
-
-  const Config& config() const { return config_; }
-
-  /// Channels of the response: those of the readout for each colour; 0 without emitters.
-  int channels(const Body& body) const { return color_count(body.emitters) * readout_.channels(body); }
-  /// Channel → its mirror image in the plane across `axis` (0: x, 1: y). Nothing where the emitters are not symmetric or the readout does not say.
-  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const;
-
-  /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for each number of `pattern`.
-  /// Compare its responses with its own only. Throws InvalidArgument for a factor that is no power of two, or out of range.
-  Tracer refined(int factor, std::uint64_t pattern = 0) const;
-
-  /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
-  Response trace(const Body& body, const TetMesh& mesh) const { return trace(body, mesh, {}, {}, symmetry_of(body, mesh)); }
-
-  /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
-  Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
-    return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
-  }
-
-  /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
-  /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it. `focus` must have the symmetry.
-  /// Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
-  Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field,
-                 Symmetry symmetry = {}, const RayFocus& focus = {}) const;
-
- private:
-  Config config_{};
-  Readout readout_{};
-  Backend backend_{};
-};
-
-template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int factor, std::uint64_t pattern) const {
-  require_in_range("refinement factor", factor, 1, 1 << 12, "");
-  if (!std::has_single_bit(unsigned(factor))) throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
-  Config c = config_;
-  for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays}) *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
-  if (pattern > 0) c.seed = combine(config_.seed, pattern);
-  return Tracer(c, readout_, backend_);
-}
-
-template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels(const Body& body, int axis) const {
-  if constexpr (requires { { readout_.image_channels(body, axis) } -> std::convertible_to<std::optional<std::vector<int>>>; }) {
-    const Symmetry light = RayPattern::symmetry_of(body.emitters);
-    if (axis == 0 ? !light.x : !light.y) return std::nullopt;
-    const std::optional<std::vector<int>> one = readout_.image_channels(body, axis);
-    if (!one) return std::nullopt;
-    std::vector<int> all;
-    for (int color = 0; color < color_count(body.emitters); ++color)
-      for (int c : *one) all.push_back(color * int(one->size()) + c);
-    return all;
-  } else {
-    return std::nullopt;
-  }
-}
-
-template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                                                 const std::vector<double>& contact_field, Symmetry symmetry,
-                                                 const RayFocus& focus) const {
-  const auto power_of_two = [](const char* what, int value, int low) {
-    require_in_range(what, value, low, 1 << 28, "");
-    if (!std::has_single_bit(unsigned(value))) throw InvalidArgument(message(what, " is ", value, ", must be a power of two"));
-  };
-  power_of_two("replicates", config_.replicates, 2);
-  power_of_two("rays per emitter", config_.rays_per_emitter, 4 * config_.replicates);
-  require_in_range("carrier rays", config_.carrier_rays, 1, 1 << 30, "");
-  require_in_range("exit rays", config_.exit_rays, 0, 1 << 30, "");
-  require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
-  require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
-  require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
-  if (body.surroundings.extinction_per_m != 0.0)
-    throw InvalidArgument(message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
-
-  require_in_range("focus of the rays", focus.y_m, -1e3, 1e3, "m");
-  require_in_range("length of the rays' focus", focus.length_m, 0.0, 1e3, "m");
-  require_in_range("least density of rays", focus.least, 1e-6, 1.0, "");
-  if (symmetry.y && !focus.is_symmetric()) throw InvalidArgument(message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
-  validate(body.emitters);
-  const Medium medium{body.medium};
-  const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
-  const auto scene = backend_.build(surface.triangles());
-  const LightNodes nodes(surface, symmetry);
-  const FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1, {},
-                                [&](int t) { return nodes.of(t)[0] >= 0; });
-  const FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, focus, [&](int t) {
-    return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
-  });
-  const int channels = readout_.channels(body), colors = color_count(body.emitters);
-  require_in_range("readout channels", channels, 0, 1 << 24, "");
-  const double images = (symmetry.x ? 2.0 : 1.0) * (symmetry.y ? 2.0 : 1.0);
-  const double outer_index = BeerLambert(body.surroundings).refractive_index();
-
-  Response response;
-  response.replicates.resize(config_.replicates, colors * channels);
-  response.direct.resize(config_.replicates, colors * channels);
-  EnergyLedger& sum = response.ledger;
-  PathTracer path(surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry,
-                          {config_.roulette_below, config_.scattered_below, config_.max_events});
-  ExitBeams beams(path);
-  struct Color {
-    RayPattern pattern;
-    ExitGather<std::remove_const_t<decltype(scene)>, Medium, Readout> gather;
-  };
-  std::vector<Color> light;
-  for (int c = 0; c < colors; ++c) {
-    std::vector<Emitter> emitters;
-    std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters), [&](const Emitter& e) { return e.channel() == c; });
-    light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry, focus),
-                     {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
-  }
-  const auto covered = [&](const PrimaryRay& ray) {  // has the body been pressed onto an emitter that was in air?
-    const RayHit in = scene.first_hit(ray.origin, ray.direction, true), out = scene.first_hit(ray.origin, ray.direction, false);
-    return in && (!out || in.t < out.t);
-  };
-  constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
-  for (int r = 0; r < config_.replicates; ++r) {
-    const auto sequence = [&](std::uint64_t use) { return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
-    std::vector<Tally> totals;
-    for (const Color& color : light) {
-      for (const RayPattern::Beam& beam : color.pattern.beams()) {
-        if (config_.exit_rays > 0 && !ConnectedReadout<Readout> && !beam.source.in_air())  // an opening is too small to be found between rays
-          beams.run(beam, sequence(0));
-        else
-          for (std::uint32_t i = 0; i < beam.rays; ++i) {
-            const PrimaryRay ray = RayPattern::ray(beam, sequence(0), i);
-            const bool air = beam.source.in_air();
-            path.run(ray, beam.mirror, beam.power_W, true, !air || covered(ray), nullptr, gathers_direct && beam.source.has_intensity() && !air);
-          }
-      }
-      totals.push_back(path.accounts().take());
-    }
-    CarrierTransport transport(nodes.size(), channels);
-    for (std::size_t k = 0; k < carrier.size(); ++k)
-      for (std::uint32_t i = 0; i < carrier[k].count; ++i) {
-        FaceSet::Sample x = carrier.sample(k, surface, sequence(1), i);
-        const bool inside = x.at.face >= 0;
-        const Vec3d lit = inside ? Vec3d(-x.normal) : x.normal;
-        x.ray.direction = reflected(Lambertian{}, -lit, lit, sequence(1)(x.index, 0), sequence(1)(x.index, 1), carrier[k].mirror);
-        path.run(x.ray, carrier[k].mirror, 1.0 / images, false, inside);
-        transport.add(path.accounts().take(), nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
-      }
-    for (int k = 0; k < colors; ++k) {
-      Tally& total = totals[std::size_t(k)];
-      const std::vector<double> sent = exchange(nodes, transport, total);
-      light[std::size_t(k)].gather.run(sequence(2), sent, total);
-      for (int c = 0; c < channels; ++c) {
-        response.replicates(r, k * channels + c) = total.ledger.channels[std::size_t(c)];
-        response.direct(r, k * channels + c) = total.direct[std::size_t(c)];
-      }
-      total.ledger.channels.clear();
-      add_scaled(sum, total.ledger, 1.0 / config_.replicates);
-    }
-  }
-  response.rays = path.rays;
-  response.segments = path.segments;
-  for (Eigen::Index c = 0; c < response.replicates.cols(); ++c) sum.channels.push_back(response.replicates.col(c).mean());
-  response.power_W = sum.channels;
-  response.error_W = standard_error(response.replicates);
-  return response;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/pipeline/lighting.hpp
-#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_LIGHTING_HPP
-#define SINGLE_INCLUDE_LUMO_PIPELINE_LIGHTING_HPP
-
-namespace lumo {
-
-/// Planes in which body, mesh, emitters and the states of a scenario are their own mirror images.
-template <Indenter Tool>
-Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
-  const Symmetry unloaded = symmetry_of(body, mesh), contact = symmetry_of(scenario);
-  return {unloaded.x && contact.x, unloaded.y && contact.y};
-}
-
-/// The same for a state that ended so: sweeps visit vertices one after the other, and what they hold is not its own mirror image.
-template <Indenter Tool>
-Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, Status status) {
-  return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
-}
-
-/// A solved scenario with its fields.
-struct SolvedScenario {
-  ScenarioRecord record;
-  std::vector<MechanicalState> states;
-  double seconds = 0.0;
-};
-
-/// Light in the states of all solved scenarios.
-template <class Light, class Pad, Indenter Tool>
-class Lighting {
- public:
-
-  /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
-      : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
-    for (std::size_t k = 0; k < solved.size(); ++k) {
-      records_.push_back(solved[k].record);
-      for (std::size_t s = 0; s < solved[k].states.size(); ++s)
-        if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
-    }
-  }
-
-  struct State {
-    std::size_t solve, state;
-    auto operator<=>(const State&) const = default;
-  };
-  const std::vector<State>& all() const { return all_; }
-
-  /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their meshes with the same rays.
-  /// Round 0 takes all meshes, and sends its rays evenly; later ones send them to the contact's place. Rounds have independent patterns.
-  template <Executor E, class Report>
-  void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
-    struct Job {
-      std::size_t place;
-      int round;
-      const State* state;  ///< none: unloaded
-    };
-    unloaded_.resize(std::max(unloaded_.size(), std::size_t(round) + 1), std::vector<Response>(places_.size()));
-    std::vector<Job> jobs;
-    std::set<std::pair<int, std::size_t>> bare;  // (round, place)
-    for (const State& s : wanted)
-      for (int r = rounds_[s]; r <= round; ++r) jobs.push_back({plan_.solves[s.solve].place, r, &s}), bare.insert({r, jobs.back().place});
-    for (std::size_t place = 0; round == 0 && place < places_.size(); ++place) bare.insert({0, place});
-    for (const auto& [r, place] : bare)
-      if (unloaded_[std::size_t(r)][place].power_W.empty()) jobs.push_back({place, r, nullptr});
-    std::stable_sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) { return a.round < b.round; });
-
-    std::vector<Response> lit(jobs.size());
-    std::vector<double> spent(jobs.size(), 0.0);
-    executor.for_each(jobs.size(), [&](std::size_t task) {
-      const Stopwatch watch;
-      const std::size_t i = jobs.size() - 1 - task;  // long ones first, so that threads end together
-      const auto& [place, r, state] = jobs[i];
-      const Light light = light_.refined(rays_of(r), std::uint64_t(r));
-      const TetMesh& mesh = places_[place]->mesh();
-      RayFocus focus;  // round 0 is for all there is to see
-      const auto& p = plan_.places[place];
-      if (r > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) focus.y_m = p.y_m, focus.length_m = focus_m_;   // others touch elsewhere
-      if (state == nullptr) {
-        const Symmetry unloaded = symmetry_of(body_, mesh);
-        lit[i] = light.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
-      } else {
-        const MechanicalState& loaded = solved_[state->solve].states[state->state];
-        lit[i] = light.trace(body_, mesh, loaded, symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status), focus);
-      }
-      spent[i] = watch.seconds();
-      report(jobs.size());
-    });
-
-    for (std::size_t i = 0; i < jobs.size(); ++i) {
-      seconds += spent[i];
-      if (ledger.emitted == 0.0 || lit[i].ledger.imbalance() >= ledger.imbalance()) ledger = lit[i].ledger;
-      if (jobs[i].state == nullptr) unloaded_[std::size_t(jobs[i].round)][jobs[i].place] = lit[i];
-    }
-    for (std::size_t i = 0; i < jobs.size(); ++i) {
-      const auto& [place, r, state] = jobs[i];
-      if (state == nullptr) continue;
-      const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
-      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
-      const double share = double(rays_of(r)) / rays_up_to(r);
-      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
-      rounds_[*state] = r + 1;
-    }
-  }
-
-  /// Of the solved scenarios, with their changes.
-  const std::vector<ScenarioRecord>& records() const { return records_; }
-
-  /// Responses of the undeformed body on each mesh.
-  const std::vector<Response>& unloaded() const { return unloaded_.front(); }
-
-  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure function of the responses.
-  std::vector<State> undecided(const std::vector<ScenarioRecord>& all, double tolerance) const {
-    const std::vector<ObservedState> observed = observed_states(all);
-    std::vector<State> states;
-    for (std::size_t i : undecided_states(observed, tolerance)) {
-      const std::size_t solve = plan_.images[observed[i].scenario].solve;
-      const auto& candidates = records_[solve].states;
-      const auto it = std::find_if(candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
-      states.push_back({solve, std::size_t(it - candidates.begin())});
-    }
-    std::sort(states.begin(), states.end());
-    states.erase(std::unique(states.begin(), states.end()), states.end());
-    return states;
-  }
-
-  EnergyLedger ledger;   ///< of the traced state that closes worst
-  double seconds = 0.0;  ///< spent in tracing, summed over threads
-
- private:
-  const Body& body_;
-  const ContactPlan<Tool>& plan_;
-  const Light& light_;
-  double focus_m_;
-  const std::vector<Pad>& places_;
-  const std::vector<SolvedScenario>& solved_;
-  std::vector<ScenarioRecord> records_;
-  std::vector<State> all_;
-  std::map<State, int> rounds_;                  ///< that a state has had
-  std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty where it was not needed
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/first_touch.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_FIRST_TOUCH_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_FIRST_TOUCH_HPP
-
-namespace lumo {
-
-/// Where an indenter that comes along a line first meets the exact undeformed surface.
-struct Touch {
-  Vec3d origin;        ///< of the indenter's frame at first touch [m]
-  Vec3d point;         ///< of the surface [m]
-};
-
-/// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools with edges and far
-/// better for round ones. The mesh only says where a patch ends.
-/// Throws InvalidArgument when the indenter passes by.
-template <Indenter Tool>
-Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
-
-// How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it passes by.
-template <Indenter Tool>
-double advance_to(const Tool& tool, const Vec3d& start, const Vec3d& direction, const Vec3d& p, double limit) {
-  double s = 0.0, before = 0.0;
-  for (int i = 0; i < 500; ++i) {
-    const double gap = tool.distance(p - start - s * direction);
-    if (gap < -1e-12) {   // a distance that is not quite one was too long: back to its zero
-      for (int k = 0; k < 60; ++k) {
-        const double middle = 0.5 * (before + s);
-        (tool.distance(p - start - middle * direction) > 0.0 ? before : s) = middle;
-      }
-      return s;
-    }
-    if (gap < 1e-15) return s;
-    before = s;
-    s += gap;
-    if (s > limit) break;
-  }
-  return s > limit ? std::numeric_limits<double>::infinity() : s;
-}
-
-template <Indenter Tool>
-Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
-  const Vec3d direction = scenario.direction();
-  double size = 0.0;
-  for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
-  const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + std::abs(scenario.y_m);
-  const Vec3d start = body.pivot + Vec3d(0, scenario.y_m, 0) - reach * direction;
-
-  double best = std::numeric_limits<double>::infinity();
-  Vec3d point = Vec3d::Zero();
-  for (std::size_t patch = 0; patch < body.patches.size(); ++patch) {
-    if (!body.patches[patch].contactable) continue;
-    // The patch's box trims its shape; images in symmetry planes are searched as one patch each.
-    for (int image = 0; image < 4; ++image) {
-      const double sx = image & 1 ? -1.0 : 1.0, sy = image & 2 ? -1.0 : 1.0;
-      if ((sx < 0 && !body.symmetry.x) || (sy < 0 && !body.symmetry.y)) continue;
-      const auto fold = [&](const Vec3d& p) { return Vec3d(sx * p.x(), sy * p.y(), p.z()); };
-      Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low, seed = Vec3d::Zero();
-      double nearest = std::numeric_limits<double>::infinity();
-      for (const BoundaryFace& f : mesh.faces) {
-        if (f.patch != int(patch)) continue;
-        for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
-          const Vec3d q = fold(mesh.nodes[std::size_t(f.nodes[k])]);
-          if ((body.symmetry.x && q.x() < 0) || (body.symmetry.y && q.y() < 0)) continue;
-          low = elementwise_min(low, q);
-          high = elementwise_max(high, q);
-          const double s = advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach);
-          if (s < nearest) nearest = s, seed = q;
-        }
-      }
-      if (!(low.x() <= high.x())) continue;   // no face
-      const double slack = 1e-12 * size;
-      const auto into_box = [&](const Vec3d& p) { return elementwise_min(elementwise_max(p, low), high); };
-      const auto inside = [&](const Vec3d& p) {
-        for (int axis = 0; axis < 3; ++axis)
-          if (!(p[axis] >= low[axis] - slack && p[axis] <= high[axis] + slack)) return false;
-        return true;
-      };
-      // Nodes may be too far apart for a small tool: also start from where the tool's centre line comes closest.
-      for (double s = 0.0; s < 2.0 * reach;) {
-        const Vec3d center = fold(start + s * direction);
-        const Vec3d q = closest_point(body.patches[patch].shape, into_box(center));
-        const double apart = (q - center).norm();
-        if (inside(q) && apart < 1.01 * scenario.indenter.radius_m())
-          if (const double t = advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach); t < nearest) nearest = t, seed = q;
-        s += std::max(0.2 * apart, 1e-3 * scenario.indenter.radius_m());
-      }
-      if (!std::isfinite(nearest)) continue;
-      const auto search = [&](double first_step, double spin, double gain) {
-        double spun = 0.0;
-        for (double step = first_step; step > 1e-9; step *= 0.5)
-          for (bool moved = true; moved; spun += spin) {
-            moved = false;
-            const Vec3d n = outward_normal(body.patches[patch].shape, seed);
-            const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
-            for (int k = 0; k < 8; ++k) {
-              const double turn = 0.25 * pi * k + spun;
-              const Vec3d trial = closest_point(body.patches[patch].shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
-              if (!inside(trial)) continue;
-              const double s = advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
-              if (s < nearest - gain) nearest = s, seed = trial, moved = true;
-            }
-          }
-      };
-      // Pattern search on the exact shape: the advance is quadratic about its minimum, so 1 nm of place is far below any depth that matters.
-      search(0.1 * (high - low).norm(), 0.0, 1e-16);
-      // Edges of a tool put kinks into the advance, at which fixed directions can get stuck; directions that never repeat do not (Audet, Dennis 2006).
-      search(0.1 * (high - low).norm(), 0.25 * pi * 0.61803398875, 1e-12);
-      if (nearest < best) best = nearest, point = fold(seed);
-    }
-  }
-  if (!std::isfinite(best))
-    throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi, " deg passes by the body"));
-  return {start + best * direction, point};
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/mesher.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
-
-namespace lumo {
-
-/// Closed polyhedral surface to be filled, with a wanted edge length and optional interior points.
-struct MeshInput {
-  std::vector<Vec3d> vertices;                    ///< [m] or any unit: the mesher is scale-free
-  std::vector<Facet> facets;                     ///< closed, manifold, counter-clockwise seen from outside
-  std::function<double(const Vec3d&)> edge;       ///< wanted edge length, same unit; may be empty
-  bool keep_surface = false;                     ///< do not split the given facets
-};
-
-/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry their facet's patch.
-struct LinearTets {
-  std::vector<Vec3d> vertices;
-  std::vector<std::array<int, 4>> tets;          ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
-  std::vector<std::array<int, 3>> faces;
-  std::vector<int> patches;                      ///< one per face
-};
-
-/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
-template <class M>
-concept Mesher = requires(const M& mesher, const MeshInput& input) {
-  { mesher.fill(input) } -> std::same_as<LinearTets>;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/mirror.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_MIRROR_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_MIRROR_HPP
-
-namespace lumo {
-
-/// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that coordinate exactly 0 are
-/// shared; all other nodes lie on the positive side. Original nodes keep their numbers; images follow.
-inline TetMesh mirrored(const TetMesh& half, int axis);
-
-inline TetMesh mirrored(const TetMesh& half, int axis) {
-  TetMesh whole = half;
-  const std::size_t n = half.nodes.size();
-  std::vector<int> image(n);
-  for (std::size_t k = 0; k < n; ++k) {
-    if (half.nodes[k][axis] == 0.0) {
-      image[k] = int(k);
-      continue;
-    }
-    image[k] = int(whole.nodes.size());
-    Vec3d x = half.nodes[k];
-    x[axis] = -x[axis];
-    whole.nodes.push_back(x);
-  }
-  const auto of = [&](int node) { return node < 0 ? node : image[std::size_t(node)]; };
-  // A mirror image has the other orientation: exchange two corners, and the edge nodes that go with them.
-  for (const auto& t : half.tets)
-    whole.tets.push_back({of(t[1]), of(t[0]), of(t[2]), of(t[3]), of(t[4]), of(t[6]), of(t[5]), of(t[8]), of(t[7]), of(t[9])});
-  for (const BoundaryFace& f : half.faces)
-    whole.faces.push_back({{of(f.nodes[1]), of(f.nodes[0]), of(f.nodes[2]), of(f.nodes[3]), of(f.nodes[5]), of(f.nodes[4])}, f.patch});
-
-  std::vector<int> partner(whole.nodes.size());
-  for (std::size_t k = 0; k < n; ++k) {
-    partner[k] = image[k];
-    partner[std::size_t(image[k])] = int(k);
-  }
-  // The other plane's pairing carries over to the images.
-  const auto extended = [&](const std::vector<int>& pairs) {
-    std::vector<int> all(pairs);
-    all.resize(whole.nodes.size());
-    for (std::size_t k = 0; k < pairs.size(); ++k) all[std::size_t(image[k])] = image[std::size_t(pairs[k])];
-    return all;
-  };
-  if (axis == 0) {
-    whole.symmetry.x = true;
-    whole.mirror_x = partner;
-    if (half.symmetry.y) whole.mirror_y = extended(half.mirror_y);
-  } else {
-    whole.symmetry.y = true;
-    whole.mirror_y = partner;
-    if (half.symmetry.x) whole.mirror_x = extended(half.mirror_x);
-  }
-  return whole;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/quality.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_QUALITY_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_QUALITY_HPP
-
-namespace lumo {
-
-/// How good a mesh is.
-struct MeshQuality {
-  double volume_m3 = 0.0;          ///< exact integral of the Jacobian
-  double min_jacobian_ratio = 1.0; ///< smallest Bernstein coefficient of any element's Jacobian over the element's mean: > 0 proves it valid everywhere
-  double min_dihedral_deg = 180.0; ///< of the corner tetrahedra
-};
-
-/// Bernstein coefficients of det(∂x/∂ξ) over one element: 1 (linear) or 20 (quadratic). All positive proves that the map is
-/// invertible at every point, not only at quadrature points. Source: Johnen, Remacle, Geuzaine 2013.
-inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& tet);
-
-/// Measures without judging.
-inline MeshQuality measure(const TetMesh& mesh);
-
-/// Throws MeshError unless all Jacobians are positive over the whole element, the surface is a closed manifold, and the volume is
-/// within `volume_tolerance` of `exact_volume_m3` (0: not checked).
-inline void require_valid(const TetMesh& mesh, double exact_volume_m3 = 0.0, double volume_tolerance = 0.01);
-
-namespace detail {
-
-// Symmetric multilinear form whose diagonal is the determinant.
-inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) {
-  const auto det = [](const Vec3d& u, const Vec3d& v, const Vec3d& w) { return u.dot(v.cross(w)); };
-  return (det(a.col(0), b.col(1), c.col(2)) + det(a.col(0), c.col(1), b.col(2)) + det(b.col(0), a.col(1), c.col(2)) +
-          det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) + det(c.col(0), b.col(1), a.col(2))) / 6.0;
-}
-
-}  // namespace detail
-
-inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
-  const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
-  if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
-  // The Jacobian of a quadratic map is linear in the barycentric coordinates: its value at the four corners tells all.
-  static constexpr int mid[4][4] = {{-1, 4, 6, 7}, {4, -1, 5, 8}, {6, 5, -1, 9}, {7, 8, 9, -1}};
-  std::array<Mat3d, 4> corner;
-  for (int k = 0; k < 4; ++k) {
-    std::array<Vec3d, 4> by_lambda;  // ∂x/∂λ_j at corner k
-    for (int j = 0; j < 4; ++j) by_lambda[std::size_t(j)] = j == k ? Vec3d(3.0 * x(k)) : Vec3d(4.0 * x(mid[k][j]) - x(j));
-    for (int j = 1; j < 4; ++j) corner[std::size_t(k)].col(j - 1) = by_lambda[std::size_t(j)] - by_lambda[0];
-  }
-  std::vector<double> coefficients;
-  for (std::size_t a = 0; a < 4; ++a)
-    for (std::size_t b = a; b < 4; ++b)
-      for (std::size_t c = b; c < 4; ++c) coefficients.push_back(detail::mixed_determinant(corner[a], corner[b], corner[c]));
-  return coefficients;
-}
-
-inline MeshQuality measure(const TetMesh& mesh) {
-  MeshQuality q;
-  for (const auto& t : mesh.tets) {
-    const std::vector<double> c = jacobian_coefficients(mesh, t);
-    double sum = 0.0;
-    for (double v : c) sum += v;
-    const double mean = sum / double(c.size());
-    q.volume_m3 += mean / 6.0;  // the integral of a Bernstein basis polynomial does not depend on its index
-    q.min_jacobian_ratio = std::min(q.min_jacobian_ratio, *std::min_element(c.begin(), c.end()) / std::max(std::abs(mean), 1e-300));
-    std::array<Vec3d, 4> n;
-    for (std::size_t k = 0; k < 4; ++k) {
-      const Vec3d &a = mesh.nodes[std::size_t(t[(k + 1) % 4])], &b = mesh.nodes[std::size_t(t[(k + 2) % 4])], &d = mesh.nodes[std::size_t(t[(k + 3) % 4])];
-      n[k] = (b - a).cross(d - a).normalized() * (k % 2 == 0 ? 1.0 : -1.0);
-    }
-    for (std::size_t i = 0; i < 4; ++i)
-      for (std::size_t j = i + 1; j < 4; ++j)
-        q.min_dihedral_deg = std::min(q.min_dihedral_deg, std::acos(std::clamp(-n[i].dot(n[j]), -1.0, 1.0)) * 180.0 / 3.14159265358979);
-  }
-  return q;
-}
-
-inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double volume_tolerance) {
-  using Reason = MeshError::Reason;
-  for (const Vec3d& x : mesh.nodes)
-    if (!x.allFinite()) throw MeshError(Reason::not_finite, "mesh has a node that is not finite");
-  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
-    for (double c : jacobian_coefficients(mesh, mesh.tets[e]))
-      if (!(c > 0.0))
-        throw MeshError(Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", c * 1e9, " mm3, must be > 0 over the whole element"));
-  std::map<std::pair<int, int>, int> edges;  // directed edges of the closed surface must pair up
-  for (const BoundaryFace& f : mesh.faces)
-    for (std::size_t k = 0; k < 3; ++k) ++edges[{f.nodes[k], f.nodes[(k + 1) % 3]}];
-  for (const auto& [edge, count] : edges) {
-    const auto back = edges.find({edge.second, edge.first});
-    if (count != 1 || back == edges.end() || back->second != 1)
-      throw MeshError(count != 1 ? Reason::not_manifold : Reason::open, message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
-  }
-  if (exact_volume_m3 > 0.0) {
-    const double volume = measure(mesh).volume_m3;
-    if (!(std::abs(volume / exact_volume_m3 - 1.0) <= volume_tolerance))
-      throw MeshError(Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ", 100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
-  }
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/body_mesh.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_BODY_MESH_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_BODY_MESH_HPP
-
-namespace lumo {
-
-/// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle nodes (also on
-/// the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric where the body is.
-/// Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
-template <Mesher M>
-TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
-
-namespace detail {
-
-// Patches that meet at each vertex or edge of the sector's boundary.
-using PatchSet = std::set<int>;
-
-inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3d> p, double tiny) {
-  for (int round = 0; round < 2; ++round)
-    for (int patch : patches)
-      if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
-  if (body.symmetry.x && std::abs(p.x()) < tiny) p.x() = 0.0;
-  if (body.symmetry.y && std::abs(p.y()) < tiny) p.y() = 0.0;
-  return p;
-}
-
-inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
-  std::map<std::pair<int, int>, int> middle;
-  const auto middle_of = [&](int a, int b) {
-    const std::pair<int, int> key = std::minmax(a, b);
-    const auto [it, fresh] = middle.try_emplace(key, int(mesh.nodes.size()));
-    if (fresh) {
-      const Vec3d &from = mesh.nodes[std::size_t(a)], &to = mesh.nodes[std::size_t(b)], half = 0.5 * (from + to);
-      const auto on_surface = boundary_edges.find(key);
-      mesh.nodes.push_back(on_surface == boundary_edges.end() ? half : snapped(body, on_surface->second, half, tiny));
-    }
-    return it->second;
-  };
-  for (auto& t : mesh.tets)
-    for (std::size_t k = 0; k < 6; ++k) t[4 + k] = middle_of(t[std::size_t(tet_edges[k][0])], t[std::size_t(tet_edges[k][1])]);
-  for (BoundaryFace& f : mesh.faces)
-    for (std::size_t k = 0; k < 3; ++k) f.nodes[3 + k] = middle_of(f.nodes[k], f.nodes[(k + 1) % 3]);
-  mesh.order = 2;
-}
-
-}  // namespace detail
-
-template <Mesher M>
-TetMesh mesh_body(const Body& body, const M& mesher, int order) {
-  if (order != 1 && order != 2) throw InvalidArgument(message("mesh order is ", order, ", must be 1 or 2"));
-  const double stretch = body.sizing.stretch_y;
-  require_positive("mesh stretch along y", stretch, "");
-  MeshInput input;
-  input.facets = body.facets;
-  // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away from zero.
-  for (const Vec3d& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
-  if (body.sizing.edge)
-    input.edge = [&body, stretch](const Vec3d& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z())); };
-  const auto filled = mesher.fill(input);
-
-  TetMesh mesh;
-  mesh.order = 1;
-  for (const Vec3d& v : filled.vertices) mesh.nodes.emplace_back(1e-3 * v.x(), 1e-3 * v.y() * stretch, 1e-3 * v.z());
-  double size = 0.0;
-  for (const Vec3d& v : body.vertices) size = std::max(size, v.lpNorm<Eigen::Infinity>());
-  const double tiny = 1e-9 * size;
-  for (const auto& t : filled.tets) mesh.tets.push_back({t[0], t[1], t[2], t[3], -1, -1, -1, -1, -1, -1});
-
-  std::map<int, detail::PatchSet> vertex_patches;
-  std::map<std::pair<int, int>, detail::PatchSet> edge_patches;
-  for (std::size_t f = 0; f < filled.faces.size(); ++f) {
-    const auto& face = filled.faces[f];
-    const int patch = filled.patches[f];
-    for (std::size_t k = 0; k < 3; ++k) {
-      vertex_patches[face[k]].insert(patch);
-      edge_patches[std::minmax(face[k], face[(k + 1) % 3])].insert(patch);
-    }
-    if (patch != Body::mirror_patch) mesh.faces.push_back({{face[0], face[1], face[2], -1, -1, -1}, patch});
-  }
-  for (const auto& [vertex, patches] : vertex_patches)
-    mesh.nodes[std::size_t(vertex)] = detail::snapped(body, patches, mesh.nodes[std::size_t(vertex)], tiny);
-  if (order == 2) detail::make_quadratic(body, mesh, edge_patches, tiny);
-  if (body.symmetry.x) mesh = mirrored(mesh, 0);
-  if (body.symmetry.y) mesh = mirrored(mesh, 1);
-  std::stable_sort(mesh.faces.begin(), mesh.faces.end(), [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
-  // The faces of a straight-sided mesh cut the curved profile short; only the quadratic one is held to the exact volume.
-  require_valid(mesh, order == 2 ? body.exact_volume_m3 : 0.0);
-  return mesh;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/sizing.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_SIZING_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_SIZING_HPP
-
-namespace lumo {
-
-/// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow in proportion to
-/// the distance resolve the edge of every contact equally well.
-struct Focus {
-  double finest = 0.2e-3;     ///< edge length at a place of touch [m]
-  double growth = 0.1;        ///< edge length gained per distance from it
-  double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
-
-  /// All edges `factor` times as long.
-  constexpr Focus scaled(double factor) const { return {factor * finest, factor * growth, factor * depth_growth}; }
-};
-
-/// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
-inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& focus = {}) {
-  require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
-  require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
-  const Symmetry symmetry = body.symmetry;
-  body.sizing.edge = [coarse = body.sizing.edge, points, focus, symmetry](const Vec3d& p) {
-    double edge = coarse(p);
-    for (Vec3d at : points) {
-      if (symmetry.x) at.x() = std::abs(at.x());
-      if (symmetry.y) at.y() = std::abs(at.y());
-      const double depth = std::max(0.0, (at - p).z());
-      edge = std::min(edge, focus.finest + focus.growth * (p - at).norm() + focus.depth_growth * depth);
-    }
-    return edge;
-  };
-  return body;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact_mesh.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_MESH_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_MESH_HPP
-
-namespace lumo {
-
-/// A mesh of the body that is fine where the scenarios' indenters first touch it, and in the mirror images of those places. `coarse` is
-/// any mesh of the body. Throws InvalidArgument when an indenter passes by, MeshError when the body cannot be meshed.
-template <Mesher M, Indenter Tool>
-TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse, const std::vector<Scenario<Tool>>& scenarios, const M& mesher, const Focus& focus = {},
-                         int order = 2) {
-  std::vector<Vec3d> touches;
-  for (const Scenario<Tool>& s : scenarios) touches.push_back(first_touch(body, coarse, s).point);
-  return mesh_body(focused(body, touches, focus), mesher, order);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/friction.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_FRICTION_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_FRICTION_HPP
-
-namespace lumo {
-
-/// Friction on the body's nodes [N], and what of its reaction pushes the indenter back along its way.
-struct FrictionForces {
-  std::vector<Vec3d> on_nodes;   ///< per mesh node; empty: none
-  double push_N = 0.0;
-};
-
-/// Coulomb friction that remembers: a point of the surface sticks by a stiff spring along the rigid surface until the spring's force is the
-/// coefficient times the pressure, and then slides with it. The spring's stretch is carried from one equilibrium to the next.
-/// Source: Wriggers 2006, §5.2 (regularised Coulomb law, return mapping).
-struct FrictionHistory {
-  double coefficient = 0.0;
-  double stiffness_N_per_m3 = 0.0;             ///< of the spring
-  double turning = 1.0;                        ///< 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle
-  Vec3d origin{0.0, 0.0, 0.0};                  ///< of the rigid thing's frame at the last equilibrium [m]
-  std::vector<std::vector<Vec3d>> place;        ///< of each surface point there, face by face [m]
-  std::vector<std::vector<Vec3d>> stretch;      ///< of its spring there [m]
-
-  /// Everything unstretched at positions x. The spring is a tenth as stiff as the law's penalty: it stretches by ten overlaps times the coefficient.
-  template <ContactHandler Contact>
-  FrictionHistory(const ContactSurface& surface, const Contact& law, const Positions& x, const Vec3d& rigid_origin)
-      : coefficient(friction_coefficient(law)), stiffness_N_per_m3(0.1 * law.stiffness_N_per_m3), origin(rigid_origin), place(surface.size()), stretch(surface.size()) {
-    if (coefficient == 0.0) return;
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (const SurfacePoint& p : surface.points(f)) {
-        place[f].push_back(surface.position(f, p, x));
-        stretch[f].push_back({0.0, 0.0, 0.0});
-      }
-  }
-
-  /// Traction [Pa] on the body at a point in contact, its stiffness [N/m³] at constant pressure, and the spring's stretch [m].
-  struct Answer {
-    Vec3d traction;
-    Mat3d stiffness;
-    Vec3d stretch;
-  };
-  Answer answer(std::size_t face, std::size_t point, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal, double pressure) const {
-    const Mat3d along = Mat3d::Identity() - normal * normal.transpose();
-    const Vec3d s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
-    const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
-    if (length <= most) return {-stiffness_N_per_m3 * s, stiffness_N_per_m3 * along, s};
-    const Vec3d way = s / length;
-    return {-stiffness_N_per_m3 * most * way, stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
-  }
-
-  /// Makes the equilibrium at positions x, with the rigid thing as it is now, the last one. Points out of contact let go.
-  template <ContactHandler Contact, class Tool>
-  void settle(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x) {
-    if (coefficient == 0.0) return;
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
-        const Vec3d at = surface.position(f, surface.points(f)[k], x);
-        const DistanceSample d = rigid.sample(at);
-        stretch[f][k] = d.distance < 0.0 ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch : Vec3d(Vec3d::Zero());
-      }
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (std::size_t k = 0; k < surface.points(f).size(); ++k) place[f][k] = surface.position(f, surface.points(f)[k], x);
-    origin = rigid.origin;
-  }
-
-  /// Adds friction on the body's nodes [N] at positions x; returns their sum.
-  template <ContactHandler Contact, class Tool>
-  Vec3d add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x, std::type_identity_t<std::vector<Vec3d>>& on_nodes) const {
-    Vec3d sum{0.0, 0.0, 0.0};
-    for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
-      for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
-        const SurfacePoint& p = surface.points(f)[k];
-        const Vec3d at = surface.position(f, p, x);
-        const DistanceSample d = rigid.sample(at);
-        if (d.distance >= 0.0) continue;
-        const Vec3d force = p.weight_m2 * answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).traction;
-        for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) on_nodes[std::size_t(surface.face(f).nodes[n])] += p.shape[n] * force;
-        sum += force;
-      }
-    return sum;
-  }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/indenters/box.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_BOX_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_BOX_HPP
-
-namespace lumo {
-
-/// Signed distance from p to the box |x| ≤ half about the origin.
-inline DistanceSample distance_to_box(const Vec3d& half, const Vec3d& p) {
-  Vec3d sign, beyond, out;
-  int axis = 0;
-  for (int i = 0; i < 3; ++i) {
-    sign[i] = p[i] < 0.0 ? -1.0 : 1.0;
-    beyond[i] = std::abs(p[i]) - half[i];
-    out[i] = std::max(beyond[i], 0.0);
-    if (beyond[i] > beyond[axis]) axis = i;
-  }
-  if (beyond[axis] <= 0.0) {
-    Vec3d n = Vec3d::Zero();
-    n[axis] = sign[axis];
-    return {beyond[axis], n, Mat3d::Zero()};
-  }
-  const double r = out.norm();
-  Vec3d n = out / r;
-  Mat3d h = Mat3d::Zero();  // only the directions that are outside bend the distance
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j)
-      if (out[i] > 0.0 && out[j] > 0.0) h(i, j) = ((i == j ? 1.0 : 0.0) - n[i] * n[j]) / r * sign[i] * sign[j];
-  for (int i = 0; i < 3; ++i) n[i] *= sign[i];
-  return {r, n, h};
-}
-
-/// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress without limit: round them.
-struct Box {
-  Vec3d size_m{10e-3, 10e-3, 10e-3};
-  double edge_radius_m = 0.5e-3;
-
-  bool operator==(const Box&) const = default;
-
-  double radius_m() const { return 0.5 * size_m.norm(); }
-  double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
-  bool symmetric(int) const { return true; }
-  double distance(const Vec3d& p) const { return sample(p).distance; }
-  DistanceSample sample(const Vec3d& p) const {
-    DistanceSample d = distance_to_box(0.5 * size_m - Vec3d::Constant(edge_radius_m), p);
-    d.distance -= edge_radius_m;
-    return d;
-  }
-};
-
-inline void validate(const Box& b) {
-  for (double side : {b.size_m.x(), b.size_m.y(), b.size_m.z()}) require_in_range("box side", side * 1e3, 0.1, 1000.0, "mm");
-  require_in_range("edge radius of the box", b.edge_radius_m * 1e3, 0.0, 0.499 * b.size_m.minCoeff() * 1e3, "mm");
-}
-
-static_assert(Indenter<Box>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/carrier.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CARRIER_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CARRIER_HPP
-
-namespace lumo {
-
-/// Signed distance to the union of a body's rigid boxes. The origin of its frame is the finger's.
-struct Carrier {
-  std::vector<RigidBox> boxes;
-
-  double distance(const Vec3d& p) const {
-    double least = std::numeric_limits<double>::infinity();
-    for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
-    return least;
-  }
-  DistanceSample sample(const Vec3d& p) const {
-    DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
-    for (const RigidBox& b : boxes)
-      if (const DistanceSample d = to_box(b, p); d.distance < nearest.distance) nearest = d;
-    return nearest;
-  }
-
- private:
-  static DistanceSample to_box(const RigidBox& b, const Vec3d& p) { return distance_to_box(b.half, p - b.center); }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/solvers/press_system.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SYSTEM_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SYSTEM_HPP
-
-namespace lumo {
-
-/// All that does not change between scenarios on one sector of one mesh: elements, surfaces, equations, symbolic factors.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, LinearSolver Linear>
-struct SectorModel {
-  Sector sector;
-  Body body;
-  Contact contact;
-  Solid<Material, Element> solid;
-  ContactSurface touchable;        ///< against the indenter
-  ContactSurface resting;          ///< against the carrier
-  Carrier carrier;
-
-  /// Equations of one parity with the symbolic factorisation of their tangent.
-  struct Block {
-    Equations equations;
-    Linear analysed;
-  };
-  std::vector<Block> blocks;       ///< first the even fields, then every other parity of the bounding planes
-
-  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& c, const Element& element)
-      : sector(sector_of(mesh, planes)), body(b), contact(c), solid(sector.mesh, material, element),
-        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
-        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c), carrier{b.carrier} {
-    blocks.reserve(4);
-    for (int odd = 0; odd < 4; ++odd) {
-      const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
-      if ((parity.odd_x && !planes.x) || (parity.odd_y && !planes.y)) continue;
-      Block block{Equations(sector, body, parity), Linear{}};
-      block.analysed.analyze(block.equations.pattern);
-      blocks.push_back(std::move(block));
-    }
-  }
-  SectorModel(const SectorModel&) = delete;  // the solid and the surfaces point into the sector's mesh
-  SectorModel& operator=(const SectorModel&) = delete;
-};
-
-/// One scenario on one sector: energy, forces and tangent of pad and indenter as functions of positions x and advance s.
-/// Loads are the sector's share of the whole load.
-template <class Model, Indenter Tool>
-struct PressSystem {
-
-  const Model& model;
-  const Tool& tool;
-  Vec3d origin;      ///< of the indenter at first touch
-  Vec3d direction;
-  double firmness = 1.0;   ///< factor on all contact pressures; 1 but on the way to equilibrium
-  const FrictionHistory* touch_friction = nullptr;   ///< with the indenter
-  const FrictionHistory* rest_friction = nullptr;    ///< with the carrier
-
-  Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
-  Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
-  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::UnitZ()}; }
-
-  /// Elastic + contact energy − load · advance [J]; +∞ for an inverted element.
-  double energy(const Positions& x, double advance, double load) const {
-    const double elastic = model.solid.energy(x);
-    if (!std::isfinite(elastic)) return elastic;
-    return elastic + add_contact_forces(model.touchable, contact(), indenter(advance), x, nullptr).energy +
-           add_contact_forces(model.resting, contact(), support(), x, nullptr).energy - load * advance;
-  }
-
-  /// What the stiff parts of the energy, volume and contact, are linearised about; see QuasiStatic.
-  struct Seen {
-    std::vector<double> ratios;
-    SeenGaps touch, rest;
-  };
-  /// A configuration of pad and indenter.
-  struct Place {
-    Positions x;
-    double advance = 0.0;
-  };
-  /// Values at `now`, carried on by (dx, ds) along the slopes at `linear`.
-  Seen predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
-    return {model.solid.predicted_ratios(now.x, linear.x, dx),
-            predicted_gaps(model.touchable, indenter(now.advance), now.x, indenter(linear.advance), linear.x, dx, ds),
-            predicted_gaps(model.resting, support(), now.x, support(), linear.x, dx, 0.0)};
-  }
-
-  /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
-  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
-    Positions f = Positions::Zero(3, x.cols());
-    model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
-    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
-    add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
-    Eigen::VectorXd r(eq.count + 1);
-    for (std::size_t i = 0; i < eq.of.size(); ++i)
-      if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
-    r[eq.count] = touch.push_N - load;
-    return r;
-  }
-
-  /// Tangents of several parities at once, the coupling of the even one to the advance, and the indenter's own stiffness.
-  struct Tangent {
-    std::vector<SparseLower> matrix;   ///< one per block asked for
-    Eigen::VectorXd coupling;
-    double stiffness = 0.0;
-  };
-  void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t, const Seen* seen = nullptr) const {
-    t.matrix.resize(last - first);
-    std::vector<const Equations*> systems;
-    std::vector<double*> values;
-    for (std::size_t b = first; b < last; ++b) {
-      const Equations& eq = model.blocks[b].equations;
-      SparseLower& m = t.matrix[b - first];
-      if (m.nonZeros() != eq.pattern.nonZeros()) m = eq.pattern;
-      std::fill_n(m.valuePtr(), m.nonZeros(), 0.0);
-      systems.push_back(&eq);
-      values.push_back(m.valuePtr());
-    }
-    model.solid.add_tangent(x, systems, values, seen ? &seen->ratios : nullptr);
-    for (std::size_t k = 0; k < systems.size(); ++k) {
-      const bool even = first + k == 0;
-      if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
-      const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
-                                                seen ? &seen->touch : nullptr, touch_friction);
-      if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr, rest_friction);
-    }
-  }
-
-  /// x moved by a field of the given equations.
-  static void move(Positions& x, const Equations& eq, const Eigen::VectorXd& by, double factor) {
-    for (std::size_t i = 0; i < eq.of.size(); ++i)
-      if (eq.of[i] >= 0) x.data()[i] += factor * by[eq.of[i]];
-  }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/certify.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CERTIFY_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CERTIFY_HPP
-
-namespace lumo {
-
-namespace detail {
-
-// x of Aᵀ x = b by Gauss's elimination with the largest pivots, operation for operation as Eigen's PartialPivLU has it, which takes the compiler as long as a
-// tenth of a program with a simulator.
-template <class Columns>
-Columns solved_transposed(const Mat3d& A, Columns b) {
-  std::array<std::array<double, 3>, 3> a;
-  for (std::size_t i = 0; i < 3; ++i)
-    for (std::size_t j = 0; j < 3; ++j) a[i][j] = A(Eigen::Index(j), Eigen::Index(i));
-  for (std::size_t k = 0; k < 3; ++k) {
-    std::size_t pivot = k;
-    for (std::size_t i = k + 1; i < 3; ++i)
-      if (std::abs(a[i][k]) > std::abs(a[pivot][k])) pivot = i;
-    if (pivot != k) {
-      std::swap(a[k], a[pivot]);
-      for (Eigen::Index c = 0; c < b.cols(); ++c) std::swap(b(Eigen::Index(k), c), b(Eigen::Index(pivot), c));
-    }
-    for (std::size_t i = k + 1; i < 3; ++i) {
-      if (a[k][k] != 0.0) a[i][k] /= a[k][k];
-      for (std::size_t j = k + 1; j < 3; ++j) a[i][j] -= a[i][k] * a[k][j];
-    }
-  }
-  for (Eigen::Index c = 0; c < b.cols(); ++c) {
-    const auto rest = [&](std::size_t k, std::size_t from, std::size_t to) {
-      double sum = 0.0;
-      for (std::size_t i = from; i < to; ++i) sum += a[k][i] * b(Eigen::Index(i), c);
-      return b(Eigen::Index(k), c) - sum;
-    };
-    for (std::size_t k = 1; k < 3; ++k) b(Eigen::Index(k), c) = rest(k, 0, k);
-    for (std::size_t k = 3; k-- > 0;) b(Eigen::Index(k), c) = rest(k, k + 1, 3) * (1.0 / a[k][k]);
-  }
-  return b;
-}
-
-}  // namespace detail
-
-/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares no assembly
-/// with the solver: the virtual work of each node's shape function, point by point, on the whole mesh, without sectors, equations or linearised
-/// volumes and gaps. It does share the policies (the material's stresses, the element's points and shape functions, the contact's response) and the
-/// points and weights of ContactSurface: a fault in one of these is not found here but by the policies' own tests.
-/// Friction depends on the way that was taken and is given.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
-double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
-                      const Tool& tool, const Vec3d& origin, const Vec3d& direction, double load_N, const std::vector<Vec3d>& displacement, const FrictionForces& friction = {}) {
-  std::vector<Vec3d> force(mesh.nodes.size(), Vec3d::Zero());
-  for (const auto& t : mesh.tets) {
-    std::array<Eigen::Matrix<double, 3, Element::nodes>, std::size_t(Element::points)> slope;
-    std::array<Mat3d, std::size_t(Element::points)> F;
-    std::array<double, std::size_t(Element::points)> volume;
-    double whole = 0.0, changed = 0.0;
-    for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
-      const auto by_xi = Element::gradients(int(q));
-      Mat3d reference = Mat3d::Zero();
-      for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3d(by_xi.col(a)).transpose();
-      slope[q] = detail::solved_transposed(reference, by_xi);
-      F[q] = Mat3d::Identity();
-      for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * Vec3d(slope[q].col(a)).transpose();
-      volume[q] = Element::weight(int(q)) * reference.determinant();
-      whole += volume[q];
-      changed += volume[q] * F[q].determinant();
-    }
-    for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
-      const double J = F[q].determinant();
-      const double seen = element.mean_dilatation ? changed / whole : J;
-      const Mat3d P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * detail::solved_transposed(F[q], Mat3d(Mat3d::Identity()));
-      for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * Vec3d(slope[q].col(a)));
-    }
-  }
-  Positions x(3, Eigen::Index(mesh.nodes.size()));
-  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + displacement[k];
-  const Carrier carrier{body.carrier};
-  double push = friction.push_N;
-  for (std::size_t k = 0; k < friction.on_nodes.size(); ++k) force[k] -= friction.on_nodes[k];
-  const auto press = [&](const ContactSurface& surface, const auto& rigid, bool is_indenter) {
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (const SurfacePoint& p : surface.points(f)) {
-        const DistanceSample d = rigid.sample(surface.position(f, p, x));
-        const Vec3d traction = contact.respond(d.distance).pressure * d.gradient;
-        if (is_indenter) push += p.weight_m2 * traction.dot(direction);
-        for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) force[std::size_t(surface.face(f).nodes[k])] -= p.weight_m2 * p.shape[k] * traction;
-      }
-  };
-  press(ContactSurface(mesh, body, [](const Patch& p) { return p.contactable; }, contact), Moving<Tool>{&tool, origin, direction}, true);
-  press(ContactSurface(mesh, body, [](const Patch& p) { return p.meets_carrier; }, contact), Moving<Carrier>{&carrier, Vec3d::Zero(), direction}, false);
-  for (const BoundaryFace& f : mesh.faces)
-    if (body.patches[std::size_t(f.patch)].bonded)
-      for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();
-  double sum = (push - load_N) * (push - load_N);
-  for (const Vec3d& f : force) sum += f.squaredNorm();
-  return std::sqrt(sum);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/solvers/secant_pairs.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_SECANT_PAIRS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_SECANT_PAIRS_HPP
-
-namespace lumo {
-
-/// What the steps with a kept factor have shown of a symmetric, positive definite tangent since it was made: the BFGS correction of the factor's inverse
-/// (Matthies, Strang 1979, doi:10.1002/nme.1620141104), applied by Nocedal's two loops (1980, doi:10.1090/S0025-5718-1980-0572855-7).
-class SecantPairs {
- public:
-  void clear() { pairs_.clear(); }
-
-  /// A step with the change of the residual that came with it; of equal sizes. Without effect where the residual did not grow along the step beyond
-  /// rounding: the corrected inverse stays positive definite.
-  void add(Eigen::VectorXd step, Eigen::VectorXd change) {
-    const double curvature = step.dot(change);
-    if (curvature > 1e-12 * step.norm() * change.norm()) pairs_.push_back({std::move(step), std::move(change), 1.0 / curvature});
-  }
-
-  /// Solution of the corrected system, where `factor` is that of the kept one: a function of a vector.
-  template <class Factor>
-  Eigen::VectorXd solve(Eigen::VectorXd residual, Factor&& factor) const {
-    std::vector<double> along(pairs_.size());
-    for (std::size_t k = pairs_.size(); k-- > 0;) {
-      along[k] = pairs_[k].scale * pairs_[k].step.dot(residual);
-      residual -= along[k] * pairs_[k].change;
-    }
-    Eigen::VectorXd solution = factor(residual);
-    for (std::size_t k = 0; k < pairs_.size(); ++k) solution += (along[k] - pairs_[k].scale * pairs_[k].change.dot(solution)) * pairs_[k].step;
-    return solution;
-  }
-
- private:
-  struct Pair {
-    Eigen::VectorXd step, change;
-    double scale;   ///< 1 / (step · change)
-  };
-  std::vector<Pair> pairs_;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/solvers/quasi_static.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
-
-namespace lumo {
-
-/// Settings of the quasi-static solver.
-struct QuasiStaticConfig {
-  double residual_tolerance = 1e-7;   ///< of the load
-  int max_iterations = 200;           ///< factorisations per load
-  int stride_iterations = 40;         ///< factorisations before a stride is cut
-  double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
-  double late_contraction = 0.8;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
-  double load_stride = 1.6;           ///< loads in between are at most this factor apart
-  double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
-  double time_limit_s = 1e9;          ///< per scenario, wall clock
-};
-
-/// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly (model: solver policy
-/// "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
-///
-/// The stiff parts of the energy, volume change and contact, are linearised about values that are carried on *linearly* by each step
-/// (volume ratios θ, gaps γ) instead of those that the moved nodes happen to have: a step's second-order errors in volume then make no
-/// spurious pressure, the tangent stays positive definite, and contact points change sides by what the step meant. This is Newton's method
-/// for the mixed problem with θ and γ eliminated; its solution is that of the plain one (Magisano, Leonetti, Garcea 2017 for stresses;
-/// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again, corrected by what its steps show (SecantPairs), as long as it contracts.
-///
-/// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts from a good guess of
-/// it: the points with the smallest gaps on the area that Hertz's formula gives for the first load, and on the last area × (load/last)^0.6
-/// after that. Where the tangent is lost on the way, the load is approached again from the last one, in smaller strides that end closer to
-/// equilibrium.
-///
-/// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so that it stays symmetric:
-/// convergence is linear, and states depend on the strides that lead to them.
-///
-/// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's symmetry included;
-/// otherwise the status says so.
-template <LinearSolver Linear = EigenCholesky>
-struct QuasiStatic {
-  template <class Material, class Contact, class Element>
-  using Model = SectorModel<Material, Contact, Element, Linear>;
-  using Config = QuasiStaticConfig;
-  static constexpr bool uses_symmetry = true;
-  Config config = {};
-
-  template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& contact,
-                                                           const Element& element) const {
-    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element);
-  }
-
-  /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no further one is tried
-  /// (it carries the reason).
-  template <class SomeModel, Indenter Tool>
-  std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
-};
-
-template <class Model, Indenter Tool>
-class QuasiStaticRun {
-
- public:
-  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
-      : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
-        eq_(model.blocks.front().equations), now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3d::Zero()) {
-    linear_.reserve(model.blocks.size());
-    for (const auto& block : model.blocks) linear_.push_back(block.analysed);
-  }
-
-  /// Equilibrium at `load` (the sector's share), from where the last call ended.
-  Status solve(double load) {
-    iterations = 0;
-    if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
-    const typename System::Place start = now_;
-    const FrictionHistory touched_before = touched_, rested_before = rested_;
-    const double from = load_;
-    double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
-    for (int cuts = 0; load_ != load;) {
-      const double next = load_ == 0.0 ? first : stride_end(load, stride), tolerance = next == load ? config_.residual_tolerance : on_the_way;
-      const Status s = load_ == 0.0 ? touch_down(next, tolerance) : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
-      if (s == Status::converged) {
-        load_ = next;
-        touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
-        rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
-        continue;
-      }
-      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search || s == Status::max_iterations;
-      if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
-      now_ = start, touched_ = touched_before, rested_ = rested_before, load_ = from;   // what was reached loosely on the way may be what led astray
-      first /= 4.0;
-      stride = std::sqrt(stride);
-      on_the_way = close;
-    }
-    return certify_stability();
-  }
-
-  const Positions& positions() const { return now_.x; }
-  double advance() const { return now_.advance; }
-  /// Friction on the sector's nodes as parts of the whole body's, and the whole's push against the advance.
-  FrictionForces friction() const;
-  int iterations = 0;
-
- private:
-  using System = PressSystem<Model, Tool>;
-  static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
-  static constexpr double settled = 1e-2;              ///< residual over load below which points seldom come and go, or change between sticking and sliding
-
-  /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
-  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(contact_radius(system_.tool), 2); }
-  double hertz_area(double load) const {
-    const double share = model_.sector.fraction(), whole = load / share;
-    return share * pi * std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
-  }
-
-  /// Where the next of equal strides from load_ to `load` ends.
-  double stride_end(double load, double stride) const {
-    const double strides = std::ceil(std::abs(std::log(load / load_)) / std::log(stride) - 1e-9);
-    return strides <= 1.0 ? load : load_ * std::pow(load / load_, 1.0 / strides);
-  }
-
-  /// Reference area of the points that overlap now.
-  double touched_area() const {
-    double area = 0.0;
-    const auto tool = system_.indenter(now_.advance);
-    for (std::size_t f = 0; f < model_.touchable.size(); ++f)
-      for (const SurfacePoint& p : model_.touchable.points(f))
-        if (tool.distance(model_.touchable.position(f, p, now_.x)) < 0.0) area += p.area_m2;
-    return area;
-  }
-
-  // From first touch. A softer contact forgives a wrong guess of its extent.
-  Status touch_down(double load, double tolerance) {
-    system_.firmness = 0.1;
-    const Status s = approach(load, loose, hertz_area(load));
-    if (touched_.coefficient > 0.0) system_.touch_friction = &touched_, system_.rest_friction = &rested_;
-    const double softer = std::exchange(system_.firmness, 1.0);
-    return s == Status::converged ? approach(load, tolerance, 0.0, softer) : s;
-  }
-
-  // Equilibrium at a load, from contact on at least `area`. Pressures are kept when overlaps so far were those of a contact `softer` times as firm.
-  Status approach(double load, double tolerance, double area, double softer = 1.0) {
-    auto seen = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
-    for (SeenGaps* gaps : {&seen.touch, &seen.rest})
-      for (std::vector<double>& face : *gaps)
-        for (double& g : face) g = g < 0.0 ? softer * g : g;
-    touch_nearest(seen.touch, area);
-    Eigen::VectorXd before;   // residual at the start of the last step; none before the first factor
-    for (const int stop = iterations + config_.stride_iterations;;) {
-      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
-      const double unbalanced = r.norm();
-      const bool nearly_there = unbalanced < settled * load;
-      if (!std::isfinite(unbalanced)) return Status::non_finite;
-      // The plain residual is what counts; it is looked at when the linearised one is small.
-      if (unbalanced <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
-      if (watch_.seconds() > config_.time_limit_s) return Status::time_limit;
-      if (before.size() > 0 && unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
-        steps_.add(std::move(last_step_), r - before);
-      } else {
-        if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
-        ++iterations;
-        touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
-        system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
-        const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
-        if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
-        if (!border()) return Status::not_positive_definite;
-        factored_ = now_;
-        steps_.clear();
-      }
-      if (const Status s = step(r, seen); s != Status::converged) return s;
-      before = std::move(r);
-    }
-  }
-
-  // Points that have just come into contact overlap, or gape, by what the last step did not know of; that is to be undone, but it is no
-  // pressure yet that could bend the tangent.
-  static constexpr double just_touching = -1e-15;
-  static void enter(SeenGaps& gaps, const SeenGaps& before) {
-    for (std::size_t f = 0; f < gaps.size(); ++f)
-      for (std::size_t k = 0; k < gaps[f].size(); ++k)
-        if (gaps[f][k] < 0.0 && before[f][k] >= 0.0) gaps[f][k] = just_touching;
-  }
-
-  // Brings the points with the smallest gaps into contact until `area` [m²] is.
-  void touch_nearest(SeenGaps& gaps, double area) const {
-    struct Point {
-      double gap, area_m2;
-      auto operator<=>(const Point&) const = default;
-    };
-    std::vector<Point> points;
-    for (std::size_t f = 0; f < gaps.size(); ++f)
-      for (std::size_t k = 0; k < gaps[f].size(); ++k) points.push_back({gaps[f][k], model_.touchable.points(f)[k].area_m2});
-    std::sort(points.begin(), points.end());
-    double last = 0.0;
-    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].area_m2, last = points[k].gap;
-    for (std::vector<double>& face : gaps)
-      for (double& g : face)
-        if (g >= 0.0 && g <= last) g = just_touching;
-  }
-
-  bool border() {
-    response_ = linear_.front().solve(tangent_.coupling);
-    schur_ = tangent_.stiffness - tangent_.coupling.dot(response_);
-    return std::isfinite(schur_) && schur_ > 0.0;
-  }
-
-  // Solution with the last factor for all equations, the advance's included.
-  Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
-    Eigen::VectorXd d(r.size());
-    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
-    d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
-    d.head(eq_.count) = z - d[eq_.count] * response_;
-    return d;
-  }
-
-  // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
-  // What refuses even the shortest step says why there is none.
-  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
-    const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
-    if (!d.allFinite()) return Status::non_finite;
-    const double ds = d[eq_.count];
-    const double now = model_.solid.smallest_J(now_.x);
-    double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
-    Positions dx = Positions::Zero(3, now_.x.cols());
-    System::move(dx, eq_, d, 1.0);
-    Status refusal = Status::inverted;
-    for (int k = 0; k < 20; ++k, t *= 0.5) {
-      const Positions trial = now_.x + t * dx;
-      refusal = Status::inverted;
-      if (!(model_.solid.smallest_J(trial) > 0.2 * now)) continue;
-      refusal = Status::line_search;
-      auto next = system_.predicted(now_, factored_, t * dx, t * ds);
-      if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > 0.2)) continue;
-      enter(next.touch, seen.touch);
-      enter(next.rest, seen.rest);
-      seen = std::move(next);
-      now_.x = trial;
-      now_.advance += t * ds;
-      last_step_ = t * d;
-      return Status::converged;
-    }
-    return refusal;
-  }
-
-  // Tangents of all parities at the state that was reached.
-  Status certify_stability() {
-    typename System::Tangent t;
-    system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
-    for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
-      const FactorStatus f = linear_[b].factorize(t.matrix[b]);
-      if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
-      if (b > 0) continue;   // the advance moves with the even fields only
-      const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear_[b].solve(t.coupling)));
-      if (!(stiffness > 0.0)) return std::isfinite(stiffness) ? Status::not_positive_definite : Status::non_finite;
-    }
-    return Status::converged;
-  }
-
-  QuasiStaticConfig config_;
-  const Model& model_;
-  System system_;
-  const Equations& eq_;
-  std::vector<std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>> linear_;   // by parity; the first one's factor is that of the steps
-  typename System::Place now_, factored_;   // where we are, and where the factor was made
-  FrictionHistory touched_, rested_;        // at the end of the last stride
-  Stopwatch watch_;
-  typename System::Tangent tangent_;
-  Eigen::VectorXd response_;   // K⁻¹ k
-  double schur_ = 0.0;
-  SecantPairs steps_;          // with that factor
-  Eigen::VectorXd last_step_;
-  double load_ = 0.0;          // last one that was reached
-};
-
-template <class Model, Indenter Tool>
-FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
-  FrictionForces out;
-  if (touched_.coefficient == 0.0) return out;
-  const Sector& sector = model_.sector;
-  out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
-  rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
-  out.push_N = touched_.add_nodal_forces(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x, out.on_nodes).dot(system_.direction) / sector.fraction();
-  for (std::size_t k = 0; k < out.on_nodes.size(); ++k)   // nodes in a bounding plane have as much on the other side
-    for (int axis = 0; axis < 2; ++axis)
-      if ((axis == 0 ? sector.planes.x : sector.planes.y) && sector.mesh.nodes[k][axis] == 0.0) {
-        out.on_nodes[k] *= 2.0;
-        out.on_nodes[k][axis] = 0.0;
-      }
-  return out;
-}
-
-template <LinearSolver Linear>
-template <class SomeModel, Indenter Tool>
-std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
-  QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
-  const double fraction = model.sector.fraction();
-  std::vector<MechanicalState> states;
-  for (double load : scenario.loads_N) {
-    MechanicalState state;
-    state.load_N = load;
-    state.status = path.solve(fraction * load);
-    state.iterations = path.iterations;
-    state.depth_m = path.advance();
-    const auto& x = path.positions();
-    for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
-    FrictionForces friction = path.friction();
-    state.friction_N = std::move(friction.on_nodes);
-    state.friction_push_N = friction.push_N;
-    states.push_back(std::move(state));
-    if (states.back().status != Status::converged) break;
-  }
-  return states;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/solvers/press_solver.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SOLVER_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SOLVER_HPP
-
-namespace lumo {
-
-/// How the states under a scenario's loads are found. model() makes what scenarios on one mesh share, for a sector of it where the solver
-/// `uses_symmetry`; run() gives one state per load, displacements on the sector's nodes, up to the first that fails.
-/// Laws: same input, same bits, also side by side; a state is `converged` or `held` or says why not; run() changes nothing in the model.
-template <class S, class Material, class Contact, class Element>
-concept PressSolver = std::copyable<S> && requires(const S& solver, const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material,
-                                                   const Contact& contact, const Element& element,
-                                                   const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario, const Touch& touch) {
-  { S::uses_symmetry } -> std::convertible_to<bool>;
-  { solver.model(body, mesh, planes, material, contact, element) } -> std::same_as<std::unique_ptr<typename S::template Model<Material, Contact, Element>>>;
-  { solver.run(model, scenario, touch) } -> std::same_as<std::vector<MechanicalState>>;
-};
-
-namespace detail {
-
-template <class Method>
-struct SolverOf {
-  using type = Method;
-};
-template <LinearSolver Method>
-struct SolverOf<Method> {
-  using type = QuasiStatic<Method>;
-};
-
-}  // namespace detail
-
-/// The solver that a simulator's last parameter names: a linear solver stands for the quasi-static one that uses it.
-template <class Method>
-using SolverOf = typename detail::SolverOf<Method>::type;
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/simulator.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SIMULATOR_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SIMULATOR_HPP
-
-namespace lumo {
-
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Method>
-  requires PressSolver<SolverOf<Method>, Material, Contact, Element>
-class PreparedBody;
-
-/// Presses an indenter into a body. Types choose the physics, values choose the numbers:
-/// `Simulator sim{NeoHookean{.mu = 106.0_kPa, .lambda = 10.494_MPa}, SDFContact{}}`.
-/// `Method` is a solver, such as VertexBlockDescent, or a linear solver for the quasi-static one, such as Cholmod.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element = QuadraticTet, class Method = EigenCholesky>
-  requires PressSolver<SolverOf<Method>, Material, Contact, Element>
-struct Simulator {
-  Material material = {};
-  Contact contact = {};
-  Element element = {};
-  SolverOf<Method> solver = {};
-
-  /// Everything that scenarios on one mesh share (elements, symbolic factorisations); thread-safe, so that scenarios can run side by side.
-  /// Throws InvalidArgument for parameters out of range.
-  PreparedBody<Material, Contact, Element, Method> prepare(const Body& body, const TetMesh& mesh) const {
-    validate(material);
-    validate(contact);
-    return {*this, body, mesh};
-  }
-
-  /// One scenario from first touch through its loads.
-  template <Indenter Tool>
-  std::vector<MechanicalState> press(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) const {
-    return prepare(body, mesh).press(scenario);
-  }
-};
-
-template <class Material, class Contact>
-Simulator(Material, Contact) -> Simulator<Material, Contact>;
-template <class Material, class Contact, class Element>
-Simulator(Material, Contact, Element) -> Simulator<Material, Contact, Element>;
-template <class Material, class Contact, class Element, class Solver>
-Simulator(Material, Contact, Element, Solver) -> Simulator<Material, Contact, Element, Solver>;
-
-/// A body ready to be pressed at many places.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Method>
-  requires PressSolver<SolverOf<Method>, Material, Contact, Element>
-class PreparedBody {
- public:
-  using Model = typename SolverOf<Method>::template Model<Material, Contact, Element>;
-  using Maker = Simulator<Material, Contact, Element, Method>;
-
-  PreparedBody(const Maker& maker, const Body& body, const TetMesh& mesh) : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
-
-  /// States at the scenario's loads, on the whole mesh. Where body and scenario are symmetric the quasi-static solver takes only a half or a
-  /// quarter; fields that break the symmetry are still tested for stability.
-  template <Indenter Tool>
-  std::vector<MechanicalState> press(const Scenario<Tool>& scenario) const;
-
-  const TetMesh& mesh() const { return *mesh_; }
-
- private:
-  const Model& model(Symmetry planes) const {
-    Slot& slot = (*slots_)[std::size_t((planes.x ? 1 : 0) + (planes.y ? 2 : 0))];
-    const std::lock_guard one(slot.making);   // glibc aborts where std::call_once lets "out of memory" pass
-    if (!slot.model) slot.model = maker_.solver.model(body_, *mesh_, planes, maker_.material, maker_.contact, maker_.element);
-    return *slot.model;
-  }
-
-  struct Slot {
-    std::mutex making;
-    std::unique_ptr<Model> model;
-  };
-  Maker maker_;
-  Body body_;
-  std::shared_ptr<const TetMesh> mesh_;
-  std::shared_ptr<std::array<Slot, 4>> slots_ = std::make_shared<std::array<Slot, 4>>();
-};
-
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Method>
-  requires PressSolver<SolverOf<Method>, Material, Contact, Element>
-template <Indenter Tool>
-std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::press(const Scenario<Tool>& scenario) const {
-  validate(scenario);
-  const Touch touch = first_touch(body_, *mesh_, scenario);
-  // A fixed area per vertex knows no halves of vertices.
-  const bool fold = SolverOf<Method>::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
-  const Symmetry contact = symmetry_of(scenario), planes{fold && mesh_->symmetry.x && contact.x, fold && mesh_->symmetry.y && contact.y};
-  const Model& sector_model = model(planes);
-  std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
-  const ContactSurface surface(*mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
-  for (MechanicalState& s : states) {
-    s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
-    if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
-    const Vec3d origin = touch.origin + s.depth_m * scenario.direction();
-    Positions x = positions_of(*mesh_);
-    for (std::size_t k = 0; k < s.displacement.size(); ++k) x.col(Eigen::Index(k)) += s.displacement[k];
-    const Moving<Tool> rigid{&scenario.indenter, origin, scenario.direction()};
-    ContactField c = contact_field(*mesh_, surface, maker_.contact, rigid, x);
-    const ContactSums sums = add_contact_forces(surface, maker_.contact, rigid, x, nullptr);
-    s.force_N = sums.push_N + s.friction_push_N;
-    s.penetration_m = sums.penetration_m;
-    s.contact_area_m2 = contact_area(surface, c.field, x);
-    s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
-    s.contact_field = std::move(c.field);
-    s.pressure_Pa = std::move(c.pressure_Pa);
-    // Certified on the whole mesh by the independent routine, whatever the solver says of itself. A held indenter bears any force.
-    const double wanted = s.status == Status::held ? s.force_N : s.load_N;
-    s.residual_N = out_of_balance(body_, *mesh_, maker_.material, maker_.contact, maker_.element, scenario.indenter, origin, scenario.direction(), wanted, s.displacement,
-                                  {s.friction_N, s.friction_push_N});
-    if (s.status == Status::converged && !(s.residual_N <= 1e-6 * s.load_N)) s.status = std::isfinite(s.residual_N) ? Status::max_iterations : Status::non_finite;
-    if (std::isnan(s.residual_N)) s.residual_N = std::numeric_limits<double>::infinity();
-    s.certified = s.status == Status::converged;
-  }
-  return states;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/pipeline/observe.hpp
-#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_OBSERVE_HPP
-#define SINGLE_INCLUDE_LUMO_PIPELINE_OBSERVE_HPP
-
-namespace lumo {
-
-/// Tools of one evaluation; policies are types, settings are values.
-template <Mesher M, class Simulation, class Light>
-struct Pipeline {
-  M mesher;
-  Simulation simulator;
-  Light tracer;
-  Focus focus = {};
-  MechanicalError mechanical_error = {};
-  OpticalError optical_error = {};
-  bool mirror_once = true;               ///< solve mirror images once
-  RayRefinement rays = {};
-  int mesh_order = 2;                    ///< of the simulator's elements
-  bool accept_held = false;              ///< score states of a solver that goes in time: the problem is what it holds, not equilibrium
-};
-
-/// Called after each step, and before the first of a long stage: stage, steps done, steps in all. May be called from any thread, one call at a time.
-using ProgressReport = std::function<void(std::string_view stage, int done, int total)>;
-
-/// A body pressed in every scenario, which may be lit more than once.
-template <class Pad, Indenter Tool>
-struct Pressed {
-  std::vector<Scenario<Tool>> scenarios;
-  ContactPlan<Tool> plan;
-  std::vector<std::unique_ptr<Pad>> places;      ///< the body on the mesh of each place of the plan
-  std::vector<SolvedScenario> solved;    ///< as the plan has them
-  Timing seconds;
-};
-
-template <class P>
-using PadOf = decltype(std::declval<const P&>().simulator.prepare(std::declval<const Body&>(), std::declval<const TetMesh&>()));
-
-/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve that fails is a status in its record.
-template <class P, Indenter Tool, Executor E>
-Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
-
-/// Can light in `body` be read from these presses: are the mirror images of its channels known where mirror images were pressed once?
-template <class P, class Pad, Indenter Tool>
-bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline);
-
-/// Lights a body in every state that was pressed, and again with more rays where they decide J_obs. `body` is the one that was pressed, or differs
-/// from it in its optics only. The seconds contain those of the presses. Bit-identical for every executor. Throws InvalidArgument, also where it does not light these presses.
-template <class P, class Pad, Indenter Tool, Executor E>
-Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {});
-
-/// Presses and lights a body in every scenario.
-template <class P, Indenter Tool, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
-  return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
-}
-
-namespace detail {
-
-template <class P, Indenter Tool, class Pad>
-SolvedScenario solve_scenario(const Body& body, const Scenario<Tool>& scenario, const P& pipeline, const Pad& pad) {
-  SolvedScenario out;
-  const Stopwatch watch;
-  out.states = pad.press(scenario);
-  out.record = record_of(body, pad.mesh(), scenario, out.states, pipeline.mechanical_error);
-  out.seconds = watch.seconds();
-  return out;
-}
-
-/// Scenarios without a second symmetry plane take longest: they go first, so that threads end together.
-template <Indenter Tool>
-std::vector<std::size_t> longest_first(const ContactPlan<Tool>& plan) {
-  std::vector<std::size_t> order(plan.solves.size());
-  std::iota(order.begin(), order.end(), std::size_t(0));
-  const auto halves = [&](std::size_t k) { return symmetry_of(plan.solves[k].scenario).x + symmetry_of(plan.solves[k].scenario).y; };
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return halves(a) < halves(b); });
-  return order;
-}
-
-/// Records of all scenarios from those that were solved.
-template <Indenter Tool>
-std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels, const ContactPlan<Tool>& plan,
-                                   const std::vector<ScenarioRecord>& solved) {
-  std::vector<ScenarioRecord> records;
-  for (std::size_t k = 0; k < scenarios.size(); ++k) records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
-  return records;
-}
-
-/// Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so changes are
-/// taken on one mesh and added to the common mean. `watts` names the mean power or its standard error.
-inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
-  std::vector<double> mean(std::size_t(channels), 0.0);
-  for (const Response& r : responses)
-    for (std::size_t b = 0; b < mean.size(); ++b) mean[b] += (r.*watts)[b] / (r.ledger.emitted * double(responses.size()));
-  return mean;
-}
-
-/// Mirror images of the channels of a body's light.
-template <class Light>
-ChannelImages channel_images(const Body& body, const Light& light) {
-  if (light.channels(body) == 0) return {std::vector<int>{}, std::vector<int>{}};   // mechanics only
-  return {light.image_channels(body, 0), light.image_channels(body, 1)};
-}
-
-/// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
-template <Indenter Tool>
-bool unfolds(const ContactPlan<Tool>& plan, const ChannelImages& images) {
-  return std::none_of(plan.images.begin(), plan.images.end(), [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
-}
-
-/// Counts the steps of one stage, from any thread.
-class StageReport {
- public:
-  StageReport(const ProgressReport& progress, std::string stage) : progress_(progress), stage_(std::move(stage)) {}
-  void begin(std::size_t total) {
-    if (progress_) progress_(stage_, 0, int(total));
-  }
-  void step(std::size_t total) {
-    const std::lock_guard lock(mutex_);
-    if (progress_) progress_(stage_, ++done_, int(total));
-  }
-
- private:
-  const ProgressReport& progress_;
-  std::string stage_;
-  int done_ = 0;
-  std::mutex mutex_;
-};
-
-}  // namespace detail
-
-template <class P, Indenter Tool, Executor E>
-Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
-  const Stopwatch clock;
-  const ChannelImages images = detail::channel_images(body, pipeline.tracer);
-  Pressed<PadOf<P>, Tool> out;
-  out.scenarios = scenarios;
-  out.plan = plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
-  const ContactPlan<Tool>& plan = out.plan;
-
-  // Meshes: scenarios at one place and angle share one.
-  const std::size_t places = plan.places.size();
-  detail::StageReport meshing(progress, "mesh");
-  meshing.begin(places);
-  const TetMesh coarse = mesh_body(body, pipeline.mesher);
-  out.places.resize(places);
-  std::vector<double> spent(places);
-  executor.for_each(places, [&](std::size_t k) {
-    const Stopwatch watch;
-    std::vector<Scenario<Tool>> here;
-    for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
-    out.places[k] = std::make_unique<PadOf<P>>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
-    spent[k] = watch.seconds();
-    meshing.step(places);
-  });
-
-  // Equilibria.
-  const std::vector<std::size_t> order = detail::longest_first(plan);
-  out.solved.resize(order.size());
-  detail::StageReport pressing(progress, "press");
-  pressing.begin(order.size());
-  executor.for_each(order.size(), [&](std::size_t i) {
-    const auto& s = plan.solves[order[i]];
-    out.solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *out.places[s.place]);
-    pressing.step(order.size());
-  });
-
-  out.seconds.mesh = std::accumulate(spent.begin(), spent.end(), 0.0);
-  for (const auto& s : out.solved) out.seconds.mechanics += s.seconds;
-  out.seconds.total = clock.seconds();
-  return out;
-}
-
-template <class P, class Pad, Indenter Tool>
-bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
-  return detail::unfolds(pressed.plan, detail::channel_images(body, pipeline.tracer));
-}
-
-template <class P, class Pad, Indenter Tool, Executor E>
-Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress) {
-  const Stopwatch clock;
-  const ChannelImages images = detail::channel_images(body, pipeline.tracer);
-  if (!detail::unfolds(pressed.plan, images)) throw InvalidArgument("observe: contacts were pressed once with their mirror images, but channels of the light have none");
-  const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
-  Observations out;
-
-  // Light, first for all states, then with more and more rays for those that decide.
-  Lighting lighting(body, pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
-  const auto trace = [&](const auto& states, int round, std::string stage) {
-    detail::StageReport tracing(progress, std::move(stage));
-    lighting.trace(states, round, executor, [&](std::size_t total) { tracing.step(total); });
-  };
-  if (channels > 0) {
-    trace(lighting.all(), 0, "light");
-    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, channels);
-    out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, channels);
-    const bool scored = all_scored(lighting.records(), pipeline.accept_held);
-    for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
-      const auto undecided = lighting.undecided(detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
-      if (undecided.empty()) break;
-      trace(undecided, round, message("light, ", rays_up_to(round), " times the rays"));
-    }
-  }
-
-  out.scenarios = detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records());
-  for (auto& record : out.scenarios)
-    for (auto& s : record.states) {
-      for (Eigen::Index b = 0; b < s.change.cols(); ++b) s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());
-      s.change_error = standard_error(s.change);
-    }
-  for (const auto& p : pressed.places) {
-    out.nodes = std::max(out.nodes, p->mesh().nodes.size());
-    out.elements = std::max(out.elements, p->mesh().tets.size());
-  }
-  out.ledger = lighting.ledger;
-  out.seconds = pressed.seconds;
-  out.seconds.optics = lighting.seconds;
-  out.seconds.total += clock.seconds();
-  return out;
-}
 
 }  // namespace lumo
 
@@ -7255,21 +968,22 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
 
 namespace lumo {
 
-/// What one indenter does to the light at one side of a pad, computed at places along it and at loads. Powers are per emitted power; of one side, with both sides'
-/// numbers used. Places are y ≥ 0; those below are mirror images.
+/// What one indenter does to the light at one side of a pad, computed at places along it and at loads. Powers are per
+/// emitted power; of one side, with both sides' numbers used. Places are y ≥ 0; those below are mirror images.
 struct PadResponses {
-  std::vector<double> theta_mm;      ///< design
+  std::vector<double> theta_mm;  ///< design
   std::string material;
-  double diameter_m = 0.0;           ///< of the sphere
-  Eigen::VectorXd position_m;        ///< middles of the bins, ascending, symmetric about 0
-  Eigen::VectorXd unloaded;          ///< power through each bin
-  Eigen::VectorXd place_m;           ///< ascending from 0
-  Eigen::VectorXd load_N;            ///< ascending, > 0
-  Eigen::MatrixXd depth_m;           ///< loads × places
+  double diameter_m = 0.0;              ///< of the sphere
+  Eigen::VectorXd position_m;           ///< middles of the bins, ascending, symmetric about 0
+  Eigen::VectorXd unloaded;             ///< power through each bin
+  Eigen::VectorXd place_m;              ///< ascending from 0
+  Eigen::VectorXd load_N;               ///< ascending, > 0
+  Eigen::MatrixXd depth_m;              ///< loads × places
   std::vector<Eigen::MatrixXd> change;  ///< by place: bins × loads
-  Eigen::VectorXd tilt_place_m;      ///< places at which a tilted approach was computed, ascending from 0
-  std::vector<Eigen::MatrixXd> tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
-  Eigen::VectorXd error;             ///< by load: RMS standard error of a bin's change, from the tracer's replicates
+  Eigen::VectorXd tilt_place_m;         ///< places at which a tilted approach was computed, ascending from 0
+  std::vector<Eigen::MatrixXd>
+      tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
+  Eigen::VectorXd error;  ///< by load: RMS standard error of a bin's change, from the tracer's replicates
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
@@ -7277,24 +991,33 @@ inline void validate(const PadResponses& r, const std::string& name) {
   const auto require = [&](bool good, const char* what) {
     if (!good) throw InputError(message(name, ": responses of a pad: ", what));
   };
-  const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
+  const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(),
+                     tilts = r.tilt_place_m.size();
   const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
-  require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
+  require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m),
+          "there must be at least 3 bins, ascending, with unloaded power each");
   const Eigen::VectorXd& position_m = r.position_m;
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
-  require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
-  require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places, "there must be at least 2 places, ascending from 0");
-  require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts, "there must be a tilted approach at least at one place");
-  require(r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0, "a depth is missing or not positive");
-  require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0, "unloaded power must be finite and not negative");
+  require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads,
+          "there must be at least 2 loads, ascending");
+  require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places,
+          "there must be at least 2 places, ascending from 0");
+  require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts,
+          "there must be a tilted approach at least at one place");
+  require(
+      r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0,
+      "a depth is missing or not positive");
+  require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0,
+          "unloaded power must be finite and not negative");
   for (const auto* list : {&r.change, &r.tilt})
-    for (const Eigen::MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
+    for (const Eigen::MatrixXd& m : *list)
+      require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
 }
 
-/// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
+/// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load,
+/// starting at 0 N.
 class PadLight {
  public:
-
   /// Throws InputError for responses that do not fit together.
   explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
@@ -7306,25 +1029,32 @@ class PadLight {
   const PadResponses& responses() const { return r_; }
   double reach_m() const { return r_.place_m[r_.place_m.size() - 1]; }
   double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
-  /// What the light must be multiplied by for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
+  /// Factor on the light for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
   double scale_to(double level) const {
     double sum = 0.0;
     int bins = 0;
     for (Eigen::Index b = 0; b < r_.position_m.size(); ++b)
-      if (std::abs(r_.position_m[b]) <= 25e-3) sum += r_.unloaded[b], ++bins;
+      if (std::abs(r_.position_m[b]) <= 25e-3) {
+        sum += r_.unloaded[b];
+        ++bins;
+      }
     return level * bins / sum;
   }
 
-  /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
-  /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
+  /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those
+  /// computed count as the last ones. The odd part of a tilt is that of the nearest tilt places, moved with the
+  /// contact.
   Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
     if (tilt_rad != 0.0) {
       const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
-      add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
-      if (s > 0.0) add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
+      add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N),
+                std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
+      if (s > 0.0)
+        add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N),
+                  std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
     return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
   }
@@ -7362,8 +1092,11 @@ class PadLight {
   Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
     const Eigen::Index n = value.cols();
     Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
-    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
-    slope.col(0) = secant.col(0), slope.col(n) = secant.col(n - 1);
+    for (Eigen::Index k = 0; k < n; ++k)
+      secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) /
+                      (load(k + 1) - load(k));
+    slope.col(0) = secant.col(0);
+    slope.col(n) = secant.col(n - 1);
     for (Eigen::Index k = 1; k < n; ++k) {
       const double a = load(k) - load(k - 1), b = load(k + 1) - load(k), wa = (a + 2.0 * b) / (3.0 * (a + b));
       for (Eigen::Index i = 0; i < value.rows(); ++i) {
@@ -7380,7 +1113,8 @@ class PadLight {
     Eigen::Index k = 0;
     while (at >= load(k + 1)) ++k;
     const double h = load(k + 1) - load(k), t = (at - load(k)) / h, u = 1.0 - t;
-    Eigen::VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
+    Eigen::VectorXd v =
+        (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
     if (k > 0) v += (u * u * (1.0 + 2.0 * t)) * value.col(k - 1);
     return v;
   }
@@ -7405,360 +1139,442 @@ class PadLight {
 
 #endif
 
-// ---- lumo/lab/side_sight.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_SIDE_SIGHT_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_SIDE_SIGHT_HPP
+// ---- lumo/geometry/closed_surface.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
 
 namespace lumo {
 
-/// What is seen of a pad's two sides, by the *deformed* place along the finger (a camera sees where the surface is, not where it was). By default all light that
-/// leaves a visible side counts, whatever its direction, which is how the paper's own model reads an image (r_b). A real lens sees a narrow cone: one that
-/// looks level or down on a pad that does not scatter sees hardly more than shadows, because a dent throws light down and outwards (docs/virtual_lab.md).
-/// Channels 0 … bins − 1 are the side x > 0, the others the side x < 0, each from proximal to distal.
-struct SideSight {
-  int bins = 60;
-  double half_range_m = 30.0_mm;
-  double pitch_rad = 0.0;      ///< of the line of sight above the base plane: the camera looks down on the pad by so much
-  double cone_rad = pi;        ///< half angle of the cone about the line of sight; π: all directions
-
-  int channels(const Body&) const { return 2 * bins; }
-  int channel(const Escape& e) const {
-    if (e.region < 0) return -1;
-    const bool right = e.reference.x() > 0.0;
-    const double sideways = right ? e.direction.x() : -e.direction.x();
-    if (cone_rad < pi && sideways * std::cos(pitch_rad) + e.direction.z() * std::sin(pitch_rad) < std::cos(cone_rad)) return -1;
-    const double at = (e.position.y() + half_range_m) / (2.0 * half_range_m) * bins;
-    return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
-  }
-  /// Middles of the bins of one side [m].
-  std::vector<double> positions_m() const {
-    std::vector<double> y;
-    for (int b = 0; b < bins; ++b) y.push_back(half_range_m * ((2 * b + 1.0) / bins - 1.0));
-    return y;
-  }
+/// A flat polygon of a surface, by vertex numbers, counter-clockwise seen from outside.
+struct Facet {
+  std::vector<int> loop;
+  int patch = -1;  ///< number of the part of the surface that it belongs to; negative: of none
 };
 
-static_assert(ExitReadout<SideSight>);
+/// A closed polyhedral surface.
+struct ClosedSurface {
+  std::vector<Vec3d> vertices;  ///< [m] or any unit: what reads it is scale-free
+  std::vector<Facet> facets;    ///< closed, manifold, counter-clockwise seen from outside
+};
 
-/// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as the sight does).
-/// `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for numbers that make no sense.
-inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
-  require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
-  require_positive("range of the side's sight", sight.half_range_m, "m");
-  require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");
-  const int n = sight.bins;
-  body.regions = 2 * n;
-  std::vector<int> other_side(std::size_t(2 * n)), other_end(std::size_t(2 * n));
-  for (int b = 0; b < n; ++b) {
-    other_side[std::size_t(b)] = b + n, other_side[std::size_t(b + n)] = b;
-    other_end[std::size_t(b)] = n - 1 - b, other_end[std::size_t(b + n)] = 2 * n - 1 - b;
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/emitter.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
+
+namespace lumo {
+
+/// Sine (≥ 0) and cosine of the angle between a direction and an axis.
+struct Polar {
+  double sine, cosine;
+};
+
+/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same
+/// ways, evenly round an axis. Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of
+/// the directions that polar() draws; with it direct light is gathered backwards, which has less noise, without it (a
+/// collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the air beside the body,
+/// not into the body; its light is traced forward. Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)²
+/// (there is less noise where point(1−u, 1−v) lies opposite it about `center`); polar(u) is monotone; mirrored(m), m =
+/// (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same
+/// source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+template <class E>
+concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
+  { e.center } -> std::convertible_to<Vec3d>;
+  { e.power_W } -> std::convertible_to<double>;
+  { e.channel } -> std::convertible_to<int>;
+  { e.axis() } -> std::convertible_to<Vec3d>;
+  { e.point(u, u) } -> std::convertible_to<Vec3d>;
+  { e.polar(u) } -> std::convertible_to<Polar>;
+  { e.mirrored(m) } -> std::convertible_to<E>;
+};
+
+/// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
+struct RectangleEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m]
+  double power_W = 1.0;
+  int channel = 0;      ///< colour channel
+  bool in_air = false;  ///< radiates into the air beside the body
+
+  Vec3d axis() const {
+    const Vec3d &u = half_u, &v = half_v;
+    return u.cross(v).normalized();
   }
-  body.region_image_x = other_side;
-  body.region_image_y = other_end;
-  body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3d& p, const Vec3d& normal) {
-    if (std::abs(normal.x()) < min_abs_nx || std::abs(p.y()) > half) return -1;
-    const int b = std::clamp(int((p.y() + half) / (2.0 * half) * n), 0, n - 1);
-    return p.x() > 0.0 ? b : b + n;
+  Vec3d point(double u, double v) const {
+    const Vec3d &c = center, &to_u = half_u, &to_v = half_v;
+    return c + (2.0 * u - 1.0) * to_u + (2.0 * v - 1.0) * to_v;
+  }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  RectangleEmitter mirrored(const Vec3d& m) const;
+};
+
+static_assert(EmitterModel<RectangleEmitter>);
+
+/// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
+inline void validate(const RectangleEmitter& e) {
+  if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
+  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
+}
+
+/// Any model of EmitterModel: a value, cheap to copy.
+class Emitter {
+ public:
+  template <class E>
+  requires(!std::same_as<E, Emitter> && EmitterModel<E>) Emitter(const E& model)
+      : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
+
+  Vec3d center() const { return calls_->center(model_.get()); }
+  double power_W() const { return calls_->power_W(model_.get()); }
+  int channel() const { return calls_->channel(model_.get()); }
+  Vec3d axis() const { return calls_->axis(model_.get()); }
+  Vec3d point(double u, double v) const { return calls_->point(model_.get(), u, v); }
+  Polar polar(double u) const { return calls_->polar(model_.get(), u); }
+  bool has_intensity() const { return calls_->intensity != nullptr; }
+  bool in_air() const { return calls_->in_air(model_.get()); }
+  /// [W/sr]; only where has_intensity().
+  double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
+  Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
+  /// Its model, if it is an E.
+  template <EmitterModel E> const E* as() const {
+    return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr;
+  }
+  bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
+  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what
+  /// the model's own validate() refuses.
+  void validate() const;
+
+ private:
+  struct Calls {
+    Vec3d (*center)(const void*);
+    double (*power_W)(const void*);
+    int (*channel)(const void*);
+    Vec3d (*axis)(const void*);
+    Vec3d (*point)(const void*, double, double);
+    Polar (*polar)(const void*, double);
+    double (*intensity)(const void*, double);  ///< or null
+    bool (*in_air)(const void*);
+    Emitter (*mirrored)(const void*, const Vec3d&);
+    void (*validate)(const void*);
   };
-  return body;
+  template <class E> static const E& model(const void* e) { return *static_cast<const E*>(e); }
+  template <class E> static constexpr auto intensity_of() -> double (*)(const void*, double) {
+    if constexpr (requires(const E& e) {
+                    { e.intensity(0.5) } -> std::convertible_to<double>;
+                  })
+      return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
+    else
+      return nullptr;
+  }
+  template <class E> static const Calls calls;
+
+  std::shared_ptr<const void> model_;
+  const Calls* calls_;
+};
+
+/// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
+inline void validate(const std::vector<Emitter>& emitters);
+
+/// Number of colour channels: one more than the highest; 0 without emitters.
+inline int color_count(const std::vector<Emitter>& emitters) {
+  int count = 0;
+  for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
+  return count;
+}
+
+// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is
+// standard.
+inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
+  RectangleEmitter image = *this;
+  image.center = m.cwiseProduct(center);
+  image.half_u = m.cwiseProduct(half_u);
+  image.half_v = m.cwiseProduct(half_v) * m.prod();
+  Eigen::Index k = 0;
+  image.half_u.cwiseAbs().maxCoeff(&k);
+  if (image.half_u[k] < 0.0) image.half_u = -image.half_u, image.half_v = -image.half_v;
+  return image;
+}
+
+namespace detail {
+
+/// What the model's own validate() says, if it has one.
+template <class E> void validate_model(const E& model) {
+  if constexpr (requires { validate(model); }) validate(model);
+}
+
+}  // namespace detail
+
+template <class E>
+const Emitter::Calls Emitter::calls = {
+    [](const void* e) -> Vec3d { return model<E>(e).center; },
+    [](const void* e) -> double { return model<E>(e).power_W; },
+    [](const void* e) -> int { return model<E>(e).channel; },
+    [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+    [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
+    intensity_of<E>(),
+    [](const void* e) -> bool {
+      if constexpr (requires {
+                      { model<E>(e).in_air } -> std::convertible_to<bool>;
+                    })
+        return model<E>(e).in_air;
+      else
+        return false;
+    },
+    [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
+    [](const void* e) { detail::validate_model(model<E>(e)); }};
+
+inline void Emitter::validate() const {
+  require_positive("emitter power", power_W(), "W");
+  require_in_range("emitter channel", channel(), 0, 255, "");
+  if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
+  calls_->validate(model_.get());
+  if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
+  if (!(std::abs(axis().norm() - 1.0) < 1e-9))
+    throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
+}
+
+inline void validate(const std::vector<Emitter>& emitters) {
+  if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
+  for (const Emitter& e : emitters) e.validate();
+  for (int c = 0; c < color_count(emitters); ++c)
+    if (std::none_of(emitters.begin(), emitters.end(), [&](const Emitter& e) { return e.channel() == c; }))
+      throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
 }
 
 }  // namespace lumo
 
 #endif
 
-// ---- lumo/lab/observe_pad.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_OBSERVE_PAD_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_OBSERVE_PAD_HPP
+// ---- lumo/morphology/optical_data.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
 
 namespace lumo {
 
-/// Where and how hard a pad is pressed for the virtual lab.
-struct PadGrid {
-  double diameter_m = 10.0_mm;
-  std::vector<double> load_N{1.0, 2.0, 5.0, 10.0, 15.0, 20.0};
-  double spacing_m = 1.0_mm;    ///< of the places; those at y < 0 are mirror images
-  int places = 27;              ///< 0, 1, …, 26 mm
-  double tilt_rad = 4.0_deg;    ///< of an approach from the side, from which follows what small angles do
-  std::vector<double> tilt_place_m{0.0, 22.0_mm};
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
+/// extinction needs.
+struct Medium {
+  double refractive_index = 1.0;
+  double extinction_per_m = 0.0;   ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
 };
 
-/// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as `sight` says. The pipeline's tracer must
-/// have `sight` for its readout; `body` must be symmetric. Throws InvalidArgument, MeshError, and PressFailure when a press does not converge.
-template <class P, Executor E>
-PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
-  if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
-  require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
-  require_positive("spacing of the virtual lab's places", grid.spacing_m, "m");
-  require_in_range("tilt of the virtual lab", grid.tilt_rad, 0.001, 0.5, "rad");
-  std::vector<Scenario<Sphere>> scenarios;
-  for (int k = 0; k < grid.places; ++k) scenarios.push_back({Sphere{grid.diameter_m}, 0.0, grid.spacing_m * k, grid.load_N});
-  for (const double y : grid.tilt_place_m) scenarios.push_back({Sphere{grid.diameter_m}, grid.tilt_rad, y, grid.load_N});
-  const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
-  for (const ScenarioRecord& s : seen.scenarios)
-    if (s.status != Status::converged) throw PressFailure(message("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m, " mm (", to_string(s.status), ")"));
+/// How light meets a surface.
+struct Dielectric {
+  bool operator==(const Dielectric&) const = default;
+};  ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian {
+  double albedo = 0.8;
+  bool operator==(const Lambertian&) const = default;
+};  ///< diffuse, opaque
+struct Mirror {
+  double reflectance = 1.0;
+  bool operator==(const Mirror&) const = default;
+};  ///< specular, opaque
+struct Absorber {
+  bool operator==(const Absorber&) const = default;
+};  ///< black
+using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
 
-  const Eigen::Index bins = sight.bins, loads = Eigen::Index(grid.load_N.size());
-  PadResponses r;
-  r.diameter_m = grid.diameter_m;
-  const std::vector<double> at = sight.positions_m();
-  r.position_m = Eigen::Map<const Eigen::VectorXd>(at.data(), bins);
-  const Eigen::Map<const Eigen::VectorXd> rest(seen.unloaded_response.data(), 2 * bins);
-  r.unloaded = 0.5 * (rest.head(bins) + rest.tail(bins));
-  r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
-  r.load_N = Eigen::Map<const Eigen::VectorXd>(grid.load_N.data(), loads);
-  r.place_m.resize(grid.places);
-  r.depth_m.resize(loads, grid.places);
-  r.tilt_place_m = Eigen::Map<const Eigen::VectorXd>(grid.tilt_place_m.data(), Eigen::Index(grid.tilt_place_m.size()));
-  r.error = Eigen::VectorXd::Zero(loads);
-  for (std::size_t k = 0; k < scenarios.size(); ++k) {
-    const bool straight = k < std::size_t(grid.places);
-    Eigen::MatrixXd part(bins, loads);
-    for (Eigen::Index l = 0; l < loads; ++l) {
-      const StateRecord& s = seen.scenarios[k].states[std::size_t(l)];
-      const Eigen::MatrixXd right = s.change.leftCols(bins), left = s.change.rightCols(bins), wanted = straight ? Eigen::MatrixXd(0.5 * (right + left)) : Eigen::MatrixXd(0.5 * (right - left) / grid.tilt_rad);
-      part.col(l) = wanted.colwise().mean().transpose();
-      if (!straight) continue;
-      double squares = 0.0;
-      for (const double e : standard_error(wanted)) squares += e * e;
-      r.error[l] += squares / double(bins * grid.places);
-      r.depth_m(l, Eigen::Index(k)) = s.depth_m;
+/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
+/// from the lit side.
+struct RigidFace {
+  std::string name;
+  std::vector<Vec3d> corners;  ///< [m]
+  SurfaceOptics optics = Lambertian{};
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/shape.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
+
+namespace lumo {
+
+/// An exact surface that a patch of a body lies on.
+/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
+template <class S>
+concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
+  { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
+  { shape.normal(p) } -> std::convertible_to<Vec3d>;
+};
+
+/// The plane through `point` with outward unit normal `direction`.
+struct Plane {
+  Vec3d point{0.0, 0.0, 0.0};
+  Vec3d direction{0.0, 0.0, 1.0};
+
+  Vec3d closest_point(const Vec3d& p) const { return p - direction.dot(p - point) * direction; }
+  Vec3d normal(const Vec3d&) const { return direction; }
+};
+
+/// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
+struct EllipticCylinder {
+  Vec3d center{0.0, 0.0, 0.0};
+  double semi_x = 1.0;
+  double semi_z = 1.0;
+
+  Vec3d closest_point(const Vec3d& p) const;
+  Vec3d normal(const Vec3d& p) const;
+};
+
+/// Sphere of `radius` [m] about `center`; the body is inside.
+struct SphereShape {
+  Vec3d center{0.0, 0.0, 0.0};
+  double radius = 1.0;
+
+  Vec3d closest_point(const Vec3d& p) const { return center + radius * normal(p); }
+  Vec3d normal(const Vec3d& p) const {
+    const Vec3d d = p - center;
+    const double r = d.norm();
+    return r > 0.0 ? Vec3d(d / r) : Vec3d(Vec3d::UnitZ());
+  }
+};
+
+using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
+
+inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
+  return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
+}
+inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
+  return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
+}
+
+// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of
+// a convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would
+// leave the bracket, so that it converges for every aspect ratio and every point.
+inline Vec3d EllipticCylinder::closest_point(const Vec3d& p) const {
+  const double px = std::abs(p.x() - center.x());
+  const double pz = std::max(0.0, p.z() - center.z());
+  const double side = p.x() < center.x() ? -1.0 : 1.0;
+  const bool x_major = semi_x >= semi_z;
+  const double a = x_major ? semi_x : semi_z, b = x_major ? semi_z : semi_x;
+  const double u = x_major ? px : pz, v = x_major ? pz : px;  // along the major and the minor axis
+  double fu = 0.0, fv = 0.0;
+  if (v > 0.0) {
+    if (u > 0.0) {
+      const double r = (a / b) * (a / b), e = r - 1.0, zu = r * u / a, zv = v / b;
+      double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
+      for (int i = 0; i < 200; ++i) {
+        const double x = zu / (t + e), y = zv / t, excess = x * x + y * y - 1.0;
+        (excess > 0.0 ? low : high) = t;
+        const double step = 0.5 * excess / (x * x / (t + e) + y * y / t), next = t + step;
+        const bool close = std::abs(step) <= 1e-9 * t;  // then the error that is left is the square of this
+        t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
+        if (close || !(low < high)) break;
+      }
+      fu = r * u / (t + e);
+      fv = v / t;
+    } else {
+      fv = b;
     }
-    // At y = 0 the pad is its own mirror image; only the rays are not.
-    if (scenarios[k].y_m == 0.0) part = (0.5 * (part + part.colwise().reverse())).eval();
-    (straight ? r.change : r.tilt).push_back(std::move(part));
-    if (straight) r.place_m[Eigen::Index(k)] = scenarios[k].y_m;
+  } else {
+    const double c = a * a - b * b;
+    if (a * u < c) {
+      fu = a * a * u / c;
+      fv = b * std::sqrt(std::max(0.0, 1.0 - (fu / a) * (fu / a)));
+    } else {
+      fu = a;
+    }
   }
-  r.error = r.error.cwiseSqrt().eval();
-  return r;
+  return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
+}
+
+inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
+  const Vec3d foot = closest_point(p) - center;
+  return Vec3d(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
+}
+
+static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/body.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
+
+namespace lumo {
+
+/// A part of a body's closed surface on which all tags are the same.
+struct Patch {
+  std::string name;
+  Shape shape = Plane{};       ///< the exact surface; mesh nodes of the patch lie on it
+  bool bonded = false;         ///< fixed to the carrier (closed set: its edge nodes are fixed too)
+  bool contactable = false;    ///< the indenter may touch it
+  bool meets_carrier = false;  ///< may come to rest on the carrier
+  SurfaceOptics optics = Dielectric{};
+  bool visible = true;  ///< on the outside: light that leaves here may lie in a region
+};
+
+/// A rigid axis-aligned box that the silicone can come to rest on.
+struct RigidBox {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
+};
+
+/// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
+struct Sizing {
+  std::function<double(const Vec3d&)> edge;  ///< across y [m]
+  double stretch_y = 1.0;                    ///< edges along y are this much longer
+};
+
+/// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
+/// SI units, finger frame (x lateral, y along the finger, z outward normal).
+struct Body {
+  static constexpr int mirror_patch = -1;
+
+  std::string name;
+  std::vector<Patch> patches;
+  std::vector<Vec3d> vertices;  ///< of the boundary of the meshed sector [m]
+  /// Closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves. Facet::patch: index into `patches`, or
+  /// mirror_patch for a face in a symmetry plane.
+  std::vector<Facet> facets;
+  Symmetry symmetry;  ///< the whole body is the sector and its mirror images
+  Sizing sizing;
+  double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
+
+  std::vector<RigidBox> carrier;  ///< union of boxes for mechanical contact
+  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
+
+  Medium medium;        ///< inside
+  Medium surroundings;  ///< outside (air)
+  SurfaceOptics touched =
+      Dielectric{};  ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
+  std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
+  std::vector<Emitter> emitters;
+  int regions = 0;  ///< number of readout regions
+  /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
+  std::function<int(const Vec3d& position, const Vec3d& normal)> region;
+  bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
+  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
+};
+
+/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch
+/// describes.
+inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
+  const Vec3d fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
+  return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
 }
 
 }  // namespace lumo
 
 #endif
 
-// ---- lumo/lab/rig.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
-
-namespace lumo {
-
-// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md tells what each does). They were fixed before any decoder, localiser
-// or force estimator was run on a log of the lab; the lab's `noise` multiplies all that is marked σ.
-
-/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is recorded. The picture is its green plane.
-struct CameraRig {
-  int width = 192, height = 80;       ///< of the window [px]
-  double focal_px = 616.0;            ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
-  double distance_m = 0.25;           ///< from the facing side; assumed, 0.41 mm/px
-  double aim_sigma_rad = 1.5_deg;     ///< σ of yaw, pitch and roll of one placing by hand; assumed
-  double aim_sigma_m = 1.0_mm;        ///< σ of the place along y and z; assumed
-  double frames_per_s = 30.0;
-  double exposure_s = 1.0e-3;         ///< device setting 10 (paper), 100 µs each (librealsense #8243)
-  double gain = 64.0;                 ///< device setting (paper)
-  double level_DN = 70.0;             ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
-  double gamma = 1.0;                 ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
-  double black_DN = 2.0;              ///< assumed
-  double full_DN = 255.0;
-  double shot_DN = 0.03;              ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
-  double read_DN = 0.6;               ///< σ, assumed
-  double row_DN = 0.35;               ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
-  double pixel_gain = 0.01;           ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
-  double blur_px = 0.8;               ///< standard deviation of the lens's point spread; assumed
-  double stamp_sigma_s = 0.2e-3;      ///< σ of a stamp; assumed
-};
-
-/// The finger's lamps and the room's.
-struct LightRig {
-  double lamp_drift = 3.0e-3;         ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up (memory: assumed)
-  double lamp_drift_s = 20.0;         ///< its time
-  double lamp_white = 1.0e-3;         ///< σ frame by frame; assumed
-  double ambient_DN = 5.0;            ///< mean; assumed
-  double ambient_slope = 0.2;         ///< relative, from end to end of the window; assumed
-  double ambient_drift = 0.02;        ///< σ relative; assumed
-  double ambient_drift_s = 5.0;
-  double flicker = 0.1;               ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
-  double flicker_hz = 100.0;
-  double spot_DN = 80.0;              ///< a LED's package seen through the side, on top of the side's light; assumed (the paper detects five LEDs)
-  double spot_sigma_m = 0.7_mm;       ///< half of the package's 1.6 mm, blurred; assumed
-};
-
-/// The indenter and how well it comes back.
-struct ContactRig {
-  double place_sigma_m = 0.25_mm;     ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
-  double tilt_sigma_rad = 0.5_deg;    ///< σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
-  double load_sigma = 0.005;          ///< σ of a hold's load, relative; assumed
-  double sensor_sigma_N = 0.05;       ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
-  double sensor_bias_N = 0.05;        ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
-  double sensor_hz = 100.0;
-  double marker_sigma_m = 0.02_mm;    ///< σ of the followed marker on the indenter; assumed
-};
-
-/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes suggest for Dragon Skin; assumed.
-struct SiliconeRig {
-  std::array<double, 3> part{0.02, 0.015, 0.015};
-  std::array<double, 3> time_s{0.1, 1.0, 10.0};
-};
-
-/// The joints under local position control, with current for torque: one, or a second one alike before it.
-struct MotorRig {
-  int joints = 1;
-  double joint_to_joint_m = 45.0_mm;        ///< from the first of two to the second; assumed
-  double joint_to_origin_m = 65.0_mm;       ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
-  double torque_constant_Nm_per_A = 0.35;   ///< gear included; assumed
-  double constant_sigma = 0.02;             ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
-  double stiction_Nm = 0.079;               ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
-  double white_Nm = 0.0685;                 ///< σ of one sample; current noise and ripple: set for 1.29 N
-  double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
-  double weight_Nm = 0.06;                  ///< of the finger, times sin q; assumed
-  double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed
-  double velocity_sigma_rad_per_s = 0.003;  ///< σ; assumed
-  double hold_rad = 0.15;                   ///< where it holds; assumed
-  double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
-  double hz = 250.0;
-};
-
-/// How the pad at hand differs from the computed one.
-struct SpecimenRig {
-  double stiffness = 1.0;             ///< of its silicone, relative: it deforms as the computed pad does under the load over this
-  double lamps = 1.0;                 ///< power of its LEDs, relative
-
-  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms more.
-  double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
-};
-
-/// All of it.
-struct Rig {
-  SpecimenRig specimen;
-  CameraRig camera;
-  LightRig light;
-  ContactRig contact;
-  SiliconeRig silicone;
-  MotorRig motor;
-};
-
-/// The lab's clock.
-inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
-
-/// Throws InvalidArgument for numbers that make no sense.
-inline void validate(const Rig& r) {
-  require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
-  require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
-  require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
-  require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
-  require_positive("focal length", r.camera.focal_px, "px");
-  require_in_range("distance of the camera", r.camera.distance_m, 0.05, 10.0, "m");
-  require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
-  require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
-  require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
-  require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
-  require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
-  require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
-  require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
-  require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");
-  require_positive("stiffness of the position control", r.motor.stiffness_Nm_per_rad, "N·m/rad");
-  double sum = 0.0;
-  for (std::size_t k = 0; k < r.silicone.part.size(); ++k) {
-    require_in_range("part of the relaxation", r.silicone.part[k], 0.0, 0.9, "");
-    require_positive("relaxation time", r.silicone.time_s[k], "s");
-    sum += r.silicone.part[k];
-  }
-  require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/random_stream.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_RANDOM_STREAM_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_RANDOM_STREAM_HPP
-
-namespace lumo {
-
-/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was drawn elsewhere. The same on every machine
-/// up to its mathematical functions' last bit.
-class Draws {
- public:
-  Draws(std::uint64_t seed, std::uint64_t stream) : key_(combine(combine(0x1ab0ull, seed), stream)) {}
-
-  double uniform() { return lumo::uniform(combine(key_, count_++)); }
-  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
-  double normal() {
-    if (spare_) return spare_ = false, second_;
-    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
-    second_ = r * std::sin(a);
-    spare_ = true;
-    return r * std::cos(a);
-  }
-
- private:
-  std::uint64_t key_, count_ = 0;
-  double second_ = 0.0;
-  bool spare_ = false;
-};
-
-/// First-order Gauss–Markov noise of standard deviation 1.
-class SlowNoise {
- public:
-  SlowNoise(Draws draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
-  /// At a time not before the last one.
-  double at(double t_s) {
-    const double keep = std::exp(-(t_s - t_s_) / time_s_);
-    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
-    t_s_ = t_s;
-    return value_;
-  }
-
- private:
-  Draws draws_;
-  double time_s_, value_, t_s_ = 0.0;
-};
-
-/// How much brighter lamps are than their mean, relative: slowly together, and frame by frame; standard deviations as the rig has them. Takes the streams `first`
-/// and `first` + 2.
-class LampNoise {
- public:
-  LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first) : drift_(rig.lamp_drift), white_(rig.lamp_white), slow_(Draws(seed, first), rig.lamp_drift_s), fast_(seed, first + 2) {}
-  double at(double t_s) {
-    const double slow = drift_ * slow_.at(t_s);
-    return slow + white_ * fast_.normal();
-  }
-
- private:
-  double drift_, white_;
-  SlowNoise slow_;
-  Draws fast_;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/sensor.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_SENSOR_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_SENSOR_HPP
-
-namespace lumo {
-
-/// What a pixel says of the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number, times `noise`), the row's offset, black level, full
-/// well, gamma, 8 bits (EMVA 1288's linear model).
-inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise, double normal, double row_offset) {
-  signal = std::max(signal, 0.0);
-  signal += noise * std::sqrt(camera.shot_DN * signal + camera.read_DN * camera.read_DN) * normal + row_offset;
-  double value = std::clamp(signal + camera.black_DN, 0.0, camera.full_DN);
-  const double inverse_gamma = 1.0 / camera.gamma;
-  if (inverse_gamma != 1.0) value = camera.full_DN * std::pow(value / camera.full_DN, inverse_gamma);
-  return std::uint8_t(std::lround(value));
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/side_geometry.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_SIDE_GEOMETRY_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_SIDE_GEOMETRY_HPP
+// ---- lumo/lab/side_camera.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_SIDE_CAMERA_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_SIDE_CAMERA_HPP
 
 namespace lumo {
 
@@ -7772,40 +1588,39 @@ struct SideGeometry {
   std::vector<double> lamp_m{-22.0_mm, -11.0_mm, 0.0, 11.0_mm, 22.0_mm};
 };
 
-/// Of a body that is symmetric in x and y: its visible surface reaches as high as its regions do, found to 1 % of the pad's height. Throws InvalidArgument for a body
-/// without LEDs or visible surface.
+/// Of a body that is symmetric in x and y: its visible surface reaches as high as its regions do, found to 1 % of the
+/// pad's height. Throws InvalidArgument for a body without LEDs or visible surface.
 inline SideGeometry side_geometry(const Body& body) {
-  if (body.emitters.empty() || body.vertices.empty()) throw InvalidArgument("virtual lab: the pad has no LEDs or no surface");
-  SideGeometry g{0.0, 0.0, 1e300, -1e300, body.emitters.front().center().z(), body.medium.refractive_index, {}};
-  for (const Vec3d& v : body.vertices) g.half_width_m = std::max(g.half_width_m, v.x()), g.half_length_m = std::max(g.half_length_m, std::abs(v.y()));
+  if (body.emitters.empty() || body.vertices.empty())
+    throw InvalidArgument("virtual lab: the pad has no LEDs or no surface");
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  constexpr int parts = 64;  // of an edge: heights to better than 1 % of the pad's
+  SideGeometry g{0.0, 0.0, infinity, -infinity, body.emitters.front().center().z(), body.medium.refractive_index, {}};
+  for (const Vec3d& v : body.vertices) {
+    g.half_width_m = std::max(g.half_width_m, v.x());
+    g.half_length_m = std::max(g.half_length_m, std::abs(v.y()));
+  }
   for (const Facet& f : body.facets) {
     if (f.patch < 0 || !body.patches[std::size_t(f.patch)].contactable) continue;
     for (std::size_t k = 0; k < f.loop.size(); ++k)
-      for (int part = 0; part <= 64; ++part) {
-        const Vec3d &a = body.vertices[std::size_t(f.loop[k])], &b = body.vertices[std::size_t(f.loop[(k + 1) % f.loop.size()])];
-        Vec3d p = a + part / 64.0 * (b - a);
+      for (int part = 0; part <= parts; ++part) {
+        const Vec3d &a = body.vertices[std::size_t(f.loop[k])],
+                    &b = body.vertices[std::size_t(f.loop[(k + 1) % f.loop.size()])];
+        Vec3d p = a + part / double(parts) * (b - a);
         p.y() = 0.0;
         p = closest_point(body.patches[std::size_t(f.patch)].shape, p);
         if (body.region(p, outward_normal(body, f.patch, p)) < 0) continue;
-        g.low_m = std::min(g.low_m, p.z()), g.high_m = std::max(g.high_m, p.z());
+        g.low_m = std::min(g.low_m, p.z());
+        g.high_m = std::max(g.high_m, p.z());
       }
   }
-  if (!(g.high_m > g.low_m)) throw InvalidArgument("virtual lab: no part of the pad's surface is visible from the side");
+  if (!(g.high_m > g.low_m))
+    throw InvalidArgument("virtual lab: no part of the pad's surface is visible from the side");
   for (const Emitter& e : body.emitters) g.lamp_m.push_back(e.center().y());
   std::sort(g.lamp_m.begin(), g.lamp_m.end());
-  g.lamp_m.erase(std::unique(g.lamp_m.begin(), g.lamp_m.end()), g.lamp_m.end());   // one on each side
+  g.lamp_m.erase(std::unique(g.lamp_m.begin(), g.lamp_m.end()), g.lamp_m.end());  // one on each side
   return g;
 }
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/side_camera.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_SIDE_CAMERA_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_SIDE_CAMERA_HPP
-
-namespace lumo {
 
 /// Where the camera stands, from what it should be.
 struct CameraPlace {
@@ -7816,14 +1631,16 @@ struct CameraPlace {
 /// A pinhole camera before the side of a pad.
 class SideCamera {
  public:
-
   SideCamera(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place)
       : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
-    // Level, looking along −x; distal to the right. It turns about the middle of the side: whoever places it aims at that.
+    // Level, looking along −x; distal to the right. It turns about the middle of the side, at which it is aimed.
     Eigen::Matrix3d level;
     level << 0, 0, -1, 1, 0, 0, 0, -1, 0;
     const Eigen::Vector3d aim(side.half_width_m, place.along_m, 0.5 * (side.low_m + side.high_m) + place.height_m);
-    const Eigen::Matrix3d turn = (Eigen::AngleAxisd(place.yaw_rad, Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(place.pitch_rad, Eigen::Vector3d::UnitY()) * Eigen::AngleAxisd(place.roll_rad, Eigen::Vector3d::UnitX())).toRotationMatrix();
+    const Eigen::Matrix3d turn = (Eigen::AngleAxisd(place.yaw_rad, Eigen::Vector3d::UnitZ()) *
+                                  Eigen::AngleAxisd(place.pitch_rad, Eigen::Vector3d::UnitY()) *
+                                  Eigen::AngleAxisd(place.roll_rad, Eigen::Vector3d::UnitX()))
+                                     .toRotationMatrix();
     axes_ = turn * level;
     eye_ = aim - camera.distance_m * axes_.col(2);
   }
@@ -7839,7 +1656,9 @@ class SideCamera {
   /// Pixel of a point on the facing side.
   Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
   /// Pixel at which an LED is seen.
-  Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
+  Eigen::Vector2d lamp_pixel(double y_m) const {
+    return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m});
+  }
   /// Does a point of the facing side lie in the window, a pixel from its edge at least?
   bool shows(double y_m, double z_m) const {
     const Eigen::Vector2d p = pixel(y_m, z_m);
@@ -7847,7 +1666,8 @@ class SideCamera {
   }
   /// The whole side?
   bool shows_side() const {
-    return shows(-side_.half_length_m, side_.low_m) && shows(-side_.half_length_m, side_.high_m) && shows(side_.half_length_m, side_.low_m) && shows(side_.half_length_m, side_.high_m);
+    return shows(-side_.half_length_m, side_.low_m) && shows(-side_.half_length_m, side_.high_m) &&
+           shows(side_.half_length_m, side_.low_m) && shows(side_.half_length_m, side_.high_m);
   }
 
   const CameraRig& camera() const { return camera_; }
@@ -7856,17 +1676,45 @@ class SideCamera {
  private:
   Eigen::Vector2d project(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d d = axes_.transpose() * (p - eye_);
-    return centre_ + camera_.focal_px / d.z() * d.template head<2>();
+    return centre_ + camera_.focal_px / d.z() * d.head<2>();
   }
 
   CameraRig camera_;
   SideGeometry side_;
   Eigen::Vector3d eye_;
-  Eigen::Matrix3d axes_;   ///< columns: right, down, forward
+  Eigen::Matrix3d axes_;  ///< columns: right, down, forward
   Eigen::Vector2d centre_;
 };
 
 }  // namespace lumo
+
+#endif
+
+// ---- lumo/sense/devices/joint_sample.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_JOINT_SAMPLE_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_JOINT_SAMPLE_HPP
+
+namespace lumo::sense {
+
+/// A finger or hand has at most this many joints; vectors of joints need no heap.
+inline constexpr int max_joints = 8;
+
+using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
+
+/// Quantity of a motor driver's effort. The torque model's constants turn a current into a torque.
+enum class Effort { current_A, torque_Nm };
+
+/// State of all joints at one time.
+struct JointSample {
+  std::int64_t stamp_ns = 0;  ///< on the clock that the session names
+  JointVector position_rad;
+  JointVector velocity_rad_per_s;
+  JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
+  Effort unit = Effort::current_A;
+  bool saturated = false;  ///< a value stands at the end of the driver's range: it may be more
+};
+
+}  // namespace lumo::sense
 
 #endif
 
@@ -7895,12 +1743,13 @@ struct ImageView {
   bool empty() const { return !data || width <= 0 || height <= 0; }
 };
 
-inline constexpr int max_image_side = 32768;               ///< [px]
+inline constexpr int max_image_side = 32768;                 ///< [px]
 inline constexpr std::int64_t max_image_area = 100'000'000;  ///< [px]
 
 /// Whether an image from outside may be this large [px].
 constexpr bool is_image_size(std::int64_t width, std::int64_t height) {
-  return width >= 1 && height >= 1 && width <= max_image_side && height <= max_image_side && width * height <= max_image_area;
+  return width >= 1 && height >= 1 && width <= max_image_side && height <= max_image_side &&
+         width * height <= max_image_area;
 }
 
 /// An image that owns its pixels; rows without padding.
@@ -7914,7 +1763,15 @@ struct Image {
   static Image black(int width, int height, PixelFormat format = PixelFormat::bgr) {
     require_in_range("image width", width, 1, max_image_side, "px");
     require_in_range("image height", height, 1, max_image_side, "px");
-    return {width, height, format, std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+    return {width, height, format,
+            std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+  }
+  /// Copies the pixels. Throws InvalidArgument for an empty view.
+  static Image copy(const ImageView& v) {
+    Image image = black(v.width, v.height, v.format);
+    for (int y = 0; y < v.height; ++y)
+      std::copy_n(v.row(y), std::size_t(v.width) * std::size_t(channels(v.format)), image.row(y));
+    return image;
   }
   ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
   std::uint8_t* row(int y) { return pixels.data() + std::ptrdiff_t(y) * width * channels(format); }
@@ -7923,13 +1780,8450 @@ struct Image {
 /// One picture of a camera and how it was taken.
 struct Frame {
   ImageView image;
-  std::int64_t stamp_ns = 0;  ///< as the source tells it, on the clock that the session names; by how much that is after the exposure's middle is the session's frame delay
-  double exposure_s = 0.0;    ///< 0: not known
-  double gain = 0.0;          ///< linear factor, or the driver's own number where that is all there is; 0: not known
-  std::int64_t index = 0;     ///< counted by the source
+  /// The source's stamp on the session's clock: the middle of the exposure plus the session's frame delay.
+  std::int64_t stamp_ns = 0;
+  double exposure_s = 0.0;  ///< 0: unknown
+  double gain = 0.0;        ///< linear factor, or else the driver's own number; 0: unknown
+  std::int64_t index = 0;   ///< counted by the source
 };
 
 }  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/recording/alignment.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_ALIGNMENT_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_ALIGNMENT_HPP
+
+namespace lumo::sense {
+
+/// Stamps lie within ±this [ns], 146 years, so that the difference of any two fits into 64 bits.
+inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
+
+/// From one clock to another: to = from + offset + drift · (from − origin).
+struct ClockMap {
+  std::int64_t origin_ns = 0;
+  double offset_s = 0.0;
+  double drift = 0.0;       ///< seconds per second
+  double residual_s = 0.0;  ///< RMS residual of a fit; 0 if the map was given
+  bool operator==(const ClockMap&) const = default;
+
+  /// Saturates at the limit of stamps.
+  std::int64_t operator()(std::int64_t from_ns) const {
+    constexpr double limit = double(stamp_limit_ns);
+    const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
+    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns,
+                                    stamp_limit_ns);
+  }
+
+  /// Least-squares fit to the stamps of the same events on both clocks; one event gives the offset alone. Throws
+  /// InvalidArgument for none.
+  static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
+    if (from_ns.empty() || from_ns.size() != to_ns.size())
+      throw InvalidArgument(message("clocks have ", from_ns.size(), " and ", to_ns.size(),
+                                    " common events, must have as many, at least 1"));
+    for (std::size_t i = 0; i < from_ns.size(); ++i)
+      for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
+        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns)
+          throw InvalidArgument(message("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
+    ClockMap map;
+    map.origin_ns = from_ns[from_ns.size() / 2];
+    const double n = double(from_ns.size());
+    double sum_t = 0.0, sum_d = 0.0, sum_tt = 0.0, sum_td = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) {
+      const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
+      sum_t += t;
+      sum_d += d;
+      sum_tt += t * t;
+      sum_td += t * d;
+    }
+    const double det = n * sum_tt - sum_t * sum_t;
+    map.drift = det > 1e-9 * n * n ? (n * sum_td - sum_t * sum_d) / det : 0.0;
+    map.offset_s = (sum_d - map.drift * sum_t) / n;
+    double squares = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
+    map.residual_s = std::sqrt(squares / n);
+    return map;
+  }
+};
+
+/// A recorded quantity of some channels over time, interpolated linearly.
+class TimeSeries {
+ public:
+  /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
+  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value)
+      : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
+    if (value_.cols() != Eigen::Index(stamp_.size()))
+      throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
+    for (std::size_t i = 1; i < stamp_.size(); ++i)
+      if (stamp_[i] <= stamp_[i - 1])
+        throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ",
+                                      stamp_[i - 1], " ns"));
+    if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
+      throw InvalidArgument(
+          message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
+  }
+
+  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s`.
+  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
+    const Eigen::MatrixXd& value = value_;
+    const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
+    if (after == stamp_.end()) return std::nullopt;
+    const auto j = Eigen::Index(after - stamp_.begin());
+    if (*after == stamp_ns) return Eigen::VectorXd(value.col(j));
+    if (after == stamp_.begin()) return std::nullopt;
+    const double gap = double(*after - *(after - 1));
+    if (1e-9 * gap > max_gap_s) return std::nullopt;
+    const double share = double(stamp_ns - *(after - 1)) / gap;
+    return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
+  }
+
+  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise, and curvature
+  /// that interpolation misses. White noise of standard deviation σ gives √1.5 σ. Interpolation itself spans half the
+  /// distance, so its error is about a quarter of the curvature's part.
+  Eigen::VectorXd interpolation_residual() const {
+    const Eigen::MatrixXd& value = value_;
+    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value.rows());
+    for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
+      const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
+      const auto k = Eigen::Index(i);
+      squares += (value.col(k) - (1.0 - share) * value.col(k - 1) - share * value.col(k + 1)).cwiseAbs2();
+    }
+    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
+  }
+  double largest_gap_s() const {
+    std::int64_t gap = 0;
+    for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
+    return 1e-9 * double(gap);
+  }
+  std::size_t size() const { return stamp_.size(); }
+
+ private:
+  std::vector<std::int64_t> stamp_;
+  Eigen::MatrixXd value_;
+};
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/recording/session.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
+
+namespace lumo::sense {
+
+/// What is done in a stretch of a recording.
+enum class SegmentKind {
+  unloaded,  ///< nothing touches the finger
+  dark,      ///< the same with the LEDs off
+  free,      ///< a joint moves without contact
+  approach,
+  hold,
+  cycle,
+  retract,
+  other  ///< a recording's own kind, see Segment::other_kind
+};
+
+inline constexpr std::array<std::string_view, 7> segment_kind_names{"unloaded", "dark",  "free",   "approach",
+                                                                    "hold",     "cycle", "retract"};
+
+/// The kind as files name it; empty for `other`.
+constexpr std::string_view to_string(SegmentKind kind) {
+  return kind == SegmentKind::other ? std::string_view() : segment_kind_names[std::size_t(kind)];
+}
+
+/// The kind of this name; `other` for a name that is not listed.
+constexpr SegmentKind segment_kind_from_string(std::string_view name) {
+  std::size_t k = 0;
+  while (k < segment_kind_names.size() && segment_kind_names[k] != name) ++k;
+  return SegmentKind(k);
+}
+
+static_assert(std::size_t(SegmentKind::other) == segment_kind_names.size());
+
+/// A stretch of a log whose circumstances its maker knew. Decoders learn from segments and metrics compare them;
+/// estimators do not read them.
+struct Segment {
+  std::int64_t from_ns = 0, to_ns = 0;
+  SegmentKind kind = SegmentKind::hold;
+  int place = -1;       ///< number of the tested place, from 0; −1: none
+  double y_mm = 0.0;    ///< of that place
+  int repetition = -1;  ///< re-contact or run, from 0; −1: none
+  int cycle = -1;       ///< within maintained contact
+  double load_N = 0.0;
+  double angle_deg = 0.0;
+  double diameter_mm = 0.0;  ///< of the indenter; 0: unknown
+  std::string other_kind{};  ///< name of a kind of the recording's own; empty for the others
+  bool operator==(const Segment&) const = default;
+
+  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
+  /// Name of the kind as it stands in files.
+  std::string kind_name() const { return kind == SegmentKind::other ? other_kind : std::string(to_string(kind)); }
+  void set_kind_name(std::string name) {
+    kind = segment_kind_from_string(name);
+    other_kind = kind == SegmentKind::other ? std::move(name) : std::string();
+  }
+};
+
+/// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
+struct HandLink {
+  std::string name;
+  std::vector<int> joints;  ///< that move it, by their numbers in the joint samples
+  Eigen::Matrix2Xd hole_m;  ///< centres (y, z) of its mounting holes, at least two
+  double hole_radius_m = 1.5_mm;
+  bool z_clockwise = false;                       ///< in the image z lies clockwise of y (image rows run down)
+  double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
+  double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
+};
+
+/// Throws InvalidArgument without joints or two holes, or for lengths out of range.
+inline void validate(const HandLink& l) {
+  if (l.joints.empty())
+    throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
+  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
+    throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
+                                  " mounting holes, must have at least 2, at finite places"));
+  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
+    for (Eigen::Index j = 0; j < k; ++j)
+      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
+          !(apart >= 1.0_mm && apart <= 10.0))
+        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart,
+                                      " mm apart, must be 1 to 10000 mm"));
+  require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
+  require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
+  require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
+}
+
+/// A link of a hand, and about where its holes are in the first picture: somebody pointed at them.
+struct SessionLink {
+  HandLink link;
+  Eigen::Matrix2Xd hole_px;  ///< as many as link.hole_m has
+};
+
+/// Contents of session.json.
+struct Session {
+  std::string title;
+  std::string clock = "monotonic";  ///< on which frames are stamped
+  std::string material;             ///< of the pad
+  std::vector<double> theta_mm;     ///< its design; may be empty
+  std::string video;                ///< file name beside session.json; empty: frames/
+  int led_count = 5;
+  double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
+  double led_depth_m = 0.0;  ///< of the LEDs behind the side that the camera sees, in silicone
+  /// From that side to the camera's lens; 0: unknown, the LEDs' parallax stays as it is.
+  double camera_distance_m = 0.0;
+  Eigen::Vector2d distal{1.0, 0.0};  ///< direction of the tip in the image
+  double joint_to_origin_m = 0.05;   ///< from the axis of the last joint to the finger's origin
+  /// From each joint's axis to the next one's, along the finger; empty: one joint.
+  std::vector<double> joint_to_joint_m;
+  std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
+  double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
+  ClockMap joint_clock, wrench_clock;                 ///< onto the frames' clock
+  std::vector<SessionLink> links;                     ///< of a hand; empty for one finger
+  std::vector<Segment> segments;
+};
+
+/// Refractive index of silicone in the visible; assumed.
+inline constexpr double silicone_index = 1.41;
+
+/// Ratio of the LEDs' apparent pitch to the same length on the side before them: perspective on their apparent depth,
+/// the true one over silicone's refractive index.
+inline double led_parallax(const Session& s) {
+  return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / silicone_index) : 1.0;
+}
+
+namespace detail {
+
+/// Checks of a session; each throws InputError with the session's name before the reason.
+class SessionCheck {
+ public:
+  explicit SessionCheck(const std::string& name) : name_(name) {}
+
+  void view(const Session& s) const {
+    require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
+    require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0,
+            message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+    require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0,
+            message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+    require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
+            message("distance of the camera is ", 1e3 * s.camera_distance_m,
+                    " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+    require(led_parallax(s) >= 0.5,
+            message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
+                    " mm, must lie at most 1.41 times as deep as it is far"));
+    require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
+  }
+
+  void finger(const Session& s) const {
+    require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
+            message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+    require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..",
+            "video must be a file name beside session.json");
+    require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0,
+            message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+    require(std::abs(s.joint_to_origin_m) <= 10.0,
+            message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+    require(
+        s.joint_to_joint_m.size() < std::size_t(max_joints),
+        message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
+    for (const double l : s.joint_to_joint_m)
+      require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
+    for (const double k : s.torque_constant_Nm_per_A)
+      require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
+              message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+    for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
+  }
+
+  void clocks(const Session& s) const {
+    for (const double delay : {s.frame_delay_s, s.joint_delay_s})
+      require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
+    for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
+      stamp(map.origin_ns);
+      require(std::abs(map.offset_s) <= 4e9,
+              message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+      require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
+      require(map.residual_s >= 0.0 && std::isfinite(map.residual_s),
+              message("residual of a clock is ", map.residual_s, " s, must not be negative"));
+    }
+  }
+
+  void link(const SessionLink& l, std::size_t i) const {
+    try {
+      validate(l.link);
+    } catch (const InvalidArgument& e) {
+      require(false, message("link ", i, ": ", e.what()));
+    }
+    for (const int j : l.link.joints)
+      require(j >= 0 && j < max_joints,
+              message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+    require(l.hole_px.cols() == l.link.hole_m.cols(),
+            message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
+                    " places of them in the picture, must have as many"));
+    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5,
+            message("link ", i, ": places of holes must lie within 1e5 px"));
+    const double px_per_mm =
+        1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, message("link ", i, ": its first two holes are seen at ",
+                                                             px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
+  }
+
+  void segment(const Segment& g, std::size_t i) const {
+    stamp(g.from_ns);
+    stamp(g.to_ns);
+    require(g.to_ns >= g.from_ns,
+            message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm})
+      require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
+  }
+
+  void require(bool good, const std::string& what) const {
+    if (!good) throw InputError(message(name_, ": ", what));
+  }
+
+ private:
+  void stamp(std::int64_t ns) const {
+    require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, message("stamp ", ns, " ns is beyond the range of stamps"));
+  }
+
+  const std::string& name_;
+};
+
+}  // namespace detail
+
+/// Throws InputError for a value out of its range; `name` stands in the message.
+inline void validate(const Session& s, const std::string& name) {
+  const detail::SessionCheck check(name);
+  check.view(s);
+  check.finger(s);
+  check.clocks(s);
+  check.require(s.links.size() <= 16, message("has ", s.links.size(), " links, must have at most 16"));
+  for (std::size_t i = 0; i < s.links.size(); ++i) check.link(s.links[i], i);
+  for (std::size_t i = 0; i < s.segments.size(); ++i) check.segment(s.segments[i], i);
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/hand/link_map.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_HAND_LINK_MAP_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_HAND_LINK_MAP_HPP
+
+namespace lumo::sense {
+
+/// How a link's plane lies in the image: turned, shifted and scaled.
+struct LinkMap {
+  Eigen::Vector2d origin_px{0.0, 0.0};
+  Eigen::Vector2d along_px_per_m{1.0, 0.0};  ///< of y
+  bool z_clockwise = false;
+  double residual_px = 0.0;  ///< RMS of what the fit leaves
+  double contrast_DN = 0.0;  ///< of the palest hole that it was found by
+
+  Eigen::Vector2d pixel(double y_m, double z_m) const {
+    const double side = z_clockwise ? 1.0 : -1.0;
+    const Eigen::Vector2d across(-side * along_px_per_m.y(), side * along_px_per_m.x());
+    const Eigen::Vector2d& along = along_px_per_m;
+    return origin_px + y_m * along + z_m * across;
+  }
+  double px_per_m() const { return std::hypot(along_px_per_m.x(), along_px_per_m.y()); }
+
+  /// Least squares over points of the link (2 × n, n ≥ 2) and where they are seen. Throws InvalidArgument for fewer, or
+  /// points that coincide.
+  static LinkMap fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix2Xd& pixel, bool z_clockwise);
+};
+
+inline LinkMap LinkMap::fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix2Xd& pixel, bool z_clockwise) {
+  using Complex = std::complex<double>;
+  const Eigen::Index n = point_m.cols();
+  if (n < 2 || pixel.cols() != n)
+    throw InvalidArgument(
+        message("link map has ", n, " points and ", pixel.cols(), " pixels, must have at least 2 of each"));
+  const auto point = [&](Eigen::Index k) {
+    return Complex(point_m(0, k), z_clockwise ? point_m(1, k) : -point_m(1, k));
+  };
+  const auto seen = [&](Eigen::Index k) { return Complex(pixel(0, k), pixel(1, k)); };
+  Complex middle = 0.0, middle_px = 0.0, turn = 0.0;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    middle += point(k) / double(n);
+    middle_px += seen(k) / double(n);
+  }
+  double spread = 0.0;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    turn += std::conj(point(k) - middle) * (seen(k) - middle_px);
+    spread += std::norm(point(k) - middle);
+  }
+  if (!(spread > 0.0)) throw InvalidArgument("link map: all points lie in one place");
+  turn /= spread;
+  const Complex origin = middle_px - turn * middle;
+  LinkMap map{{origin.real(), origin.imag()}, {turn.real(), turn.imag()}, z_clockwise, 0.0, 0.0};
+  double left = 0.0;
+  for (Eigen::Index k = 0; k < n; ++k) left += std::norm(origin + turn * point(k) - seen(k));
+  map.residual_px = std::sqrt(left / double(n));
+  return map;
+}
+
+/// How well holes must be seen, and what of the picture is compared. Sizes of disc and rim are in radii of the hole,
+/// chosen so that the hole's blurred edge belongs to neither; assumed.
+struct HoleSearch {
+  double reach_m = 8.0_mm;         ///< how far from its expected place a hole may be
+  double min_contrast = 10.0;      ///< how much darker than its rim [DN]
+  double max_residual_m = 0.4_mm;  ///< RMS of the holes' places after the fit
+  double max_scale_change = 0.05;  ///< relative to the guess; two holes show no other mistake
+  double disc = 0.75;              ///< radius of the disc inside the edge
+  double rim = 1.35;               ///< inner radius of the rim outside of the edge
+  double rim_width = 0.6;
+  double min_disc_px = 0.8;       ///< at least the middle pixel
+  double min_rim_width_px = 1.5;  ///< at least a pixel in each sector
+  int centroid_passes = 4;        ///< each about the last one's place
+};
+
+namespace detail {
+
+struct Hole {
+  Eigen::Vector2d center;
+  double contrast;
+};
+
+/// Finds the dark disc of a radius that stands out most from its rim. Of lumo's own, so that sensing needs Eigen only.
+class HoleFinder {
+ public:
+  HoleFinder(const ImageView& image, double radius_px, const HoleSearch& search)
+      : image_(image),
+        search_(search),
+        inner_(std::max(search.min_disc_px, search.disc * radius_px)),
+        rim_(search.rim * radius_px),
+        outer_(rim_ + std::max(search.min_rim_width_px, search.rim_width * radius_px)) {
+    if (fits()) lay_out();
+  }
+
+  /// Within `reach_px` of a pixel; nullopt if no disc is dark enough.
+  std::optional<Hole> find(const Eigen::Vector2d& expected, double reach_px) const {
+    constexpr double far_px = 1e6;  // beyond any picture, so that pixels can be counted in int
+    if (!(fits() && expected.allFinite() && expected.norm() < far_px && reach_px < far_px)) return std::nullopt;
+    std::optional<Hole> hole = darkest(expected, reach_px);
+    if (!hole || !centre(hole->center)) return std::nullopt;
+    return hole;
+  }
+
+ private:
+  static constexpr std::size_t sectors = 8;  ///< of the rim; the part behind them is the disc
+  struct Offset {
+    int x, y;
+    std::size_t part;
+  };
+
+  bool fits() const { return outer_ > 0.0 && 2.0 * outer_ < std::min(image_.width, image_.height); }
+
+  void lay_out() {
+    for (int y = -int(outer_); y <= int(outer_); ++y)
+      for (int x = -int(outer_); x <= int(outer_); ++x) {
+        const double d = std::hypot(x, y);
+        if (d > outer_ || (d > inner_ && d < rim_)) continue;
+        const auto sector = std::size_t(std::min(double(sectors - 1), (std::atan2(y, x) / pi + 1.0) * (0.5 * sectors)));
+        offsets_.push_back({x, y, d <= inner_ ? sectors : sector});
+        ++count_[offsets_.back().part];
+      }
+  }
+
+  /// Means of the disc and of the rim's darkest sector: a hole is darker than all of them, an edge or a gap is not.
+  std::pair<double, double> disc_and_rim(int cx, int cy) const {
+    std::array<int, sectors + 1> sum{};
+    for (const Offset& n : offsets_) sum[n.part] += image_.green(cx + n.x, cy + n.y);
+    double around = 255.0;
+    for (std::size_t k = 0; k < sectors; ++k)
+      if (count_[k] > 0) around = std::min(around, double(sum[k]) / count_[k]);
+    return {double(sum[sectors]) / count_[sectors], around};
+  }
+
+  std::optional<Hole> darkest(const Eigen::Vector2d& expected, double reach) const {
+    const int whole = std::max(1, int(std::ceil(reach))), u = int(std::lround(expected.x())),
+              v = int(std::lround(expected.y())), edge = int(std::ceil(outer_));
+    double best = search_.min_contrast;
+    std::optional<Hole> hole;
+    for (int cy = std::max(v - whole, edge); cy <= std::min(v + whole, image_.height - 1 - edge); ++cy)
+      for (int cx = std::max(u - whole, edge); cx <= std::min(u + whole, image_.width - 1 - edge); ++cx) {
+        if (std::hypot(cx - u, cy - v) > reach) continue;
+        const auto [disc, around] = disc_and_rim(cx, cy);
+        if (around - disc > best) {
+          best = around - disc;
+          hole = Hole{Eigen::Vector2d(cx, cy), best};
+        }
+      }
+    return hole;
+  }
+
+  /// Moves a place to the centroid of the darkness about it; false if that leaves the picture.
+  bool centre(Eigen::Vector2d& place) const {
+    for (int pass = 0; pass < search_.centroid_passes; ++pass) {
+      if (place.x() < outer_ || place.y() < outer_ || place.x() > image_.width - 1 - outer_ ||
+          place.y() > image_.height - 1 - outer_)
+        return false;
+      const double light = disc_and_rim(int(std::lround(place.x())), int(std::lround(place.y()))).second;
+      Eigen::Vector2d moment = Eigen::Vector2d::Zero();
+      double weight = 0.0;
+      for (int y = int(std::ceil(place.y() - rim_)); y <= int(std::floor(place.y() + rim_)); ++y)
+        for (int x = int(std::ceil(place.x() - rim_)); x <= int(std::floor(place.x() + rim_)); ++x) {
+          const double w =
+              std::hypot(x - place.x(), y - place.y()) > rim_ ? 0.0 : std::max(0.0, light - image_.green(x, y));
+          moment += w * Eigen::Vector2d(x, y);
+          weight += w;
+        }
+      if (!(weight > 0.0)) return false;
+      place = moment / weight;
+    }
+    return true;
+  }
+
+  const ImageView& image_;
+  const HoleSearch& search_;
+  double inner_, rim_, outer_;  ///< [px]
+  std::vector<Offset> offsets_;
+  std::array<int, sectors + 1> count_{};
+};
+
+}  // namespace detail
+
+/// Finds the link by its mounting holes, about where `guess` expects them; nullopt if one is not seen, or if they do
+/// not fit the link.
+inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess,
+                                            const HoleSearch& search = {}) {
+  if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
+  const double scale = guess.px_per_m();
+  const Eigen::Index n = link.hole_m.cols();
+  Eigen::Matrix2Xd seen(2, n);
+  double contrast = 255.0;
+  const detail::HoleFinder finder(image, link.hole_radius_m * scale, search);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const Eigen::Vector2d expected = guess.pixel(link.hole_m(0, k), link.hole_m(1, k));
+    const auto hole = finder.find(expected, search.reach_m * scale);
+    if (!hole) return std::nullopt;
+    seen.col(k) = hole->center;
+    contrast = std::min(contrast, hole->contrast);
+  }
+  for (Eigen::Index k = 1; k < n; ++k)
+    for (Eigen::Index j = 0; j < k; ++j)
+      if ((seen.col(k) - seen.col(j)).norm() < link.hole_radius_m * scale)
+        return std::nullopt;  // one hole taken for two
+  LinkMap map = LinkMap::fit(link.hole_m, seen, link.z_clockwise);
+  map.contrast_DN = contrast;
+  if (map.residual_px > search.max_residual_m * scale ||
+      std::abs(map.px_per_m() / scale - 1.0) > search.max_scale_change)
+    return std::nullopt;
+  return map;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/devices/readout.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_READOUT_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_READOUT_HPP
+
+namespace lumo::sense {
+
+/// Light along the finger at one time.
+struct Profile {
+  std::int64_t stamp_ns = 0;
+  Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
+  /// Share of the raw values at the top of their range: profile values there are lower bounds.
+  double saturated = 0.0;
+};
+
+/// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
+/// Laws: linear in the light unless a value saturates; value i belongs to `positions_m()[i]` on the finger's y axis,
+/// ascending; a sample of another size or kind gives false and leaves the profile as it was; no memory is allocated
+/// after the first call.
+template <class R>
+concept Readout = requires(R& readout, const R& view, const typename R::Sample& sample, Profile& profile) {
+  { readout.read(sample, profile) } -> std::same_as<bool>;
+  { view.positions_m() } -> std::convertible_to<const Eigen::VectorXd&>;
+};
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/devices/photodiodes.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_PHOTODIODES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_PHOTODIODES_HPP
+
+namespace lumo::sense {
+
+/// One reading of a row of photodiodes.
+struct PhotodiodeSample {
+  std::int64_t stamp_ns = 0;
+  Eigen::VectorXd signal_V;
+};
+
+/// A row of photodiodes along the finger: the readout without a camera. Values are photocurrents in units of the
+/// calibration, (V − dark) · scale.
+class PhotodiodeArray {
+ public:
+  using Sample = PhotodiodeSample;
+
+  struct Config {
+    Eigen::VectorXd position_m;  ///< along the finger, ascending
+    Eigen::VectorXd dark_V;      ///< without light; empty: 0
+    Eigen::VectorXd scale;       ///< per volt; empty: 1
+    double full_scale_V = 3.3;   ///< of the converter
+  };
+
+  /// Throws InvalidArgument for lengths that differ, positions that do not ascend, or numbers that are not finite.
+  explicit PhotodiodeArray(Config config) : config_(std::move(config)) {
+    const Eigen::Index n = config_.position_m.size();
+    if (n < 2) throw InvalidArgument(message("photodiode array has ", n, " diodes, must have at least 2"));
+    if (config_.dark_V.size() == 0) config_.dark_V = Eigen::VectorXd::Zero(n);
+    if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
+    if (config_.dark_V.size() != n || config_.scale.size() != n)
+      throw InvalidArgument(message("photodiode array has ", n, " positions, ", config_.dark_V.size(),
+                                    " dark values and ", config_.scale.size(), " scales, must be as many"));
+    if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite())
+      throw InvalidArgument("photodiode array: numbers must be finite");
+    for (Eigen::Index i = 1; i < n; ++i)
+      if (!(config_.position_m[i] > config_.position_m[i - 1]))
+        throw InvalidArgument(message("photodiode ", i, " is at ", config_.position_m[i],
+                                      " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
+    require_positive("photodiode full scale", config_.full_scale_V, "V");
+  }
+
+  bool read(const PhotodiodeSample& sample, Profile& profile) const {
+    if (sample.signal_V.size() != config_.position_m.size() || !sample.signal_V.allFinite()) return false;
+    profile.stamp_ns = sample.stamp_ns;
+    profile.value = (sample.signal_V - config_.dark_V).cwiseProduct(config_.scale);
+    profile.saturated =
+        double((sample.signal_V.array() >= config_.full_scale_V).count()) / double(sample.signal_V.size());
+    return true;
+  }
+  const Eigen::VectorXd& positions_m() const { return config_.position_m; }
+
+ private:
+  Config config_;
+};
+
+static_assert(Readout<PhotodiodeArray>);
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/recording/tables.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_TABLES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_TABLES_HPP
+
+namespace lumo::sense {
+
+// A log is a folder (docs/log_format.md). All tables may be absent. Each has a column stamp_ns or time_s, which ascends
+// strictly. Columns stand in any order; unknown ones are errors.
+//
+// - session.json: circumstances of the log (read by support/json.hpp)
+// - frames.csv: file (a path below frames/), exposure_s, gain; beside a video.* it has no column file
+// - frames/: 8-bit images, colour or grey
+// - joint.csv: position_rad_0, velocity_rad_per_s_0, current_A_0 or torque_Nm_0, position_rad_1, …
+// - wrench.csv: force_x_N, force_y_N, force_z_N, and torque_x_Nm, torque_y_Nm, torque_z_Nm or none of the three
+// - marker.csv: displacement_m
+// - photodiode.csv: signal_V_0, signal_V_1, …
+
+/// A row of frames.csv.
+struct FrameRecord {
+  std::int64_t stamp_ns = 0;
+  std::string file;         ///< below frames/; empty in a video's table
+  double exposure_s = 0.0;  ///< 0: unknown
+  double gain = 0.0;        ///< 0: unknown
+};
+
+/// Name of a log's picture by its number: 000042.png.
+inline std::string frame_file(std::size_t number, std::string_view ending = ".png") {
+  const std::string digits = std::to_string(number);
+  return std::string(digits.size() < 6 ? 6 - digits.size() : 0, '0') + digits + std::string(ending);
+}
+
+/// Wrench of the object on the finger by a force/torque sensor, in the finger's frame, about its origin.
+struct WrenchSample {
+  std::int64_t stamp_ns = 0;
+  Vec3d force_N{0.0, 0.0, 0.0};
+  Vec3d torque_Nm{0.0, 0.0, 0.0};
+  double normal_force_N() const { return -force_N.z(); }  ///< positive if the finger is pressed
+};
+
+struct MarkerSample {
+  std::int64_t stamp_ns = 0;
+  double displacement_m = 0.0;
+};
+
+/// The time column of a log's table, as integer nanoseconds; strictly ascending.
+class StampColumn {
+ public:
+  explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
+    if (seconds_) column_ = csv.find("time_s");
+    if (column_ < 0) throw InputError(message(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
+    if (!seconds_ && csv.find("time_s") >= 0)
+      throw InputError(message(csv.name(), ":1: has both 'stamp_ns' and 'time_s'"));
+  }
+  std::int64_t read(const CsvReader& csv) {
+    std::int64_t stamp = 0;
+    if (seconds_) {
+      const double s = csv.number(column_);
+      if (std::abs(s) > 1e-9 * double(stamp_limit_ns)) csv.fail(column_, "s is beyond the range of stamps");
+      stamp = std::llround(s * 1e9);
+    } else {
+      stamp = csv.integer(column_);
+      if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) csv.fail(column_, "is beyond the range of stamps");
+    }
+    if (last_ && stamp <= *last_) csv.fail(column_, "does not exceed the stamp before it");
+    last_ = stamp;
+    return stamp;
+  }
+
+ private:
+  int column_;
+  bool seconds_;
+  std::optional<std::int64_t> last_;
+};
+
+/// A path below a log's frames/ that a table can hold.
+inline bool is_below_frames(std::string_view file) {
+  const bool plain = std::none_of(file.begin(), file.end(),
+                                  [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' &&
+         file.find("..") == std::string_view::npos && file.find('\\') == std::string_view::npos;
+}
+
+/// Text of a stamp to be written. Throws InvalidArgument for one that StampColumn would refuse.
+inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
+  if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
+    throw InvalidArgument(message("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns",
+                                  last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
+  last = stamp_ns;
+  return std::to_string(stamp_ns);
+}
+
+inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s"; }
+
+/// Column of a name with a joint's (diode's) number behind it.
+inline std::string numbered(const char* name, int i) { return std::string(name) + '_' + std::to_string(i); }
+
+/// Opens a file for reading. Throws InputError.
+inline std::ifstream open_text(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw InputError(message(path, ": cannot be opened"));
+  return in;
+}
+
+/// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
+inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
+  CsvReader csv(in, name);
+  csv.require_known(
+      [&](std::string_view c) { return is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
+  StampColumn stamp(csv);
+  const int file = video ? -1 : csv.require("file"), exposure = csv.find("exposure_s"), gain = csv.find("gain");
+  std::vector<FrameRecord> list;
+  while (csv.next()) {
+    FrameRecord f{stamp.read(csv), "", 0.0, 0.0};
+    if (file >= 0) {
+      f.file = csv.text(file);
+      if (!is_below_frames(f.file)) csv.fail(file, "is no path below frames/");
+    }
+    if (exposure >= 0 && (f.exposure_s = csv.number(exposure)) < 0.0) csv.fail(exposure, "s is negative");
+    if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
+    list.push_back(std::move(f));
+  }
+  return list;
+}
+
+/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque.
+inline std::vector<JointSample> read_joint_log(std::istream& in, const std::string& name) {
+  CsvReader csv(in, name);
+  StampColumn stamp(csv);
+  int joints = 0;
+  while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
+  if (joints == 0) csv.require("position_rad_0");
+  const Effort unit = csv.find("current_A_0") >= 0 ? Effort::current_A : Effort::torque_Nm;
+  const char* effort_name = unit == Effort::current_A ? "current_A" : "torque_Nm";
+  std::vector<int> position, velocity, effort;
+  for (int j = 0; j < joints; ++j) {
+    position.push_back(csv.require(numbered("position_rad", j)));
+    velocity.push_back(csv.require(numbered("velocity_rad_per_s", j)));
+    effort.push_back(csv.require(numbered(effort_name, j)));
+  }
+  csv.require_known([&](std::string_view c) {
+    bool known = is_time(c);
+    for (int j = 0; j < joints; ++j)
+      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name})
+        known = known || c == numbered(column, j);
+    return known;
+  });
+  std::vector<JointSample> list;
+  while (csv.next()) {
+    JointSample s{stamp.read(csv), JointVector(joints), JointVector(joints), JointVector(joints), unit};
+    for (int j = 0; j < joints; ++j) {
+      s.position_rad[j] = csv.number(position[std::size_t(j)]);
+      s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
+      s.effort[j] = csv.number(effort[std::size_t(j)]);
+    }
+    list.push_back(std::move(s));
+  }
+  return list;
+}
+
+/// Reads wrench.csv; torques may be absent altogether.
+inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::string& name) {
+  static constexpr const char* forces[] = {"force_x_N", "force_y_N", "force_z_N"};
+  static constexpr const char* torques[] = {"torque_x_Nm", "torque_y_Nm", "torque_z_Nm"};
+  CsvReader csv(in, name);
+  StampColumn stamp(csv);
+  bool with_torque = false;
+  for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
+  int column[6] = {};
+  for (int k = 0; k < 3; ++k) {
+    column[k] = csv.require(forces[k]);
+    column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
+  }
+  csv.require_known([&](std::string_view c) {
+    bool known = is_time(c);
+    for (int k = 0; k < 3; ++k) known = known || c == forces[k] || c == torques[k];
+    return known;
+  });
+  std::vector<WrenchSample> list;
+  while (csv.next()) {
+    WrenchSample w;
+    w.stamp_ns = stamp.read(csv);
+    for (int k = 0; k < 3; ++k) {
+      w.force_N[k] = csv.number(column[k]);
+      if (with_torque) w.torque_Nm[k] = csv.number(column[3 + k]);
+    }
+    list.push_back(w);
+  }
+  return list;
+}
+
+/// Reads marker.csv.
+inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::string& name) {
+  CsvReader csv(in, name);
+  StampColumn stamp(csv);
+  const int place = csv.require("displacement_m");
+  csv.require_known([](std::string_view c) { return is_time(c) || c == "displacement_m"; });
+  std::vector<MarkerSample> list;
+  while (csv.next()) {
+    const std::int64_t at = stamp.read(csv);
+    list.push_back({at, csv.number(place)});
+  }
+  return list;
+}
+
+/// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws
+/// InputError.
+inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
+  CsvReader csv(in, name);
+  StampColumn stamp(csv);
+  std::vector<int> column;
+  while (csv.find(numbered("signal_V", int(column.size()))) >= 0)
+    column.push_back(csv.find(numbered("signal_V", int(column.size()))));
+  if (column.empty()) csv.require("signal_V_0");
+  csv.require_known([&](std::string_view c) {
+    bool known = is_time(c);
+    for (std::size_t i = 0; i < column.size(); ++i) known = known || c == numbered("signal_V", int(i));
+    return known;
+  });
+  std::vector<PhotodiodeSample> list;
+  while (csv.next()) {
+    PhotodiodeSample s{stamp.read(csv), Eigen::VectorXd(Eigen::Index(column.size()))};
+    for (std::size_t i = 0; i < column.size(); ++i) s.signal_V[Eigen::Index(i)] = csv.number(column[i]);
+    list.push_back(std::move(s));
+  }
+  return list;
+}
+
+inline std::string frame_header(bool video) {
+  return video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n";
+}
+
+inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std::int64_t>& last) {
+  if (!video && !is_below_frames(f.file))
+    throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
+  if (f.exposure_s < 0.0 || f.gain < 0.0)
+    throw InvalidArgument(
+        message("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
+  return stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' +
+         csv_number(f.gain) + '\n';
+}
+
+inline std::string joint_header(int joints, Effort unit) {
+  std::string t = "stamp_ns";
+  for (int j = 0; j < joints; ++j)
+    for (const char* column :
+         {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
+      t += ',' + numbered(column, j);
+  return t + '\n';
+}
+
+inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
+  std::string t = stamp_text(s.stamp_ns, last);
+  for (Eigen::Index j = 0; j < s.effort.size(); ++j)
+    t +=
+        ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
+  return t + '\n';
+}
+
+/// The tables as text, with numbers that read back as they were. They throw InvalidArgument for values that the readers
+/// refuse.
+inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
+  std::string t = frame_header(video);
+  std::optional<std::int64_t> last;
+  for (const FrameRecord& f : frames) t += frame_row(f, video, last);
+  return t;
+}
+
+inline std::string joint_log_text(const std::vector<JointSample>& samples) {
+  if (samples.empty()) return joint_header(1, Effort::current_A);
+  const auto joints = samples.front().effort.size();
+  const Effort unit = samples.front().unit;
+  std::string t = joint_header(int(joints), unit);
+  std::optional<std::int64_t> last;
+  for (const JointSample& s : samples) {
+    if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints ||
+        s.unit != unit)
+      throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
+    t += joint_row(s, last);
+  }
+  return t;
+}
+
+inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
+  std::string t = "stamp_ns,force_x_N,force_y_N,force_z_N,torque_x_Nm,torque_y_Nm,torque_z_Nm\n";
+  std::optional<std::int64_t> last;
+  for (const WrenchSample& w : samples) {
+    t += stamp_text(w.stamp_ns, last);
+    for (const Vec3d& v : {w.force_N, w.torque_Nm})
+      for (int k = 0; k < 3; ++k) t += ',' + csv_number(v[k]);
+    t += '\n';
+  }
+  return t;
+}
+
+inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
+  std::string t = "stamp_ns,displacement_m\n";
+  std::optional<std::int64_t> last;
+  for (const MarkerSample& m : samples) t += stamp_text(m.stamp_ns, last) + ',' + csv_number(m.displacement_m) + '\n';
+  return t;
+}
+
+inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samples) {
+  std::string t = "stamp_ns";
+  const auto n = samples.empty() ? Eigen::Index(1) : samples.front().signal_V.size();
+  for (Eigen::Index i = 0; i < n; ++i) t += ',' + numbered("signal_V", int(i));
+  t += '\n';
+  std::optional<std::int64_t> last;
+  for (const PhotodiodeSample& s : samples) {
+    if (s.signal_V.size() != n) throw InvalidArgument("photodiode log: samples must have the same number of diodes");
+    t += stamp_text(s.stamp_ns, last);
+    for (Eigen::Index i = 0; i < n; ++i) t += ',' + csv_number(s.signal_V[i]);
+    t += '\n';
+  }
+  return t;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/lab/hand_lab.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_HAND_LAB_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_HAND_LAB_HPP
+
+namespace lumo {
+
+/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along
+/// their joints. Every number is assumed. The distance of the fingers and the range of their joints were changed once
+/// after the first pictures, in which the fingers ran into each other; all else was fixed before.
+struct HandRig {
+  Rig rig;                        ///< camera, lamps, specimen and motors, as for one finger
+  SideGeometry side;              ///< of the pad on each link
+  int width = 640, height = 480;  ///< of the picture [px]
+  double scale_m_per_px = 0.55_mm;
+  double link_m = 68.0_mm;                         ///< from joint to joint, and from the last joint to the tip
+  double base_x_m = 92.0_mm, base_y_m = 120.0_mm;  ///< of the first joints: ± across the picture's middle, and below it
+  double carrier_m = 8.0_mm;                       ///< how far the carrier's side reaches behind the pad
+  double carrier_DN = 90.0, hole_DN = 14.0, ground_DN = 8.0;
+  std::array<double, 2> hole_y_m{-22.0_mm, 22.0_mm};
+  double hole_z_m = -4.0_mm, hole_radius_m = 1.8_mm;
+  double edge_m = 1.0_mm;          ///< of the pad's side, above and below, that an observer leaves out
+  double joint_sigma_rad = 0.002;  ///< σ of a joint's reading
+};
+
+/// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry
+/// the same pad, whose light comes from computed responses, in equilibrium (no relaxation). A pure function of
+/// responses, plan, seed and `noise`.
+class HandLab {
+ public:
+  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which
+  /// a link leaves the picture.
+  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const HandRig& hand = {});
+
+  const sense::Session& session() const { return session_; }
+  const std::vector<sense::FrameRecord>& frames() const { return frames_; }
+  const std::vector<sense::JointSample>& joints() const { return joints_; }
+  const std::vector<HandTruth>& truth() const { return truth_; }
+  const HandPlan& plan() const { return plan_; }
+  /// Picture k; the same whenever it is asked for.
+  sense::Image image(std::size_t k) const;
+  /// Where a link really is in the image.
+  sense::LinkMap map(int link, const HandJoints& joints) const;
+
+ private:
+  // Times of every plan; assumed.
+  static constexpr double first_rest_s = 0.5, pause_s = 0.3, settle_s = 0.05, first_frame_s = 0.01;
+
+  void check_plan() const;
+  void sweep_workspace();
+  void describe_links();
+  void close_grasps();
+  void record_frames();
+  void record_joints();
+  void add_segment(double from_s, double to_s, sense::SegmentKind kind) {
+    session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
+  }
+
+  struct Key {
+    double t_s;
+    HandJoints joints;
+    int grasp;     ///< whose touches there are, −1: none
+    double share;  ///< of their loads
+  };
+  void move_to(const HandJoints& joints) {
+    double way = 0.0;
+    for (std::size_t k = 0; k < 4; ++k) way = std::max(way, std::abs(joints[k] - keys_.back().joints[k]));
+    keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + settle_s, joints, -1, 0.0});
+  }
+  HandTruth at(double t_s) const;
+  void require_seen(const HandJoints& joints) const {
+    for (int l = 0; l < 4; ++l)
+      for (const double y : {-hand_.side.half_length_m, hand_.side.half_length_m})
+        for (const double z : {-hand_.carrier_m, hand_.side.high_m}) {
+          const auto p = map(l, joints).pixel(y, z);
+          if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
+            throw InvalidArgument(message("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ",
+                                          hand_.width, " x ", hand_.height));
+        }
+  }
+
+  const PadLight* light_;
+  HandPlan plan_;
+  std::uint64_t seed_;
+  double noise_, per_DN_;
+  HandRig hand_;
+  sense::Session session_;
+  std::vector<Key> keys_;
+  std::vector<sense::FrameRecord> frames_;
+  std::vector<sense::JointSample> joints_;
+  std::vector<HandTruth> truth_;
+  std::vector<double> lamps_, room_DN_;
+};
+
+inline auto HandLab::map(int link, const HandJoints& joints) const -> sense::LinkMap {
+  const bool right = link >= 2;
+  const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
+  Eigen::Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px,
+                     0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
+  double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];  // image rows run down: −90° points up
+  if (link % 2 == 1) {
+    at += length * Eigen::Vector2d(std::cos(turn), std::sin(turn));
+    turn += inwards * joints[std::size_t(link)];
+  }
+  const Eigen::Vector2d along(std::cos(turn), std::sin(turn));
+  sense::LinkMap m;
+  m.origin_px = at + 0.5 * length * along;
+  m.along_px_per_m = along / hand_.scale_m_per_px;
+  m.z_clockwise = !right;  // the pads face each other
+  return m;
+}
+
+inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const HandRig& hand)
+    : light_(&light),
+      plan_(std::move(plan)),
+      seed_(seed),
+      noise_(noise),
+      per_DN_(light.scale_to(hand.rig.camera.level_DN)),
+      hand_(hand) {
+  check_plan();
+  session_.title = plan_.title;
+  session_.clock = "virtual";
+  session_.material = light.responses().material;
+  session_.theta_mm = light.responses().theta_mm;
+  session_.torque_constant_Nm_per_A.assign(4, hand_.rig.motor.torque_constant_Nm_per_A);
+  sweep_workspace();
+  describe_links();
+  close_grasps();
+  record_frames();
+  record_joints();
+}
+
+inline void HandLab::check_plan() const {
+  validate(hand_.rig);
+  require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
+  require_in_range("steps of the hand's sweep", plan_.sweep_steps, 2, 100, "");
+  require_positive("speed of the hand's joints", plan_.speed_rad_per_s, "rad/s");
+  for (const HandGrasp& g : plan_.grasps) {
+    require_seen(g.joints_rad);
+    for (const HandTouch& c : g.touches) {
+      require_in_range("link of a touch", c.link, 0, 3, "");
+      require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light_->reach_m(), "mm");
+      require_in_range("load of a touch", c.load_N, 0.0, hand_.rig.specimen.bears_N(light_->max_load_N()), "N");
+    }
+  }
+}
+
+inline void HandLab::sweep_workspace() {
+  // Both fingers alike, to and fro.
+  const auto node = [&](int k) {
+    return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1);
+  };
+  keys_.push_back({0.0, {plan_.low_rad, plan_.low_rad, plan_.low_rad, plan_.low_rad}, -1, 0.0});
+  keys_.push_back({first_rest_s, keys_.back().joints, -1, 0.0});
+  for (int i = 0; i < plan_.sweep_steps; ++i)
+    for (int j = 0; j < plan_.sweep_steps; ++j) {
+      const double a = node(i), b = node(i % 2 == 0 ? j : plan_.sweep_steps - 1 - j);
+      move_to({a, b, a, b});
+    }
+  add_segment(0.0, keys_.back().t_s, sense::SegmentKind::free);
+}
+
+inline void HandLab::describe_links() {
+  for (int l = 0; l < 4; ++l) {
+    const bool right = l >= 2;
+    sense::SessionLink s;
+    s.link.name = std::string(right ? "right" : "left") + (l % 2 == 0 ? " proximal" : " distal");
+    s.link.joints = l % 2 == 0 ? std::vector<int>{l} : std::vector<int>{l - 1, l};
+    s.link.hole_m.resize(2, 2);
+    s.hole_px.resize(2, 2);
+    s.link.hole_radius_m = hand_.hole_radius_m;
+    s.link.z_clockwise = !right;
+    s.link.z_low_m = hand_.side.low_m + hand_.edge_m;
+    s.link.z_high_m = hand_.side.high_m - hand_.edge_m;
+    for (int k = 0; k < 2; ++k) {
+      s.link.hole_m.col(k) << hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m;
+      s.hole_px.col(k) =
+          map(l, keys_.front().joints).pixel(hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m).array().round();
+    }
+    session_.links.push_back(std::move(s));
+  }
+}
+
+inline void HandLab::close_grasps() {
+  for (int g = 0; g < int(plan_.grasps.size()); ++g) {
+    const HandGrasp& grasp = plan_.grasps[std::size_t(g)];
+    move_to(grasp.joints_rad);
+    double t = keys_.back().t_s;
+    keys_.push_back({t + pause_s, grasp.joints_rad, -1, 0.0});
+    t += pause_s;
+    keys_.push_back({t, grasp.joints_rad, g, 0.0});
+    keys_.push_back({t + plan_.close_s, grasp.joints_rad, g, 1.0});
+    keys_.push_back({t + plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 1.0});
+    keys_.push_back({t + 2.0 * plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 0.0});
+    add_segment(t + plan_.close_s, t + plan_.close_s + plan_.hold_s, sense::SegmentKind::hold);
+  }
+}
+
+inline void HandLab::record_frames() {
+  const CameraRig& c = hand_.rig.camera;
+  const LightRig& l = hand_.rig.light;
+  LampNoise lamps(l, seed_, 48);
+  SlowNoise room(RandomStream(seed_, 49), l.ambient_drift_s);
+  RandomStream jitter(seed_, 51);
+  for (double t = first_frame_s; t < keys_.back().t_s; t += 1.0 / c.frames_per_s) {
+    HandTruth truth = at(t);
+    truth.stamp_ns = lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
+    frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
+    truth_.push_back(std::move(truth));
+    lamps_.push_back(hand_.rig.specimen.lamps * (1.0 + noise_ * lamps.at(t)));
+    room_DN_.push_back(l.ambient_DN * (1.0 + noise_ * l.ambient_drift * room.at(t)));
+  }
+}
+
+inline void HandLab::record_joints() {
+  RandomStream read(seed_, 52);
+  HandJoints before = keys_.front().joints;
+  for (double t = 0.0; t < keys_.back().t_s; t += 1.0 / hand_.rig.motor.hz) {
+    const HandTruth now = at(t);
+    sense::JointSample s{lab_stamp(t), sense::JointVector(4), sense::JointVector(4), sense::JointVector::Zero(4),
+                         sense::Effort::current_A};
+    for (int k = 0; k < 4; ++k) {
+      s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
+      s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * hand_.rig.motor.hz;
+    }
+    before = now.joints_rad;
+    joints_.push_back(std::move(s));
+  }
+}
+
+inline auto HandLab::at(double t_s) const -> HandTruth {
+  std::size_t k = 0;
+  while (k + 2 < keys_.size() && keys_[k + 1].t_s <= t_s) ++k;
+  const Key &a = keys_[k], &b = keys_[k + 1];
+  const double share = b.t_s > a.t_s ? std::clamp((t_s - a.t_s) / (b.t_s - a.t_s), 0.0, 1.0) : 1.0;
+  HandTruth truth;
+  for (std::size_t j = 0; j < 4; ++j) truth.joints_rad[j] = a.joints[j] + share * (b.joints[j] - a.joints[j]);
+  const double load = a.share + share * (b.share - a.share);
+  if (a.grasp >= 0 && a.grasp == b.grasp && load > 0.0)
+    for (HandTouch c : plan_.grasps[std::size_t(a.grasp)].touches) {
+      c.load_N *= load;
+      truth.touches.push_back(c);
+    }
+  return truth;
+}
+
+inline sense::Image HandLab::image(std::size_t k) const {
+  struct Seen {
+    sense::LinkMap map;
+    double c, s;  ///< cosine and sine of its turn
+    Eigen::VectorXd light;
+  };
+  const HandTruth& truth = truth_.at(k);
+  std::vector<Seen> links;
+  for (int l = 0; l < 4; ++l) {
+    Eigen::VectorXd light = light_->responses().unloaded;
+    for (const HandTouch& c : truth.touches)
+      if (c.link == l) light += light_->change(c.y_m, c.load_N / hand_.rig.specimen.stiffness, 0.0);
+    const sense::LinkMap m = map(l, truth.joints_rad);
+    const double scale = m.px_per_m();
+    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
+  }
+  const Eigen::VectorXd& position = light_->responses().position_m;
+  const double spacing = position[1] - position[0], blur = hand_.rig.camera.blur_px * hand_.scale_m_per_px,
+               room = room_DN_[k];
+  const auto edge = [&](double distance) { return std::clamp(0.5 + 0.5 * distance / (1.5 * blur), 0.0, 1.0); };
+  sense::Image image = sense::Image::black(hand_.width, hand_.height, sense::PixelFormat::grey);
+  RandomStream draws(seed_, 100000 + k), sensitivity(seed_, 53);
+  for (int v = 0; v < hand_.height; ++v) {
+    std::uint8_t* row = image.row(v);
+    const double row_offset = noise_ * hand_.rig.camera.row_DN * draws.normal();
+    for (int u = 0; u < hand_.width; ++u) {
+      double signal = hand_.ground_DN;
+      for (const Seen& l : links) {
+        const double du = (u - l.map.origin_px.x()) * hand_.scale_m_per_px,
+                     dv = (v - l.map.origin_px.y()) * hand_.scale_m_per_px, side = l.map.z_clockwise ? 1.0 : -1.0;
+        const double y = du * l.c + dv * l.s, z = side * (-du * l.s + dv * l.c),
+                     end = hand_.side.half_length_m - std::abs(y);
+        if (end < -3.0 * blur || z < -hand_.carrier_m - 3.0 * blur || z > hand_.side.high_m + 3.0 * blur) continue;
+        const double carrier = edge(end) * edge(hand_.side.low_m - z) * edge(z + hand_.carrier_m),
+                     pad = edge(end) * edge(z - hand_.side.low_m) * edge(hand_.side.high_m - z);
+        double hole = 0.0;
+        for (const double at : hand_.hole_y_m)
+          hole = std::max(hole, edge(hand_.hole_radius_m - std::hypot(y - at, z - hand_.hole_z_m)));
+        const double behind = std::max(carrier, pad);
+        signal =
+            (1.0 - behind) * signal + carrier * (hole * hand_.hole_DN + (1.0 - hole) * hand_.carrier_DN) + pad * room;
+        if (pad > 0.0) {
+          const double place = std::clamp((y - position[0]) / spacing, 0.0, double(position.size() - 1) - 1e-9);
+          const auto bin = Eigen::Index(place);
+          signal += pad * ((1.0 - (place - double(bin))) * l.light[bin] + (place - double(bin)) * l.light[bin + 1]);
+          for (const double at : hand_.side.lamp_m) {
+            const double d = std::hypot(y - at, z - hand_.side.lamp_height_m) / hand_.rig.light.spot_sigma_m;
+            if (d < 5.0) signal += pad * lamps_[k] * hand_.rig.light.spot_DN * std::exp(-0.5 * d * d);
+          }
+        }
+      }
+      signal *= 1.0 + noise_ * hand_.rig.camera.pixel_gain * sensitivity.normal();
+      row[u] = sensed(hand_.rig.camera, signal, noise_, draws.normal(), row_offset);
+    }
+  }
+  return image;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/exit_power.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_EXIT_POWER_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_EXIT_POWER_HPP
+
+namespace lumo {
+
+/// Light that left the body for good: where it last crossed the surface, and where it goes.
+struct Escape {
+  Vec3d reference;  ///< last exit point in the undeformed body [m]
+  Vec3d position;   ///< the same point, deformed [m]
+  Vec3d direction;  ///< unit, in air
+  int region = -1;  ///< Body::region of the last exit point
+};
+
+/// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position,
+/// direction) reaches it. Optional: `std::optional<std::vector<int>> image_channels(const Body&, int axis) const`,
+/// channel → its mirror image in the plane across axis 0 or 1 (empty: itself; nullopt: none), lets one of two
+/// mirrored states stand for both. Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light
+/// that is not seen.
+template <class R>
+concept ExitReadout = requires(const R& readout, const Body& body, const Escape& escape) {
+  { readout.channels(body) } -> std::convertible_to<int>;
+  { readout.channel(escape) } -> std::convertible_to<int>;
+};
+
+/// A direction [unit] and the solid angle [sr] that it stands for; 0: there is no way.
+struct Connection {
+  Vec3d direction{0.0, 0.0, 1.0};
+  double solid_angle_sr = 0.0;
+};
+
+/// A readout behind openings that are small seen from the body: few paths come there by themselves. Light that
+/// Lambertian faces send is gathered from ways that start at an opening (next-event estimation: Coveyou, Cain & Yost
+/// 1967); light that never met such a face is traced forward, as for others. Laws: connect(k, p, u, v) leads from the
+/// point p through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is the
+/// integral of f over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes
+/// one has one channel.
+template <class R>
+concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3d& p, int k, double u) {
+  { readout.openings() } -> std::convertible_to<int>;
+  { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
+};
+
+/// All power that leaves through each region of the body, whatever its direction (model reading of paper §III: r_b).
+struct ExitPower {
+  int channels(const Body& body) const { return body.regions; }
+  int channel(const Escape& escape) const { return escape.region; }
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
+    return axis == 0 ? body.region_image_x : body.region_image_y;
+  }
+};
+
+static_assert(ExitReadout<ExitPower>);
+static_assert(!ExitReadout<int> && !ConnectedReadout<ExitPower>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/lab/side_sight.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_SIDE_SIGHT_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_SIDE_SIGHT_HPP
+
+namespace lumo {
+
+/// What is seen of a pad's two sides, by the *deformed* place along the finger (a camera sees where the surface is, not
+/// where it was). By default all light that leaves a visible side counts, whatever its direction, which is how the
+/// paper's own model reads an image (r_b). A real lens sees a narrow cone: one that looks level or down on a pad that
+/// does not scatter sees hardly more than shadows, because a dent throws light down and outwards (docs/virtual_lab.md).
+/// Channels 0 … bins − 1 are the side x > 0, the others the side x < 0, each from proximal to distal.
+struct SideSight {
+  int bins = 60;
+  double half_range_m = 30.0_mm;
+  double pitch_rad = 0.0;  ///< of the line of sight above the base plane: the camera looks down on the pad by so much
+  double cone_rad = pi;    ///< half angle of the cone about the line of sight; π: all directions
+
+  int channels(const Body&) const { return 2 * bins; }
+  int channel(const Escape& e) const {
+    if (e.region < 0) return -1;
+    const bool right = e.reference.x() > 0.0;
+    const double sideways = right ? e.direction.x() : -e.direction.x();
+    if (cone_rad < pi && sideways * std::cos(pitch_rad) + e.direction.z() * std::sin(pitch_rad) < std::cos(cone_rad))
+      return -1;
+    const double at = (e.position.y() + half_range_m) / (2.0 * half_range_m) * bins;
+    return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
+  }
+  /// Middles of the bins of one side [m].
+  std::vector<double> positions_m() const {
+    std::vector<double> y;
+    for (int b = 0; b < bins; ++b) y.push_back(half_range_m * ((2 * b + 1.0) / bins - 1.0));
+    return y;
+  }
+};
+
+static_assert(ExitReadout<SideSight>);
+
+/// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as
+/// the sight does). `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for
+/// numbers out of range.
+inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
+  require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
+  require_positive("range of the side's sight", sight.half_range_m, "m");
+  require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");
+  const int n = sight.bins;
+  body.regions = 2 * n;
+  std::vector<int> other_side(std::size_t(2 * n)), other_end(std::size_t(2 * n));
+  for (int b = 0; b < n; ++b) {
+    other_side[std::size_t(b)] = b + n;
+    other_side[std::size_t(b + n)] = b;
+    other_end[std::size_t(b)] = n - 1 - b;
+    other_end[std::size_t(b + n)] = 2 * n - 1 - b;
+  }
+  body.region_image_x = other_side;
+  body.region_image_y = other_end;
+  body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3d& p, const Vec3d& normal) {
+    if (std::abs(normal.x()) < min_abs_nx || std::abs(p.y()) > half) return -1;
+    const int b = std::clamp(int((p.y() + half) / (2.0 * half) * n), 0, n - 1);
+    return p.x() > 0.0 ? b : b + n;
+  };
+  return body;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/executor.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_EXECUTOR_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_EXECUTOR_HPP
+
+namespace lumo {
+
+/// Runs `task(i)` for every i in [0, count), in any order and on any thread, and returns when all are done.
+/// Law: each i exactly once; an exception thrown by a task is rethrown to the caller after the others have stopped.
+/// Tasks write to disjoint places, so that results do not depend on the number of threads.
+template <class E>
+concept Executor = requires(const E& executor, std::size_t count) {
+  executor.for_each(count, [](std::size_t) {});
+};
+
+/// Everything on the calling thread, in order.
+struct Serial {
+  template <std::invocable<std::size_t> Task> void for_each(std::size_t count, Task&& task) const {
+    for (std::size_t i = 0; i < count; ++i) task(i);
+  }
+};
+
+/// Tasks on the calling thread and up to `threads` − 1 new ones, begun in the order of their indices. After an
+/// exception no task begins; of several exceptions that of the lowest index is rethrown, as by Serial.
+struct Threads {
+  int threads = int(std::max(1u, std::thread::hardware_concurrency()));
+
+  /// Throws InvalidArgument unless 1 ≤ threads ≤ 1024, std::system_error when a thread cannot be started.
+  template <std::invocable<std::size_t> Task> void for_each(std::size_t count, Task&& task) const {
+    if (threads < 1 || threads > 1024)
+      throw InvalidArgument(message("number of threads is ", threads, ", must lie in [1, 1024]"));
+    std::atomic<std::size_t> next = 0, failed = count;
+    std::exception_ptr failure;
+    std::mutex mutex;
+    const auto work = [&] {
+      for (std::size_t i = 0; failed == count && (i = next++) < count;) try {
+          task(i);
+        } catch (...) {
+          const std::lock_guard lock(mutex);
+          if (i < failed) {
+            failed = i;
+            failure = std::current_exception();
+          }
+        }
+    };
+    {
+      std::vector<std::jthread> others;
+      for (std::size_t k = 1; k < std::min(std::size_t(threads), count); ++k) others.emplace_back(work);
+      work();
+    }  // where the others are waited for
+    if (failure) std::rethrow_exception(failure);
+  }
+};
+
+static_assert(Executor<Serial> && Executor<Threads>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/stopwatch.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_STOPWATCH_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_STOPWATCH_HPP
+
+namespace lumo {
+
+/// A steady clock [ns]; under Linux the one on which Video4Linux2 and SocketCAN's adapter stamp (CLOCK_MONOTONIC).
+inline std::int64_t steady_ns() {
+  return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// Lets other threads run for about so long.
+inline void pause_for(double seconds) { std::this_thread::sleep_for(std::chrono::duration<double>(seconds)); }
+
+/// Seconds since it was made.
+class Stopwatch {
+ public:
+  double seconds() const { return 1e-9 * double(steady_ns() - start_); }
+
+ private:
+  std::int64_t start_ = steady_ns();
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/indenters/indenter.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_INDENTER_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_INDENTER_HPP
+
+namespace lumo {
+
+/// Signed distance to a rigid surface with its first and second derivatives by the point.
+struct DistanceSample {
+  double distance;  ///< [m], negative inside
+  Vec3d gradient;   ///< unit outward normal
+  Mat3d hessian;    ///< [1/m]
+};
+
+/// A rigid tool, given by its signed distance field in its own frame (origin at its centre); radius_m() is that of a
+/// ball about the origin that holds it. distance() is for doubles, or of a deduced scalar. Laws: |gradient| = 1 almost
+/// everywhere; distance is 1-Lipschitz; derivatives match finite differences.
+template <class T>
+concept Indenter = requires(const T& tool, const Vec3d& p) {
+  { tool.distance(p) } -> std::convertible_to<double>;
+  { tool.sample(p) } -> std::convertible_to<DistanceSample>;
+  { tool.radius_m() } -> std::convertible_to<double>;
+  validate(tool);
+};
+
+/// How strongly a tool is curved where it is meant to touch [m]: its own contact_radius_m(), or the whole tool's
+/// radius. Only a scale for first guesses.
+template <Indenter Tool> double contact_radius(const Tool& tool) {
+  if constexpr (requires { tool.contact_radius_m(); })
+    return tool.contact_radius_m();
+  else
+    return tool.radius_m();
+}
+
+/// Is the tool its own mirror image in the plane across `axis` (0: x, 1: y, 2: z) of its frame? One that does not say
+/// so by symmetric(axis) is taken not to be.
+template <Indenter Tool> bool is_symmetric(const Tool& tool, int axis) {
+  if constexpr (requires {
+                  { tool.symmetric(axis) } -> std::convertible_to<bool>;
+                })
+    return tool.symmetric(axis);
+  else
+    return false;
+}
+
+/// Rigid sphere.
+struct Sphere {
+  double diameter_m = 10e-3;
+
+  bool operator==(const Sphere&) const = default;
+
+  double radius_m() const { return 0.5 * diameter_m; }
+  bool symmetric(int) const { return true; }
+  template <class S> S distance(const Vec3<S>& p) const { return p.norm() - radius_m(); }
+  DistanceSample sample(const Vec3d& p) const {
+    const double r = p.norm();
+    const Vec3d n = r > 0.0 ? Vec3d(p / r) : Vec3d(Vec3d::UnitZ());
+    return {r - radius_m(), n, (Mat3d::Identity() - n * n.transpose()) / (r > 0.0 ? r : radius_m())};
+  }
+};
+
+inline constexpr Limits sphere_diameters_mm{0.1, 1000.0};
+
+inline void validate(const Sphere& s) {
+  require_in_range("sphere diameter", s.diameter_m * 1e3, sphere_diameters_mm, "mm");
+}
+
+static_assert(Indenter<Sphere>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/scenario.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_SCENARIO_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_SCENARIO_HPP
+
+namespace lumo {
+
+/// Plane in which an approach is tilted from the pad normal: across the finger, as the paper's are read, or along it.
+enum class TiltPlane { xz, yz };
+
+/// One contact: an indenter, the line on which it comes, and the loads at which it is observed.
+/// It moves along direction() on the line through Body::pivot shifted by `y_m`; it does not move sideways.
+template <Indenter Tool = Sphere> struct Scenario {
+  Tool indenter;
+  double angle_rad = 0.0;                                     ///< approach angle from the pad normal
+  double y_m = 0.0;                                           ///< place along the finger [m]
+  std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};  ///< increasing
+  TiltPlane tilt = TiltPlane::xz;                             ///< in which the angle lies
+
+  bool operator==(const Scenario&) const = default;
+
+  /// Unit vector of the advance (paper §III-B; model reading: −(sin α, 0, cos α)).
+  Vec3d direction() const {
+    const double sideways = -std::sin(angle_rad);
+    return {tilt == TiltPlane::xz ? sideways : 0.0, tilt == TiltPlane::yz ? sideways : 0.0, -std::cos(angle_rad)};
+  }
+};
+
+/// Planes in which a contact is its own mirror image.
+template <Indenter Tool> Symmetry symmetry_of(const Scenario<Tool>& s) {
+  const bool straight = s.angle_rad == 0.0;
+  return {(straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0),
+          s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
+}
+
+/// Mirror image of a contact with a symmetric tool in these planes.
+template <Indenter Tool> Scenario<Tool> mirrored(Scenario<Tool> s, Symmetry planes) {
+  if (planes.y) s.y_m = 0.0 - s.y_m;
+  if (s.tilt == TiltPlane::xz ? planes.x : planes.y) s.angle_rad = 0.0 - s.angle_rad;
+  return s;
+}
+
+/// What validate() admits, in the units in which people give it.
+inline constexpr Limits approach_angles_deg{-80.0, 80.0}, contact_places_mm{-1e4, 1e4}, loads_admitted_N{1e-3, 1e4};
+
+/// Throws InvalidArgument for an angle, place or load out of range, and for loads that do not increase.
+template <Indenter Tool> void validate(const Scenario<Tool>& s) {
+  validate(s.indenter);
+  require_in_range("approach angle", s.angle_rad * 180.0 / pi, approach_angles_deg, "deg");
+  require_in_range("contact place y", s.y_m * 1e3, contact_places_mm, "mm");
+  if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
+  double last = 0.0;
+  for (double load : s.loads_N) {
+    require_in_range("load", load, loads_admitted_N, "N");
+    if (load <= last) throw InvalidArgument(message("loads must increase: ", load, " N follows ", last, " N"));
+    last = load;
+  }
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/tet_mesh.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_TET_MESH_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_TET_MESH_HPP
+
+namespace lumo {
+
+/// Boundary triangle of a tetrahedral mesh, counter-clockwise seen from outside.
+/// Nodes: three corners, then the middles of edges 01, 12, 20 (−1 in a linear mesh).
+struct BoundaryFace {
+  std::array<int, 6> nodes;
+  int patch;  ///< index into Body::patches
+};
+
+/// Corners at the ends of a tetrahedron's edges, in the order of their middle nodes.
+inline constexpr int tet_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+
+/// Tetrahedral mesh of the *whole* body in its reference configuration.
+/// Tet nodes: corners 0…3 (positive orientation), then the middles of tet_edges (−1 in a linear mesh).
+struct TetMesh {
+  int order = 2;             ///< 1 linear, 2 quadratic
+  std::vector<Vec3d> nodes;  ///< [m]
+  std::vector<std::array<int, 10>> tets;
+  std::vector<BoundaryFace> faces;      ///< the closed boundary, patch by patch
+  Symmetry symmetry;                    ///< planes in which the mesh is its own exact mirror image
+  std::vector<int> mirror_x, mirror_y;  ///< node → its mirror image in x = 0 and y = 0 (empty without symmetry)
+
+  int nodes_per_tet() const { return order == 2 ? 10 : 4; }
+  int nodes_per_face() const { return order == 2 ? 6 : 3; }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/first_touch.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_FIRST_TOUCH_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_FIRST_TOUCH_HPP
+
+namespace lumo {
+
+/// Where an indenter that comes along a line first meets the exact undeformed surface.
+struct Touch {
+  Vec3d origin;  ///< of the indenter's frame at first touch [m]
+  Vec3d point;   ///< of the surface [m]
+};
+
+/// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools
+/// with edges and far better for round ones. The mesh bounds the patches. Throws InvalidArgument when the
+/// indenter passes by.
+template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
+
+// How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it
+// passes by.
+template <Indenter Tool>
+double advance_to(const Tool& tool, const Vec3d& start, const Vec3d& direction, const Vec3d& p, double limit) {
+  double s = 0.0, before = 0.0;
+  for (int i = 0; i < 500; ++i) {
+    const double gap = tool.distance(p - start - s * direction);
+    if (gap < -1e-12) {  // a distance that is not quite one was too long: back to its zero
+      for (int k = 0; k < 60; ++k) {
+        const double middle = 0.5 * (before + s);
+        (tool.distance(p - start - middle * direction) > 0.0 ? before : s) = middle;
+      }
+      return s;
+    }
+    if (gap < 1e-15) return s;
+    before = s;
+    s += gap;
+    if (s > limit) break;
+  }
+  return s > limit ? std::numeric_limits<double>::infinity() : s;
+}
+
+namespace detail {
+
+// The line on which an indenter comes.
+template <Indenter Tool> struct ApproachLine {
+  const Tool& tool;
+  Vec3d start;  // of the tool's origin, clear of the body [m]
+  Vec3d direction;
+  double reach_m;
+
+  double advance_to(const Vec3d& p) const { return lumo::advance_to(tool, start, direction, p, 2.0 * reach_m); }
+};
+
+// The first touch on one patch, or on its image in symmetry planes. Points are folded into the patch's own quarter.
+template <Indenter Tool> struct PatchSearch {
+  static constexpr double first_step = 0.1;    // of the box's diagonal
+  static constexpr double finest_step = 1e-9;  // [m]: the advance is quadratic about its minimum
+  static constexpr int directions = 8;
+
+  const ApproachLine<Tool>& line;
+  const Patch& patch;
+  double sign_x, sign_y;  // −1: the image
+  double slack_m;
+  Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity());  // box of the patch's nodes: it trims the shape
+  Vec3d high = -low;
+  Vec3d seed = Vec3d::Zero();
+  double nearest = std::numeric_limits<double>::infinity();
+
+  Vec3d fold(const Vec3d& p) const { return Vec3d(sign_x * p.x(), sign_y * p.y(), p.z()); }
+  Vec3d into_box(const Vec3d& p) const { return elementwise_min(elementwise_max(p, low), high); }
+  bool inside(const Vec3d& p) const {
+    for (int axis = 0; axis < 3; ++axis)
+      if (!(p[axis] >= low[axis] - slack_m && p[axis] <= high[axis] + slack_m)) return false;
+    return true;
+  }
+  bool try_seed(const Vec3d& q, double gain) {
+    const double s = line.advance_to(fold(q));
+    if (!(s < nearest - gain)) return false;
+    nearest = s;
+    seed = q;
+    return true;
+  }
+
+  void add_nodes(const TetMesh& mesh, int patch_number, Symmetry planes) {
+    for (const BoundaryFace& f : mesh.faces) {
+      if (f.patch != patch_number) continue;
+      for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
+        const Vec3d q = fold(mesh.nodes[std::size_t(f.nodes[k])]);
+        if ((planes.x && q.x() < 0) || (planes.y && q.y() < 0)) continue;
+        low = elementwise_min(low, q);
+        high = elementwise_max(high, q);
+        try_seed(q, 0.0);
+      }
+    }
+  }
+  bool empty() const { return !(low.x() <= high.x()); }
+
+  // Nodes may be too far apart for a small tool: also start from where the tool's centre line comes closest.
+  void follow_line() {
+    const double radius = line.tool.radius_m();
+    for (double s = 0.0; s < 2.0 * line.reach_m;) {
+      const Vec3d center = fold(line.start + s * line.direction);
+      const Vec3d q = closest_point(patch.shape, into_box(center));
+      const double apart = (q - center).norm();
+      if (inside(q) && apart < 1.01 * radius) try_seed(q, 0.0);
+      s += std::max(0.2 * apart, 1e-3 * radius);
+    }
+  }
+
+  // Pattern search on the exact shape, in directions that turn by `spin` after each round; an advance shorter by less
+  // than `gain` is no gain.
+  void refine(double spin, double gain) {
+    double spun = 0.0;
+    for (double step = first_step * (high - low).norm(); step > finest_step; step *= 0.5)
+      for (bool moved = true; moved; spun += spin) {
+        moved = false;
+        const Vec3d n = outward_normal(patch.shape, seed);
+        const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
+        for (int k = 0; k < directions; ++k) {
+          const double turn = 0.25 * pi * k + spun;
+          const Vec3d trial =
+              closest_point(patch.shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
+          if (inside(trial) && try_seed(trial, gain)) moved = true;
+        }
+      }
+  }
+};
+
+}  // namespace detail
+
+template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
+  const Vec3d direction = scenario.direction();
+  double size = 0.0;
+  for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
+  const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + std::abs(scenario.y_m);
+  const Vec3d start = body.pivot + Vec3d(0, scenario.y_m, 0) - reach * direction;
+  const detail::ApproachLine<Tool> line{scenario.indenter, start, direction, reach};
+
+  double best = std::numeric_limits<double>::infinity();
+  Vec3d point = Vec3d::Zero();
+  for (std::size_t patch = 0; patch < body.patches.size(); ++patch) {
+    if (!body.patches[patch].contactable) continue;
+    for (int image = 0; image < 4; ++image) {
+      const double sx = image & 1 ? -1.0 : 1.0, sy = image & 2 ? -1.0 : 1.0;
+      if ((sx < 0 && !body.symmetry.x) || (sy < 0 && !body.symmetry.y)) continue;
+      detail::PatchSearch<Tool> search{line, body.patches[patch], sx, sy, 1e-12 * size};
+      search.add_nodes(mesh, int(patch), body.symmetry);
+      if (search.empty()) continue;
+      search.follow_line();
+      if (!std::isfinite(search.nearest)) continue;
+      search.refine(0.0, 1e-16);
+      // Edges of a tool put kinks into the advance, at which fixed directions can get stuck; directions that never
+      // repeat do not (Audet, Dennis 2006).
+      constexpr double golden = 0.61803398875;
+      search.refine(0.25 * pi * golden, 1e-12);
+      if (search.nearest < best) {
+        best = search.nearest;
+        point = search.fold(search.seed);
+      }
+    }
+  }
+  if (!std::isfinite(best))
+    throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi,
+                                  " deg passes by the body"));
+  return {start + best * direction, point};
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/mesher.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+
+namespace lumo {
+
+/// A closed surface to be filled, with a wanted edge length. Vertices of no facet are interior points.
+struct MeshInput : ClosedSurface {
+  std::function<double(const Vec3d&)> edge;  ///< wanted edge length, same unit; may be empty
+  bool keep_surface = false;                 ///< do not split the given facets
+};
+
+/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry
+/// their facet's patch.
+struct LinearTets {
+  std::vector<Vec3d> vertices;
+  std::vector<std::array<int, 4>> tets;  ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
+  std::vector<std::array<int, 3>> faces;
+  std::vector<int> patches;  ///< one per face
+};
+
+/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
+template <class M>
+concept Mesher = requires(const M& mesher, const MeshInput& input) {
+  { mesher.fill(input) } -> std::same_as<LinearTets>;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/mirror.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_MIRROR_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_MIRROR_HPP
+
+namespace lumo {
+
+/// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that
+/// coordinate exactly 0 are shared; all other nodes lie on the positive side. Original nodes keep their numbers; images
+/// follow.
+inline TetMesh mirrored(const TetMesh& half, int axis) {
+  TetMesh whole = half;
+  const std::size_t n = half.nodes.size();
+  std::vector<int> image(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    if (half.nodes[k][axis] == 0.0) {
+      image[k] = int(k);
+      continue;
+    }
+    image[k] = int(whole.nodes.size());
+    Vec3d x = half.nodes[k];
+    x[axis] = -x[axis];
+    whole.nodes.push_back(x);
+  }
+  const auto of = [&](int node) { return node < 0 ? node : image[std::size_t(node)]; };
+  // A mirror image has the other orientation: exchange two corners, and the edge nodes that go with them.
+  for (const auto& t : half.tets)
+    whole.tets.push_back(
+        {of(t[1]), of(t[0]), of(t[2]), of(t[3]), of(t[4]), of(t[6]), of(t[5]), of(t[8]), of(t[7]), of(t[9])});
+  for (const BoundaryFace& f : half.faces)
+    whole.faces.push_back(
+        {{of(f.nodes[1]), of(f.nodes[0]), of(f.nodes[2]), of(f.nodes[3]), of(f.nodes[5]), of(f.nodes[4])}, f.patch});
+
+  std::vector<int> partner(whole.nodes.size());
+  for (std::size_t k = 0; k < n; ++k) {
+    partner[k] = image[k];
+    partner[std::size_t(image[k])] = int(k);
+  }
+  // The other plane's pairing carries over to the images.
+  const auto extended = [&](const std::vector<int>& pairs) {
+    std::vector<int> all(pairs);
+    all.resize(whole.nodes.size());
+    for (std::size_t k = 0; k < pairs.size(); ++k) all[std::size_t(image[k])] = image[std::size_t(pairs[k])];
+    return all;
+  };
+  if (axis == 0) {
+    whole.symmetry.x = true;
+    whole.mirror_x = partner;
+    if (half.symmetry.y) whole.mirror_y = extended(half.mirror_y);
+  } else {
+    whole.symmetry.y = true;
+    whole.mirror_y = partner;
+    if (half.symmetry.x) whole.mirror_x = extended(half.mirror_x);
+  }
+  return whole;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/quality.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_QUALITY_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_QUALITY_HPP
+
+namespace lumo {
+
+/// How good a mesh is.
+struct MeshQuality {
+  double volume_m3 = 0.0;           ///< exact integral of the Jacobian
+  double min_jacobian_ratio = 1.0;  ///< smallest Bernstein coefficient of any element's Jacobian over the element's
+                                    ///< mean: > 0 proves it valid everywhere
+  double min_dihedral_deg = 180.0;  ///< of the corner tetrahedra
+};
+
+/// Bernstein coefficients of det(∂x/∂ξ) over one element: 1 (linear) or 20 (quadratic). All positive proves that the
+/// map is invertible at every point, not only at quadrature points. Source: Johnen, Remacle, Geuzaine 2013.
+inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& tet);
+
+/// Measures without judging.
+inline MeshQuality measure(const TetMesh& mesh);
+
+/// Throws MeshError unless all Jacobians are positive over the whole element, the surface is a closed manifold, and the
+/// volume is within `volume_tolerance` of `exact_volume_m3` (0: not checked).
+inline void require_valid(const TetMesh& mesh, double exact_volume_m3 = 0.0, double volume_tolerance = 0.01);
+
+namespace detail {
+
+// Symmetric multilinear form whose diagonal is the determinant.
+inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) {
+  const auto det = [](const Vec3d& u, const Vec3d& v, const Vec3d& w) { return u.dot(v.cross(w)); };
+  return (det(a.col(0), b.col(1), c.col(2)) + det(a.col(0), c.col(1), b.col(2)) + det(b.col(0), a.col(1), c.col(2)) +
+          det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) + det(c.col(0), b.col(1), a.col(2))) /
+         6.0;
+}
+
+}  // namespace detail
+
+inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
+  const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
+  if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
+  // The Jacobian of a quadratic map is linear in the barycentric coordinates: its values at the four corners determine
+  // it.
+  static constexpr int mid[4][4] = {{-1, 4, 6, 7}, {4, -1, 5, 8}, {6, 5, -1, 9}, {7, 8, 9, -1}};
+  std::array<Mat3d, 4> corner;
+  for (int k = 0; k < 4; ++k) {
+    std::array<Vec3d, 4> by_lambda;  // ∂x/∂λ_j at corner k
+    for (int j = 0; j < 4; ++j)
+      by_lambda[std::size_t(j)] = j == k ? Vec3d(3.0 * x(k)) : Vec3d(4.0 * x(mid[k][j]) - x(j));
+    for (int j = 1; j < 4; ++j) corner[std::size_t(k)].col(j - 1) = by_lambda[std::size_t(j)] - by_lambda[0];
+  }
+  std::vector<double> coefficients;
+  for (std::size_t a = 0; a < 4; ++a)
+    for (std::size_t b = a; b < 4; ++b)
+      for (std::size_t c = b; c < 4; ++c)
+        coefficients.push_back(detail::mixed_determinant(corner[a], corner[b], corner[c]));
+  return coefficients;
+}
+
+inline MeshQuality measure(const TetMesh& mesh) {
+  MeshQuality q;
+  for (const auto& t : mesh.tets) {
+    const std::vector<double> c = jacobian_coefficients(mesh, t);
+    double sum = 0.0;
+    for (double v : c) sum += v;
+    const double mean = sum / double(c.size());
+    q.volume_m3 += mean / 6.0;  // the integral of a Bernstein basis polynomial does not depend on its index
+    q.min_jacobian_ratio =
+        std::min(q.min_jacobian_ratio, *std::min_element(c.begin(), c.end()) / std::max(std::abs(mean), 1e-300));
+    std::array<Vec3d, 4> n;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const Vec3d &a = mesh.nodes[std::size_t(t[(k + 1) % 4])], &b = mesh.nodes[std::size_t(t[(k + 2) % 4])],
+                  &d = mesh.nodes[std::size_t(t[(k + 3) % 4])];
+      n[k] = (b - a).cross(d - a).normalized() * (k % 2 == 0 ? 1.0 : -1.0);
+    }
+    for (std::size_t i = 0; i < 4; ++i)
+      for (std::size_t j = i + 1; j < 4; ++j)
+        q.min_dihedral_deg =
+            std::min(q.min_dihedral_deg, std::acos(std::clamp(-n[i].dot(n[j]), -1.0, 1.0)) * 180.0 / 3.14159265358979);
+  }
+  return q;
+}
+
+inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double volume_tolerance) {
+  using Reason = MeshError::Reason;
+  for (const Vec3d& x : mesh.nodes)
+    if (!x.allFinite()) throw MeshError(Reason::not_finite, "mesh has a node that is not finite");
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
+    for (double c : jacobian_coefficients(mesh, mesh.tets[e]))
+      if (!(c > 0.0))
+        throw MeshError(Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", c * 1e9,
+                                                  " mm3, must be > 0 over the whole element"));
+  std::map<std::pair<int, int>, int> edges;  // directed edges of the closed surface must pair up
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < 3; ++k) ++edges[{f.nodes[k], f.nodes[(k + 1) % 3]}];
+  for (const auto& [edge, count] : edges) {
+    const auto back = edges.find({edge.second, edge.first});
+    if (count != 1 || back == edges.end() || back->second != 1)
+      throw MeshError(count != 1 ? Reason::not_manifold : Reason::open,
+                      message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
+  }
+  if (exact_volume_m3 > 0.0) {
+    const double volume = measure(mesh).volume_m3;
+    if (!(std::abs(volume / exact_volume_m3 - 1.0) <= volume_tolerance))
+      throw MeshError(Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
+                                                  100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
+  }
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/body_mesh.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_BODY_MESH_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_BODY_MESH_HPP
+
+namespace lumo {
+
+/// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle
+/// nodes (also on the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric
+/// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
+template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
+
+namespace detail {
+
+// Patches that meet at each vertex or edge of the sector's boundary.
+using PatchSet = std::set<int>;
+
+inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3d> p, double tiny) {
+  for (int round = 0; round < 2; ++round)
+    for (int patch : patches)
+      if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
+  if (body.symmetry.x && std::abs(p.x()) < tiny) p.x() = 0.0;
+  if (body.symmetry.y && std::abs(p.y()) < tiny) p.y() = 0.0;
+  return p;
+}
+
+inline void make_quadratic(const Body& body, TetMesh& mesh,
+                           const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+  std::map<std::pair<int, int>, int> middle;
+  const auto middle_of = [&](int a, int b) {
+    const std::pair<int, int> key = std::minmax(a, b);
+    const auto [it, fresh] = middle.try_emplace(key, int(mesh.nodes.size()));
+    if (fresh) {
+      const Vec3d &from = mesh.nodes[std::size_t(a)], &to = mesh.nodes[std::size_t(b)], half = 0.5 * (from + to);
+      const auto on_surface = boundary_edges.find(key);
+      mesh.nodes.push_back(on_surface == boundary_edges.end() ? half : snapped(body, on_surface->second, half, tiny));
+    }
+    return it->second;
+  };
+  for (auto& t : mesh.tets)
+    for (std::size_t k = 0; k < 6; ++k)
+      t[4 + k] = middle_of(t[std::size_t(tet_edges[k][0])], t[std::size_t(tet_edges[k][1])]);
+  for (BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < 3; ++k) f.nodes[3 + k] = middle_of(f.nodes[k], f.nodes[(k + 1) % 3]);
+  mesh.order = 2;
+}
+
+}  // namespace detail
+
+template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int order) {
+  if (order != 1 && order != 2) throw InvalidArgument(message("mesh order is ", order, ", must be 1 or 2"));
+  const double stretch = body.sizing.stretch_y;
+  require_positive("mesh stretch along y", stretch, "");
+  MeshInput input;
+  input.facets = body.facets;
+  // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away
+  // from zero.
+  for (const Vec3d& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
+  if (body.sizing.edge)
+    input.edge = [&body, stretch](const Vec3d& p) {
+      return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z()));
+    };
+  const auto filled = mesher.fill(input);
+
+  TetMesh mesh;
+  mesh.order = 1;
+  for (const Vec3d& v : filled.vertices) mesh.nodes.emplace_back(1e-3 * v.x(), 1e-3 * v.y() * stretch, 1e-3 * v.z());
+  double size = 0.0;
+  for (const Vec3d& v : body.vertices) size = std::max(size, v.lpNorm<Eigen::Infinity>());
+  const double tiny = 1e-9 * size;
+  for (const auto& t : filled.tets) mesh.tets.push_back({t[0], t[1], t[2], t[3], -1, -1, -1, -1, -1, -1});
+
+  std::map<int, detail::PatchSet> vertex_patches;
+  std::map<std::pair<int, int>, detail::PatchSet> edge_patches;
+  for (std::size_t f = 0; f < filled.faces.size(); ++f) {
+    const auto& face = filled.faces[f];
+    const int patch = filled.patches[f];
+    for (std::size_t k = 0; k < 3; ++k) {
+      vertex_patches[face[k]].insert(patch);
+      edge_patches[std::minmax(face[k], face[(k + 1) % 3])].insert(patch);
+    }
+    if (patch != Body::mirror_patch) mesh.faces.push_back({{face[0], face[1], face[2], -1, -1, -1}, patch});
+  }
+  for (const auto& [vertex, patches] : vertex_patches)
+    mesh.nodes[std::size_t(vertex)] = detail::snapped(body, patches, mesh.nodes[std::size_t(vertex)], tiny);
+  if (order == 2) detail::make_quadratic(body, mesh, edge_patches, tiny);
+  if (body.symmetry.x) mesh = mirrored(mesh, 0);
+  if (body.symmetry.y) mesh = mirrored(mesh, 1);
+  std::stable_sort(mesh.faces.begin(), mesh.faces.end(),
+                   [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
+  // The faces of a straight-sided mesh cut the curved profile short; only the quadratic one is held to the exact
+  // volume.
+  require_valid(mesh, order == 2 ? body.exact_volume_m3 : 0.0);
+  return mesh;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/sizing.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_SIZING_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_SIZING_HPP
+
+namespace lumo {
+
+/// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow
+/// in proportion to the distance resolve the edge of every contact equally well.
+struct Focus {
+  double finest = 0.2e-3;     ///< edge length at a place of touch [m]
+  double growth = 0.1;        ///< edge length gained per distance from it
+  double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
+
+  /// All edges `factor` times as long.
+  constexpr Focus scaled(double factor) const { return {factor * finest, factor * growth, factor * depth_growth}; }
+};
+
+/// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
+inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& focus = {}) {
+  require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
+  require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
+  const Symmetry symmetry = body.symmetry;
+  body.sizing.edge = [coarse = body.sizing.edge, points, focus, symmetry](const Vec3d& p) {
+    double edge = coarse(p);
+    for (Vec3d at : points) {
+      if (symmetry.x) at.x() = std::abs(at.x());
+      if (symmetry.y) at.y() = std::abs(at.y());
+      const double depth = std::max(0.0, (at - p).z());
+      edge = std::min(edge, focus.finest + focus.growth * (p - at).norm() + focus.depth_growth * depth);
+    }
+    return edge;
+  };
+  return body;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact_mesh.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_MESH_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_MESH_HPP
+
+namespace lumo {
+
+/// A mesh of the body that is fine where the scenarios' indenters first touch it, and in the mirror images of those
+/// places. `coarse` is any mesh of the body. Throws InvalidArgument when an indenter passes by, MeshError when the body
+/// cannot be meshed.
+template <Mesher M, Indenter Tool>
+TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse, const std::vector<Scenario<Tool>>& scenarios,
+                         const M& mesher, const Focus& focus = {}, int order = 2) {
+  std::vector<Vec3d> touches;
+  for (const Scenario<Tool>& s : scenarios) touches.push_back(first_touch(body, coarse, s).point);
+  return mesh_body(focused(body, touches, focus), mesher, order);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/indenters/box.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_BOX_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_BOX_HPP
+
+namespace lumo {
+
+/// Signed distance from p to the box |x| ≤ half about the origin.
+template <class S> S box_distance(const Vec3d& half, const Vec3<S>& p) {
+  using std::abs;
+  Vec3<S> out;
+  S most = -std::numeric_limits<double>::infinity();
+  for (int i = 0; i < 3; ++i) {
+    const S beyond = abs(p[i]) - half[i];
+    out[i] = beyond < 0.0 ? S(0.0) : beyond;
+    if (i == 0 || beyond > most) most = beyond;
+  }
+  return most <= 0.0 ? most : S(out.norm());
+}
+
+/// The same with its derivatives.
+inline DistanceSample distance_to_box(const Vec3d& half, const Vec3d& p) {
+  Vec3d sign, beyond, out;
+  int axis = 0;
+  for (int i = 0; i < 3; ++i) {
+    sign[i] = p[i] < 0.0 ? -1.0 : 1.0;
+    beyond[i] = std::abs(p[i]) - half[i];
+    out[i] = std::max(beyond[i], 0.0);
+    if (beyond[i] > beyond[axis]) axis = i;
+  }
+  if (beyond[axis] <= 0.0) {
+    Vec3d n = Vec3d::Zero();
+    n[axis] = sign[axis];
+    return {beyond[axis], n, Mat3d::Zero()};
+  }
+  const double r = out.norm();
+  Vec3d n = out / r;
+  Mat3d h = Mat3d::Zero();  // only the directions that are outside bend the distance
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      if (out[i] > 0.0 && out[j] > 0.0) h(i, j) = ((i == j ? 1.0 : 0.0) - n[i] * n[j]) / r * sign[i] * sign[j];
+  for (int i = 0; i < 3; ++i) n[i] *= sign[i];
+  return {r, n, h};
+}
+
+/// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress
+/// without limit: round them.
+struct Box {
+  Vec3d size_m{10e-3, 10e-3, 10e-3};
+  double edge_radius_m = 0.5e-3;
+
+  bool operator==(const Box&) const = default;
+
+  double radius_m() const { return 0.5 * size_m.norm(); }
+  double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
+  bool symmetric(int) const { return true; }
+  template <class S> S distance(const Vec3<S>& p) const { return box_distance(inner(), p) - edge_radius_m; }
+  DistanceSample sample(const Vec3d& p) const {
+    DistanceSample d = distance_to_box(inner(), p);
+    d.distance -= edge_radius_m;
+    return d;
+  }
+
+ private:
+  Vec3d inner() const { return 0.5 * size_m - Vec3d::Constant(edge_radius_m); }  // half edges without the rounding
+};
+
+inline void validate(const Box& b) {
+  for (double side : {b.size_m.x(), b.size_m.y(), b.size_m.z()})
+    require_in_range("box side", side * 1e3, 0.1, 1000.0, "mm");
+  require_in_range("edge radius of the box", b.edge_radius_m * 1e3, 0.0, 0.499 * b.size_m.minCoeff() * 1e3, "mm");
+}
+
+static_assert(Indenter<Box>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/carrier.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CARRIER_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CARRIER_HPP
+
+namespace lumo {
+
+/// Signed distance to the union of a body's rigid boxes. The origin of its frame is the finger's.
+struct Carrier {
+  std::vector<RigidBox> boxes;
+
+  double distance(const Vec3d& p) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (const RigidBox& b : boxes) least = std::min(least, box_distance(b.half, p - b.center));
+    return least;
+  }
+  DistanceSample sample(const Vec3d& p) const {
+    DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
+    for (const RigidBox& b : boxes)
+      if (const DistanceSample d = distance_to_box(b.half, p - b.center); d.distance < nearest.distance) nearest = d;
+    return nearest;
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/contact_handler.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_HANDLER_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_HANDLER_HPP
+
+namespace lumo {
+
+/// Response of a contact law to a gap [m]: energy per reference area [J/m²], pressure [Pa] = −dE/dg, stiffness [N/m³]
+/// = d²E/dg².
+template <class S> struct ContactResponse {
+  S energy;
+  S pressure;
+  S stiffness;
+};
+
+/// A contact law between the body's surface and a rigid surface. It is frictionless unless it has a `friction`,
+/// Coulomb's coefficient, and acts all over the surface unless it has `points`. Laws: no pressure at gaps ≥ 0; pressure
+/// ≥ 0; pressure and stiffness are the derivatives of the energy. The gap is a double, or a deduced scalar.
+template <class C>
+concept ContactHandler = requires(const C& contact, double gap) {
+  { contact.respond(gap) } -> std::convertible_to<ContactResponse<double>>;
+  { contact.stiffness_N_per_m3 } -> std::convertible_to<double>;
+  validate(contact);
+};
+
+/// Where a contact law acts: at many points inside all faces, or at the mesh's nodes, each with its share of the area.
+enum class ContactPoints { surface, vertices };
+
+template <ContactHandler Contact> constexpr ContactPoints contact_points() {
+  if constexpr (requires {
+                  { Contact::points } -> std::convertible_to<ContactPoints>;
+                })
+    return Contact::points;
+  else
+    return ContactPoints::surface;
+}
+
+/// Coulomb's coefficient of a law; 0 where it has none.
+template <ContactHandler Contact> double friction_coefficient(const Contact& contact) {
+  if constexpr (requires { contact.friction; })
+    return contact.friction;
+  else
+    return 0.0;
+}
+
+/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
+template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
+  if constexpr (requires { contact.area_per_vertex_m2; })
+    return contact.area_per_vertex_m2;
+  else
+    return 0.0;
+}
+
+/// Response of a spring of `stiffness` [N/m³] to a gap; 0 while it is open.
+template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
+  if (gap >= 0.0) return {0.0, 0.0, 0.0};
+  return {0.5 * stiffness * gap * gap, -stiffness * gap, stiffness};
+}
+
+/// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
+/// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
+struct SDFContact {
+  double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
+  double friction = 0.0;             ///< Coulomb's coefficient
+
+  template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
+};
+
+inline void validate(const SDFContact& c) {
+  require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
+  require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
+}
+
+static_assert(ContactHandler<SDFContact>);
+
+/// A contact law with its penalty stiffness scaled.
+template <class Contact> struct ScaledContact {
+  const Contact* law;
+  double scale;
+  double stiffness_N_per_m3 = scale * law->stiffness_N_per_m3;
+  double friction = friction_coefficient(*law);
+  static constexpr ContactPoints points = contact_points<Contact>();
+
+  template <class S> ContactResponse<S> respond(const S& gap) const {
+    const ContactResponse<S> r = law->respond(gap);
+    return {scale * r.energy, scale * r.pressure, scale * r.stiffness};
+  }
+};
+
+template <class Contact> void validate(const ScaledContact<Contact>& c) {
+  validate(*c.law);
+  require_in_range("factor on contact pressures", c.scale, 1e-6, 1e6, "");
+}
+
+static_assert(ContactHandler<ScaledContact<SDFContact>>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/elements/linear_solver.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_LINEAR_SOLVER_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_LINEAR_SOLVER_HPP
+
+namespace lumo {
+
+/// Lower triangle of a symmetric matrix, compressed by columns.
+using SparseLower = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+
+enum class FactorStatus { positive_definite, not_positive_definite, non_finite };
+
+/// Direct solver for symmetric positive definite systems. analyze() sees the pattern once; copies share or copy that
+/// analysis. Laws: factorize() reports every matrix that is not positive definite or not finite; equal input, equal
+/// bits.
+template <class S>
+concept LinearSolver = std::copyable<S> && std::default_initializable<S> &&
+    requires(S solver, const SparseLower& lower, const Eigen::MatrixXd& rhs) {
+  solver.analyze(lower);
+  { solver.factorize(lower) } -> std::same_as<FactorStatus>;
+  { solver.solve(rhs) } -> std::convertible_to<Eigen::MatrixXd>;
+};
+
+/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal
+/// one.
+class EigenCholesky {
+ public:
+  EigenCholesky() = default;
+  EigenCholesky(const EigenCholesky& other) { *this = other; }
+  EigenCholesky& operator=(const EigenCholesky& other) {  // Eigen's solver does not copy: analyse again
+    if (this != &other && other.pattern_.size() > 0) analyze(other.pattern_);
+    return *this;
+  }
+
+  void analyze(const SparseLower& lower) {
+    pattern_ = lower;
+    solver_.analyzePattern(lower);
+  }
+  FactorStatus factorize(const SparseLower& lower) {
+    // A Cholesky factorisation of NaN reports success, so finiteness is checked here.
+    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all())
+      return FactorStatus::non_finite;
+    solver_.factorize(lower);
+    return solver_.info() == Eigen::Success ? FactorStatus::positive_definite : FactorStatus::not_positive_definite;
+  }
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) const { return solver_.solve(rhs); }
+
+ private:
+  SparseLower pattern_;
+  Eigen::SimplicialLLT<SparseLower, Eigen::Lower> solver_;
+};
+
+static_assert(LinearSolver<EigenCholesky>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/sector.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_SECTOR_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_SECTOR_HPP
+
+namespace lumo {
+
+/// The part of a symmetric mesh on the positive side of some of its symmetry planes, as a mesh of its own.
+struct Sector {
+  Symmetry planes;  ///< planes that bound it
+  TetMesh mesh;
+  std::vector<int> to_whole;  ///< sector node → node of the whole mesh
+
+  /// What part of the whole it is: 1, ½ or ¼.
+  double fraction() const { return (planes.x ? 0.5 : 1.0) * (planes.y ? 0.5 : 1.0); }
+};
+
+/// Throws InvalidArgument when the mesh is not symmetric in a wanted plane.
+inline Sector sector_of(const TetMesh& whole, Symmetry planes);
+
+/// A field of vectors on the sector's nodes, mirrored to the whole mesh.
+inline std::vector<Vec3d> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3d>& field);
+
+/// A field of numbers on the sector's nodes, mirrored to the whole mesh.
+inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
+
+inline Sector sector_of(const TetMesh& whole, Symmetry planes) {
+  if ((planes.x && !whole.symmetry.x) || (planes.y && !whole.symmetry.y))
+    throw InvalidArgument("sector: the mesh is not symmetric in the wanted plane");
+  Sector s;
+  s.planes = planes;
+  s.mesh.order = whole.order;
+  std::vector<int> number(whole.nodes.size(), -1);
+  for (std::size_t k = 0; k < whole.nodes.size(); ++k) {
+    if ((planes.x && whole.nodes[k].x() < 0.0) || (planes.y && whole.nodes[k].y() < 0.0)) continue;
+    number[k] = int(s.to_whole.size());
+    s.to_whole.push_back(int(k));
+    s.mesh.nodes.push_back(whole.nodes[k]);
+  }
+  const auto keep = [&](const auto& nodes, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i)
+      if (number[std::size_t(nodes[i])] < 0) return false;
+    return true;
+  };
+  const auto renumber = [&](auto nodes) {
+    for (int& n : nodes) n = n < 0 ? n : number[std::size_t(n)];
+    return nodes;
+  };
+  for (const auto& t : whole.tets)
+    if (keep(t, std::size_t(whole.nodes_per_tet()))) s.mesh.tets.push_back(renumber(t));
+  for (const BoundaryFace& f : whole.faces)
+    if (keep(f.nodes, std::size_t(whole.nodes_per_face()))) s.mesh.faces.push_back({renumber(f.nodes), f.patch});
+  return s;
+}
+
+namespace detail {
+
+template <class T, class Flip>
+std::vector<T> unfolded(const TetMesh& whole, const Sector& sector, const std::vector<T>& field, Flip flip) {
+  std::vector<T> all(whole.nodes.size());
+  for (std::size_t k = 0; k < field.size(); ++k) all[std::size_t(sector.to_whole[k])] = field[k];
+  const auto reflect = [&](const std::vector<int>& partner, int axis) {
+    for (std::size_t k = 0; k < whole.nodes.size(); ++k)
+      if (whole.nodes[k][axis] < 0.0) all[k] = flip(all[std::size_t(partner[k])], axis);
+  };
+  if (sector.planes.x) reflect(whole.mirror_x, 0);
+  if (sector.planes.y) reflect(whole.mirror_y, 1);
+  return all;
+}
+
+}  // namespace detail
+
+inline std::vector<Vec3d> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3d>& field) {
+  return detail::unfolded(whole, sector, field, [](Vec3d v, int axis) {
+    v[axis] = -v[axis];
+    return v;
+  });
+}
+
+inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field) {
+  return detail::unfolded(whole, sector, field, [](double v, int) { return v; });
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/elements/equations.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_EQUATIONS_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_EQUATIONS_HPP
+
+namespace lumo {
+
+/// How a displacement field behaves under reflection in the planes that bound a sector.
+struct Parity {
+  bool odd_x = false;
+  bool odd_y = false;
+  bool operator==(const Parity&) const = default;
+};
+
+/// Numbers the free displacement components of a sector's nodes, and holds the sparsity pattern of its tangent.
+/// Bonded faces are closed sets: all their nodes are fixed. On a bounding plane an even field has no normal component
+/// and an odd field has only that one.
+struct Equations {
+  std::vector<int> of;  ///< 3 · node + component → equation, −1 where fixed
+  int count = 0;
+  SparseLower pattern;     ///< lower triangle; values are scratch
+  std::vector<int> slots;  ///< per tet, (3N)(3N+1)/2 positions in the pattern's values (row ≥ column, column by
+                           ///< column), −1 where fixed
+
+  Equations(const Sector& sector, const Body& body, Parity parity);
+
+  /// Position in the pattern's values of an entry of the lower triangle.
+  int slot(int row, int column) const;
+};
+
+inline int Equations::slot(int row, int column) const {
+  if (row < column) std::swap(row, column);
+  const int* begin = pattern.innerIndexPtr() + pattern.outerIndexPtr()[column];
+  const int* end = pattern.innerIndexPtr() + pattern.outerIndexPtr()[column + 1];
+  return int(std::lower_bound(begin, end, row) - pattern.innerIndexPtr());
+}
+
+inline Equations::Equations(const Sector& sector, const Body& body, Parity parity) {
+  const TetMesh& mesh = sector.mesh;
+  const std::size_t n = mesh.nodes.size();
+  std::vector<char> fixed(3 * n, 0);
+  for (const BoundaryFace& f : mesh.faces)
+    if (body.patches[std::size_t(f.patch)].bonded)
+      for (int k = 0; k < mesh.nodes_per_face(); ++k)
+        for (std::size_t c = 0; c < 3; ++c) fixed[3 * std::size_t(f.nodes[std::size_t(k)]) + c] = 1;
+  const auto bound = [&](std::size_t node, std::size_t axis, bool odd) {
+    for (std::size_t c = 0; c < 3; ++c)
+      if ((c == axis) != odd) fixed[3 * node + c] = 1;
+  };
+  for (std::size_t k = 0; k < n; ++k) {
+    if (sector.planes.x && mesh.nodes[k].x() == 0.0) bound(k, 0, parity.odd_x);
+    if (sector.planes.y && mesh.nodes[k].y() == 0.0) bound(k, 1, parity.odd_y);
+  }
+  of.assign(3 * n, -1);
+  for (std::size_t i = 0; i < 3 * n; ++i)
+    if (!fixed[i]) of[i] = count++;
+
+  // Node graph first (compact), then the equations of each pair of nodes.
+  const std::size_t per = std::size_t(mesh.nodes_per_tet());
+  std::vector<std::vector<int>> near(n);
+  for (const auto& t : mesh.tets)
+    for (std::size_t a = 0; a < per; ++a)
+      for (std::size_t b = 0; b < per; ++b) near[std::size_t(t[a])].push_back(t[b]);
+  for (auto& list : near) {
+    std::sort(list.begin(), list.end());
+    list.erase(std::unique(list.begin(), list.end()), list.end());
+  }
+  std::vector<int> starts{0}, rows;
+  for (std::size_t k = 0; k < n; ++k)
+    for (std::size_t c = 0; c < 3; ++c) {
+      const int column = of[3 * k + c];
+      if (column < 0) continue;
+      for (int other : near[k])
+        for (std::size_t d = 0; d < 3; ++d)
+          if (const int row = of[3 * std::size_t(other) + d]; row >= column) rows.push_back(row);
+      starts.push_back(int(rows.size()));
+    }
+  const std::vector<double> zeros(rows.size(), 0.0);
+  pattern = Eigen::Map<const SparseLower>(count, count, int(rows.size()), starts.data(), rows.data(), zeros.data());
+
+  slots.reserve(mesh.tets.size() * (3 * per) * (3 * per + 1) / 2);
+  for (const auto& t : mesh.tets)
+    for (std::size_t j = 0; j < 3 * per; ++j)
+      for (std::size_t i = j; i < 3 * per; ++i) {
+        const int row = of[3 * std::size_t(t[i / 3]) + i % 3], column = of[3 * std::size_t(t[j / 3]) + j % 3];
+        slots.push_back(row < 0 || column < 0 ? -1 : slot(row, column));
+      }
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/elements/element.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_HPP
+
+namespace lumo {
+
+/// Gradients of Lagrange's shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
+template <int Nodes, class S> Eigen::Matrix<S, 3, Nodes> shape_gradients(const Vec3<S>& xi) {
+  static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  Eigen::Matrix<S, 3, Nodes> g;
+  const std::array<S, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? S(corner[k][i]) : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
+    for (int k = 4; k < Nodes; ++k) {
+      const int a = tet_edges[k - 4][0], b = tet_edges[k - 4][1];
+      g(i, k) = 4.0 * (l[std::size_t(b)] * corner[a][i] + l[std::size_t(a)] * corner[b][i]);
+    }
+  }
+  return g;
+}
+
+/// A tetrahedral finite element: gradients of its shape functions by λ₁, λ₂, λ₃ at its quadrature points, 3 × nodes in
+/// the node order of TetMesh, on the reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, and how its mass is
+/// shared. `order` is the mesh's. Laws: gradients sum to zero and reproduce linear fields, weights sum to 1/6, shares
+/// of the mass to 1.
+template <class E>
+concept TetElement = requires(const E& element) {
+  requires E::order == 1 || E::order == 2;
+  requires E::nodes == (E::order == 1 ? 4 : 10);
+  requires E::points >= 1;
+  { E::gradients(0) } -> std::same_as<Eigen::Matrix<double, 3, E::nodes>>;
+  { E::weight(0) } -> std::convertible_to<double>;
+  { E::mass_share(0) } -> std::convertible_to<double>;
+  { element.mean_dilatation } -> std::convertible_to<bool>;
+};
+
+/// Quadratic tetrahedron; with `mean_dilatation` its volumetric energy sees the element's mean of J, which cures
+/// locking near incompressibility (Nagtegaal, Parks, Rice 1974). Four-point quadrature of degree 2.
+struct QuadraticTet {
+  static constexpr int order = 2;
+  static constexpr int nodes = 10;
+  static constexpr int points = 4;
+  bool mean_dilatation = true;
+
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+    constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
+    return shape_gradients<nodes>(Vec3d(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
+  }
+  static double weight(int) { return 1.0 / 24.0; }
+  /// In proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be
+  /// negative.
+  static double mass_share(int a) { return a < 4 ? 1.0 / 36.0 : 4.0 / 27.0; }
+};
+
+/// Linear tetrahedron: locks at ν = 0.495 (20–60 % too stiff on pads like LUMO's). Offered for comparison with codes
+/// that use it.
+struct LinearTet {
+  static constexpr int order = 1;
+  static constexpr int nodes = 4;
+  static constexpr int points = 1;
+  bool mean_dilatation = false;
+
+  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes>(Vec3d(0.25, 0.25, 0.25)); }
+  static double weight(int) { return 1.0 / 6.0; }
+  static double mass_share(int) { return 0.25; }
+};
+
+/// Eight linear tetrahedra in place of one quadratic, on its ten nodes; with `mean_dilatation` the volumetric energy
+/// sees the mean of J over the eight, which cures their locking (de Souza Neto, Pires, Owen 2005, patches of linear
+/// elements, here with an energy). Without it, linear tetrahedra of half the size.
+struct LinearPatchTet {
+  static constexpr int order = 2;
+  static constexpr int nodes = 10;
+  static constexpr int points = 8;
+  bool mean_dilatation = true;
+
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+    using Gradients = Eigen::Matrix<double, 3, nodes>;
+    Gradients g = Gradients::Zero();
+    const auto& part = parts[q];
+    const auto edge = [&](int k) {
+      return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1],
+                   place[part[k]][2] - place[part[0]][2]);
+    };
+    for (int k = 1; k < 4; ++k) {
+      const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1),
+                  slope = 8.0 * u.cross(v);  // u × v · edge(k) = 1/8, six times the volume
+      for (int i = 0; i < 3; ++i) {
+        g(i, part[k]) = slope[i];
+        g(i, part[0]) -= slope[i];
+      }
+    }
+    return g;
+  }
+  static double weight(int) { return 1.0 / 48.0; }
+  static double mass_share(int a) {
+    int shared = 0;
+    for (const auto& part : parts)
+      for (int node : part) shared += node == a;
+    return shared / 32.0;
+  }
+
+  /// Nodes of the eight: at the corners, and the octahedron between them cut along the line from node 4 to node 9,
+  /// which mirrored() leaves in place.
+  static constexpr int parts[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3},
+                                      {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
+
+ private:
+  static constexpr double place[10][3] = {{0, 0, 0},     {1, 0, 0},   {0, 1, 0},   {0, 0, 1},     {0.5, 0, 0},
+                                          {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
+};
+
+/// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of
+/// BoundaryFace.
+template <class S> std::array<S, 6> face_shape(const S& u, const S& v, int order) {
+  const S w = 1.0 - u - v;
+  if (order == 1) return {w, u, v, 0.0, 0.0, 0.0};
+  return {w * (2 * w - 1), u * (2 * u - 1), v * (2 * v - 1), 4 * w * u, 4 * u * v, 4 * v * w};
+}
+
+/// Derivatives of face_shape by u and v.
+template <class S> std::array<std::array<S, 2>, 6> face_shape_derivatives(const S& u, const S& v, int order) {
+  if (order == 1) return {{{-1, -1}, {1, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}}};
+  const S w = 1.0 - u - v;
+  return {{{1 - 4 * w, 1 - 4 * w},
+           {4 * u - 1, 0},
+           {0, 4 * v - 1},
+           {4 * (w - u), -4 * u},
+           {4 * v, 4 * u},
+           {-4 * v, 4 * (w - v)}}};
+}
+
+static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/materials/material.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_MATERIAL_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_MATERIAL_HPP
+
+namespace lumo {
+
+/// A function of the volume ratio J with its derivatives: energy density [J/m³], dU/dJ [Pa], d²U/dJ² [Pa].
+template <class S> struct VolumetricSample {
+  S energy;
+  S stress;
+  S stiffness;
+};
+
+/// A hyperelastic solid, W(F) = distortion(F) + U(det F). The split lets an element treat the stiff volumetric part U
+/// by its mean. A law is written for doubles, or with a deduced scalar (`template <class S> S distortion_energy(const
+/// Mat3<S>& F) const` …), so that it can also be differentiated by dual numbers. Laws: P(I) = 0; W(QF) = W(F) for
+/// rotations Q; stress and tangent are the derivatives of the energy; W = +∞ where det F ≤ 0 if the law resists
+/// inversion. Stress is the first Piola–Kirchhoff stress [Pa], 3 × 3; tangent is ∂P/∂F, 9 × 9, flattened by columns.
+template <class M>
+concept HyperelasticMaterial = requires(const M& m, const Mat3d& F, double J) {
+  { m.distortion_energy(F) } -> std::convertible_to<double>;
+  { m.distortion_stress(F) } -> std::convertible_to<Mat3d>;
+  { m.distortion_tangent(F) } -> std::convertible_to<Mat9d>;
+  { m.volumetric(J) } -> std::convertible_to<VolumetricSample<double>>;
+  { m.shear_modulus() } -> std::convertible_to<double>;
+  validate(m);
+};
+
+/// h'(J) and h''(J) [Pa] of a solid W = μ/2 (I_C − 3) + h(J), as numbers or packs of them.
+template <class S> struct DilatationSample {
+  S stress;
+  S stiffness;
+};
+
+/// Derivative of det F by F: the cofactor matrix.
+template <class S> Mat3<S> cofactor(const Mat3<S>& F) {
+  Mat3<S> c;
+  for (int j = 0; j < 3; ++j) {
+    const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+    for (int i = 0; i < 3; ++i) {
+      const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
+      c(i, j) = F(i1, j1) * F(i2, j2) - F(i2, j1) * F(i1, j2);
+    }
+  }
+  return c;
+}
+
+/// A⁻ᵀ.
+template <class S> Mat3<S> inverse_transposed(const Mat3<S>& A) {
+  const Mat3<S> c = cofactor(A);
+  return c * (1.0 / (c(0, 0) * A(0, 0) + c(1, 0) * A(1, 0) + c(2, 0) * A(2, 0)));
+}
+
+/// Second derivative of det F by F, flattened by columns.
+template <class S> Mat9<S> determinant_hessian(const Mat3<S>& F) {
+  Mat9<S> h = Mat9<S>::Zero();
+  for (int j = 0; j < 3; ++j)
+    for (int turn = 1; turn < 3; ++turn)
+      for (int i = 0; i < 3; ++i) {
+        const int j2 = (j + turn) % 3, next = (i + 1) % 3, last = (i + 2) % 3;
+        const S* column = F.data() + 3 * (3 - j - j2);
+        h(i + 3 * j, next + 3 * j2) = turn == 1 ? column[last] : -column[last];
+        h(i + 3 * j, last + 3 * j2) = turn == 1 ? -column[next] : column[next];
+      }
+  return h;
+}
+
+/// a ⊗ b, both flattened by columns.
+template <class S> Mat9<S> dyad(const Mat3<S>& a, const Mat3<S>& b) {
+  Mat9<S> product;
+  for (int j = 0; j < 9; ++j)
+    for (int i = 0; i < 9; ++i) product.data()[i + 9 * j] = a.data()[i] * b.data()[j];
+  return product;
+}
+
+/// m I of nine rows.
+template <class S> Mat9<S> isotropic(const S& m) {
+  Mat9<S> diagonal = Mat9<S>::Zero();
+  for (int i = 0; i < 9; ++i) diagonal.data()[10 * i] = m;
+  return diagonal;
+}
+
+/// Energy density W(F) [J/m³].
+template <HyperelasticMaterial M, class S> S energy_density(const M& m, const Mat3<S>& F) {
+  return m.distortion_energy(F) + m.volumetric(F.determinant()).energy;
+}
+
+/// First Piola–Kirchhoff stress P = ∂W/∂F [Pa].
+template <HyperelasticMaterial M, class S> Mat3<S> first_piola(const M& m, const Mat3<S>& F) {
+  return m.distortion_stress(F) + m.volumetric(F.determinant()).stress * cofactor(F);
+}
+
+/// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
+template <HyperelasticMaterial M, class S> Mat9<S> elasticity_tangent(const M& m, const Mat3<S>& F) {
+  const VolumetricSample<S> u = m.volumetric(F.determinant());
+  const Mat3<S> c = cofactor(F);
+  return m.distortion_tangent(F) + dyad(u.stiffness * c, c) + u.stress * determinant_hessian(F);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/elements/element_points.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_POINTS_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_POINTS_HPP
+
+namespace lumo {
+
+/// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a
+/// mesh.
+template <TetElement Element> class ElementPoints {
+ public:
+  using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
+
+  /// Throws InvalidArgument where the mesh is not of the element's order: nodes in the middle of edges would belong to
+  /// no element, or be missing.
+  explicit ElementPoints(const TetMesh& mesh) {
+    if (mesh.order != Element::order)
+      throw InvalidArgument(message("elements are of order ", Element::order, ", the mesh is of order ", mesh.order,
+                                    ", must be the same"));
+    gradients_.reserve(mesh.tets.size() * Element::points);
+    weights_.reserve(mesh.tets.size() * Element::points);
+    for (const auto& t : mesh.tets)
+      for (int q = 0; q < Element::points; ++q) {
+        const Gradients by_xi = Element::gradients(q);
+        Mat3d jacobian = Mat3d::Zero();
+        for (int a = 0; a < Element::nodes; ++a)
+          jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3d(by_xi.col(a)).transpose();
+        const Mat3d to_x = inverse_transposed(jacobian);
+        Gradients& by_x = gradients_.emplace_back();
+        for (int a = 0; a < Element::nodes; ++a)
+          for (int i = 0; i < 3; ++i)
+            by_x(i, a) = to_x(i, 0) * by_xi(0, a) + to_x(i, 1) * by_xi(1, a) + to_x(i, 2) * by_xi(2, a);
+        weights_.push_back(Element::weight(q) * jacobian.determinant());
+      }
+  }
+
+  /// [1/m], of tetrahedron e at point q.
+  const Gradients& gradient(std::size_t e, int q) const {
+    return gradients_[e * std::size_t(Element::points) + std::size_t(q)];
+  }
+  /// Volume that the point stands for [m³].
+  double weight(std::size_t e, int q) const { return weights_[e * std::size_t(Element::points) + std::size_t(q)]; }
+
+ private:
+  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;
+  std::vector<double> weights_;
+};
+
+/// Mass of each node [kg], as each element shares its own.
+/// Throws InvalidArgument where the mesh is not of the element's order.
+template <TetElement Element> std::vector<double> lumped_masses(const TetMesh& mesh, double density_kg_per_m3) {
+  std::vector<double> mass(mesh.nodes.size(), 0.0);
+  const ElementPoints<Element> points(mesh);
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    double volume = 0.0;
+    for (int q = 0; q < Element::points; ++q) volume += points.weight(e, q);
+    for (int a = 0; a < Element::nodes; ++a)
+      mass[std::size_t(mesh.tets[e][std::size_t(a)])] += density_kg_per_m3 * volume * Element::mass_share(a);
+  }
+  return mass;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/elements/solid.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_SOLID_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_SOLID_HPP
+
+namespace lumo {
+
+/// Deformed node positions, 3 × nodes [m].
+using Positions = Eigen::Matrix3Xd;
+
+inline Positions positions_of(const TetMesh& mesh) {
+  Positions x(3, Eigen::Index(mesh.nodes.size()));
+  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];
+  return x;
+}
+
+/// The elastic energy of a tetrahedral mesh with its first and second derivatives.
+template <HyperelasticMaterial Material, TetElement Element> class Solid {
+ public:
+  static constexpr int N = Element::nodes;
+  using Gradients = Eigen::Matrix<double, 3, N>;
+
+  /// Throws InvalidArgument where the mesh is not of the element's order.
+  Solid(const TetMesh& mesh, Material material, Element element)
+      : mesh_(&mesh), material_(material), element_(element), points_(mesh) {}
+
+  /// Stored energy [J]; +∞ when an element is inverted at a quadrature point.
+  double energy(const Positions& x) const {
+    double sum = 0.0;
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      const ElementState s = state(e, x);
+      for (int q = 0; q < Element::points; ++q) {
+        sum += weight(e, q) * material_.distortion_energy(s.F[std::size_t(q)]);
+        if (!element_.mean_dilatation) sum += weight(e, q) * material_.volumetric(s.J[std::size_t(q)]).energy;
+      }
+      if (element_.mean_dilatation) sum += s.volume * material_.volumetric(s.mean_J).energy;
+      if (!std::isfinite(sum)) return std::numeric_limits<double>::infinity();
+    }
+    return sum;
+  }
+
+  /// Volume ratios that the volumetric energy sees: one per element with the locking cure, else one per quadrature
+  /// point.
+  std::vector<double> volume_ratios(const Positions& x) const {
+    std::vector<double> J;
+    J.reserve(mesh_->tets.size() * cells());
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      const ElementState s = state(e, x);
+      if (element_.mean_dilatation)
+        J.push_back(s.mean_J);
+      else
+        J.insert(J.end(), s.J.begin(), s.J.end());
+    }
+    return J;
+  }
+
+  /// The same, carried on by the displacement dx along the slope that they have at the positions `linear`.
+  std::vector<double> predicted_ratios(const Positions& x, const Positions& linear, const Positions& dx) const {
+    std::vector<double> J = volume_ratios(x);
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      const ElementState s = state(e, linear);
+      for (int q = 0; q < Element::points; ++q) {
+        const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
+        double rate = 0.0;
+        for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
+        if (element_.mean_dilatation)
+          J[e] += weight(e, q) / s.volume * rate;
+        else
+          J[e * cells() + std::size_t(q)] += rate;
+      }
+    }
+    return J;
+  }
+
+  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). The volumetric stress is linearised `about` given
+  /// volume ratios θ, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
+  void add_forces(const Positions& x, Positions& force, const std::vector<double>* about = nullptr) const {
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      const ElementState s = state(e, x);
+      Gradients f = Gradients::Zero();
+      for (int q = 0; q < Element::points; ++q) {
+        const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, about);
+        const VolumetricSample<double> u = material_.volumetric(theta);
+        const Mat3d& F = s.F[std::size_t(q)];
+        f += product(
+            weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)),
+            gradient(e, q));
+      }
+      for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
+    }
+  }
+
+  /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
+  void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
+                   const std::vector<double>* about = nullptr) const {
+    constexpr int size = 3 * N;
+    Eigen::Matrix<double, size, size> K;
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      element_tangent(e, x, about, K);
+      for (std::size_t k = 0; k < systems.size(); ++k) {
+        const int* slot = systems[k]->slots.data() + e * (size * (size + 1) / 2);
+        double* v = values[k];
+        for (int j = 0; j < size; ++j)
+          for (int i = j; i < size; ++i, ++slot)
+            if (*slot >= 0) v[*slot] += K(i, j);
+      }
+    }
+  }
+
+  /// Smallest det F over all quadrature points.
+  double smallest_J(const Positions& x) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
+      for (double J : state(e, x).J) least = std::min(least, J);
+    return least;
+  }
+
+  /// Smallest undeformed volume that a quadrature point stands for [m³]; not positive where the mesh has an element
+  /// that is inside out.
+  double smallest_volume() const {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
+      for (int q = 0; q < Element::points; ++q) least = std::min(least, weight(e, q));
+    return least;
+  }
+
+  const Material& material() const { return material_; }
+
+ private:
+  struct ElementState {
+    std::array<Mat3d, std::size_t(Element::points)> F;
+    std::array<double, std::size_t(Element::points)> J;
+    double volume = 0.0;
+    double mean_J = 0.0;
+  };
+
+  int node(std::size_t e, int a) const { return mesh_->tets[e][std::size_t(a)]; }
+  double weight(std::size_t e, int q) const { return points_.weight(e, q); }
+  const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
+
+  static Gradients product(const Mat3d& A, const Gradients& g) {
+    Gradients p;
+    for (int a = 0; a < N; ++a)
+      for (int i = 0; i < 3; ++i) p(i, a) = A(i, 0) * g(0, a) + A(i, 1) * g(1, a) + A(i, 2) * g(2, a);
+    return p;
+  }
+
+  ElementState state(std::size_t e, const Positions& x) const {
+    Gradients local;
+    for (int a = 0; a < N; ++a) local.col(a) = x.col(node(e, a));
+    ElementState s;
+    for (int q = 0; q < Element::points; ++q) {
+      const std::size_t k = std::size_t(q);
+      const Gradients& g = gradient(e, q);
+      s.F[k] = Mat3d::Zero();
+      for (int a = 0; a < N; ++a)
+        for (int j = 0; j < 3; ++j)
+          for (int i = 0; i < 3; ++i) s.F[k](i, j) += local(i, a) * g(j, a);
+      s.J[k] = s.F[k].determinant();
+      s.volume += weight(e, q);
+      s.mean_J += weight(e, q) * s.J[k];
+    }
+    s.mean_J /= s.volume;
+    return s;
+  }
+
+  std::size_t cells() const { return element_.mean_dilatation ? 1 : std::size_t(Element::points); }
+
+  // Volume ratio that the volumetric energy is taken at.
+  double ratio(std::size_t e, int q, const ElementState& s, const std::vector<double>* about) const {
+    if (about) return (*about)[e * cells() + (element_.mean_dilatation ? 0 : std::size_t(q))];
+    return element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)];
+  }
+
+  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* about,
+                       Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
+    const ElementState s = state(e, x);
+    Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
+    K.setZero();
+    for (int q = 0; q < Element::points; ++q) {
+      const Mat3d& F = s.F[std::size_t(q)];
+      const Gradients& g = gradient(e, q);
+      const Mat3d c = cofactor(F);
+      const VolumetricSample<double> u = material_.volumetric(ratio(e, q, s, about));
+      Mat9d A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
+      if (element_.mean_dilatation) {
+        dJ += product(weight(e, q) * c, g);
+      } else {
+        A += dyad(u.stiffness * c, c);
+      }
+      A = A * weight(e, q);
+      // Plain loops: Eigen's expressions of blocks took most of a simulator's compile time.
+      for (int a = 0; a < N; ++a) {
+        std::array<double, 27> T;  // 9 × 3, by columns
+        for (std::size_t k = 0; k < 27; ++k)
+          T[k] = A.data()[k] * g(0, a) + A.data()[k + 27] * g(1, a) + A.data()[k + 54] * g(2, a);
+        for (int b = a; b < N; ++b)
+          for (int j = 0; j < 3; ++j) {
+            const double* t = T.data() + 9 * j;
+            double* block = &K(3 * b, 3 * a + j);
+            for (int i = 0; i < 3; ++i) block[i] += g(0, b) * t[i] + g(1, b) * t[i + 3] + g(2, b) * t[i + 6];
+          }
+      }
+    }
+    if (element_.mean_dilatation) {
+      const double stiffness = material_.volumetric(ratio(e, 0, s, about)).stiffness / s.volume;
+      for (int j = 0; j < 3 * N; ++j) {
+        const double scaled = stiffness * dJ.data()[j];
+        for (int i = j; i < 3 * N; ++i) K(i, j) += scaled * dJ.data()[i];
+      }
+    }
+  }
+
+  const TetMesh* mesh_;
+  Material material_;
+  Element element_;
+  ElementPoints<Element> points_;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/contact_surface.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SURFACE_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SURFACE_HPP
+
+namespace lumo {
+
+/// A point of the surface at which the gap is taken: shape functions of its face there, and its share of the reference
+/// area.
+struct SurfacePoint {
+  std::array<double, 6> shape;
+  double area_m2;
+  double weight_m2;           ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
+  int part;                   ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
+  std::array<double, 3> hat;  ///< barycentric coordinates in that sub-triangle
+};
+
+/// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
+inline const std::array<std::array<int, 3>, 4>& face_parts() {
+  static constexpr std::array<std::array<int, 3>, 4> parts = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
+  return parts;
+}
+
+/// Part of a mesh's surface that may come into contact, with its quadrature.
+class ContactSurface {
+ public:
+  /// Faces of the patches for which `chosen` holds, with points inside them.
+  template <class Choose> ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen) : mesh_(&mesh) {
+    for (const BoundaryFace& f : mesh.faces)
+      if (chosen(body.patches[std::size_t(f.patch)])) add(f);
+  }
+
+  /// The same with the points at which a contact law acts.
+  template <class Choose, ContactHandler Contact>
+  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law)
+      : ContactSurface(mesh, body, chosen) {
+    if (contact_points<Contact>() == ContactPoints::vertices) gather_at_vertices(area_per_vertex(law));
+  }
+
+  std::size_t size() const { return faces_.size(); }
+  const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
+  const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
+
+  Vec3d position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
+    Vec3d at = Vec3d::Zero();
+    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k)
+      at += p.shape[k] * Vec3d(x.col(faces_[f].nodes[k]));
+    return at;
+  }
+
+  /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
+  std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
+    const auto& n = faces_[f].nodes;
+    const auto at = [&](std::size_t k) -> Vec3d { return x.col(n[k]); };
+    const Vec3d a = at(0), b = at(1), c = at(2), middle = (a + b + c) / 3.0;
+    double r = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
+    if (mesh_->order == 2)
+      for (std::size_t k = 0; k < 3; ++k)
+        r = std::max(r, (2.0 * at(3 + k) - 0.5 * at(k) - 0.5 * at((k + 1) % 3) - middle).norm());
+    return {middle, r};
+  }
+
+  int nodes_per_face() const { return mesh_->nodes_per_face(); }
+
+ private:
+  void add(const BoundaryFace& face);
+  void gather_at_vertices(double area_per_vertex);
+
+  const TetMesh* mesh_;
+  std::vector<BoundaryFace> faces_;
+  std::vector<std::vector<SurfacePoint>> points_;
+};
+
+/// Contact energy, forces and stiffness between a surface and one rigid thing, for a given signed distance.
+struct ContactSums {
+  double energy = 0.0;  ///< [J]
+  double push_N = 0.0;  ///< force on the indenter along −direction: −∂energy/∂advance … with the sign of a reaction
+  double push_stiffness = 0.0;  ///< ∂²energy/∂advance² [N/m]
+  double penetration_m = 0.0;   ///< largest overlap
+};
+
+inline void ContactSurface::add(const BoundaryFace& face) {
+  const int order = mesh_->order;
+  std::vector<SurfacePoint> points;
+  // Corners of the sub-triangles in (u, v); each is quartered once more and takes the three-point rule there.
+  const std::array<std::array<double, 2>, 6> uv = {{{0, 0}, {1, 0}, {0, 1}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}}};
+  const std::array<std::array<double, 3>, 6> quarter = {
+      {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, .5, 0}, {0, .5, .5}, {.5, 0, .5}}};
+  const int parts = order == 2 ? 4 : 1;
+  for (int part = 0; part < parts; ++part) {
+    const std::array<int, 3> corner = order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
+    for (const auto& small : face_parts())
+      for (int q = 0; q < 3; ++q) {
+        SurfacePoint p{};
+        p.part = part;
+        for (std::size_t k = 0; k < 3; ++k)
+          for (std::size_t m = 0; m < 3; ++m)
+            p.hat[m] += (int(k) == q ? 2.0 / 3.0 : 1.0 / 6.0) * quarter[std::size_t(small[k])][m];
+        double u = 0.0, v = 0.0;
+        for (std::size_t m = 0; m < 3; ++m) {
+          u += p.hat[m] * uv[std::size_t(corner[m])][0];
+          v += p.hat[m] * uv[std::size_t(corner[m])][1];
+        }
+        p.shape = face_shape(u, v, order);
+        const auto d = face_shape_derivatives(u, v, order);
+        Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
+        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
+          by_u += d[k][0] * mesh_->nodes[std::size_t(face.nodes[k])];
+          by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
+        }
+        p.area_m2 = by_u.cross(by_v).norm() * 0.5 / (12.0 * parts);
+        p.weight_m2 = p.area_m2;
+        points.push_back(p);
+      }
+  }
+  faces_.push_back(face);
+  points_.push_back(std::move(points));
+}
+
+// Every node once, on the first face that has it, with all of its area.
+inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
+  std::vector<double> area(mesh_->nodes.size(), 0.0);
+  std::vector<char> done(mesh_->nodes.size(), 0);
+  const auto corners = [&](int part) {
+    return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
+  };
+  for (std::size_t f = 0; f < faces_.size(); ++f)
+    for (const SurfacePoint& p : points_[f])
+      for (std::size_t k = 0; k < 3; ++k)
+        area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    points_[f].clear();
+    for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
+        if (std::exchange(done[node], char(1))) continue;
+        SurfacePoint p{{}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}};
+        p.shape[local] = 1.0;
+        p.hat[k] = 1.0;
+        points_[f].push_back(p);
+      }
+  }
+}
+
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
+template <class Tool> struct Moving {
+  const Tool* tool;
+  Vec3d origin;     ///< of the tool's frame, now [m]
+  Vec3d direction;  ///< of its advance, unit
+
+  double distance(const Vec3d& p) const { return tool->distance(p - origin); }
+  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
+};
+
+/// Gaps [m] at each surface point, face by face.
+using SurfaceGaps = std::vector<std::vector<double>>;
+
+namespace detail {
+
+// The answer of a contact without friction.
+struct NoFriction {
+  struct Answer {
+    Vec3d traction;
+    Mat3d stiffness;
+  };
+  Answer answer(std::size_t, std::size_t, const Vec3d&, const Vec3d&, const Vec3d&, double) const {
+    return {Vec3d::Zero(), Mat3d::Zero()};
+  }
+};
+
+// Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that
+// the rigid thing reaches, or whose given gaps are closed.
+template <class Tool, class Visit>
+void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid,
+                        const SurfaceGaps* gaps, Visit&& visit) {
+  for (std::size_t f = 0; f < surface.size(); ++f) {
+    const auto [middle, radius] = surface.ball(f, x);
+    const bool near = rigid.distance(middle) <= radius;
+    if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
+      continue;
+    const std::vector<SurfacePoint>& points = surface.points(f);
+    for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
+  }
+}
+
+}  // namespace detail
+
+/// What a contact has been through.
+template <class Friction = detail::NoFriction> struct ContactHistory {
+  const SurfaceGaps* gaps = nullptr;   ///< γ, about which the law is linearised; nullptr: the present ones
+  const Friction* friction = nullptr;  ///< such as FrictionHistory; nullptr: none
+};
+
+/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. About given gaps γ the pressure is
+/// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not
+/// meant then. Friction enters forces but not the energy.
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
+ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
+                               const Positions& x, std::type_identity_t<Positions>* force,
+                               const ContactHistory<Friction>& history = {}) {
+  ContactSums sums;
+  detail::for_contact_points(
+      surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
+        const double gap = rigid.distance(at), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
+        if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
+        if (gamma >= 0.0) return;
+        const ContactResponse<double> r = contact.respond(gamma);
+        sums.energy += p.weight_m2 * r.energy;
+        const double pressure = r.pressure + r.stiffness * (gamma - gap);
+        const Vec3d normal = rigid.sample(at).gradient;
+        Vec3d traction = p.weight_m2 * pressure * normal;
+        if (history.friction)
+          traction += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
+        sums.push_N += traction.dot(rigid.direction);
+        if (!force) return;
+        for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n)
+          force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
+      });
+  return sums;
+}
+
+/// Where a contact stiffness is added.
+struct TangentSums {
+  const Equations& equations;
+  double* values;                       ///< of the system's lower triangle
+  Eigen::VectorXd* coupling = nullptr;  ///< ∂²energy/∂x∂advance, one per equation; nullptr: not wanted
+};
+
+/// Adds the contact stiffness.
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
+ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
+                                const Positions& x, const TangentSums& tangent,
+                                const ContactHistory<Friction>& history = {}) {
+  ContactSums sums;
+  const Equations& eq = tangent.equations;
+  const std::size_t nodes = std::size_t(surface.nodes_per_face());
+  Eigen::Matrix<double, 18, 18> K;
+  std::size_t open = std::size_t(-1);
+  const auto flush = [&] {
+    if (open == std::size_t(-1)) return;
+    const auto& n = surface.face(open).nodes;
+    for (std::size_t j = 0; j < 3 * nodes; ++j)
+      for (std::size_t i = 0; i < 3 * nodes; ++i) {
+        const int row = eq.of[3 * std::size_t(n[i / 3]) + i % 3], column = eq.of[3 * std::size_t(n[j / 3]) + j % 3];
+        if (row >= column && column >= 0) tangent.values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
+      }
+  };
+  detail::for_contact_points(
+      surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
+        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at);
+        if (gamma >= 0.0) return;
+        if (f != open) {
+          flush();
+          open = f;
+          K.setZero();
+        }
+        const DistanceSample d = rigid.sample(at);
+        const ContactResponse<double> r = contact.respond(gamma);
+        Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+        if (history.friction) {
+          const double pressure = r.pressure + r.stiffness * (gamma - d.distance);
+          block += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, d.gradient, pressure).stiffness;
+        }
+        sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
+        for (std::size_t a = 0; a < nodes; ++a) {
+          for (std::size_t b = 0; b < nodes; ++b)
+            K.block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
+          if (!tangent.coupling) continue;
+          const Vec3d c = -p.shape[a] * (block * rigid.direction);
+          for (std::size_t i = 0; i < 3; ++i)
+            if (const int row = eq.of[3 * std::size_t(surface.face(f).nodes[a]) + i]; row >= 0)
+              (*tangent.coupling)[row] += c[Eigen::Index(i)];
+        }
+      });
+  flush();
+  return sums;
+}
+
+/// A rigid thing and the body's node positions, at one time.
+template <class Tool> struct ContactPlace {
+  Moving<Tool> rigid;
+  const Positions& x;
+};
+
+/// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
+/// have at `linear`.
+template <class Tool>
+SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
+                           const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+  SurfaceGaps gaps(surface.size());
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f))
+      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
+                        linear.rigid.sample(surface.position(f, p, linear.x))
+                            .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
+  return gaps;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/friction.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_FRICTION_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_FRICTION_HPP
+
+namespace lumo {
+
+/// Friction on the body's nodes [N], and what of its reaction pushes the indenter back along its way.
+struct FrictionForces {
+  std::vector<Vec3d> on_nodes;  ///< per mesh node; empty: none
+  double push_N = 0.0;
+};
+
+/// Coulomb friction that remembers: a point of the surface sticks by a stiff spring along the rigid surface until the
+/// spring's force is the coefficient times the pressure, and then slides with it. The spring's stretch is carried from
+/// one equilibrium to the next. Source: Wriggers 2006, §5.2 (regularised Coulomb law, return mapping).
+struct FrictionHistory {
+  double coefficient = 0.0;
+  double stiffness_N_per_m3 = 0.0;  ///< of the spring
+  /// 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle.
+  double turning = 1.0;
+  Vec3d origin{0.0, 0.0, 0.0};              ///< of the rigid thing's frame at the last equilibrium [m]
+  std::vector<std::vector<Vec3d>> place;    ///< of each surface point there, face by face [m]
+  std::vector<std::vector<Vec3d>> stretch;  ///< of its spring there [m]
+
+  /// Springs without stretch at positions x, each a tenth as stiff as the law's penalty: a spring stretches by ten
+  /// overlaps times the coefficient.
+  template <ContactHandler Contact>
+  FrictionHistory(const ContactSurface& surface, const Contact& law, const Positions& x, const Vec3d& rigid_origin)
+      : coefficient(friction_coefficient(law)),
+        stiffness_N_per_m3(0.1 * law.stiffness_N_per_m3),
+        origin(rigid_origin),
+        place(surface.size()),
+        stretch(surface.size()) {
+    if (coefficient == 0.0) return;
+    for (std::size_t f = 0; f < surface.size(); ++f)
+      for (const SurfacePoint& p : surface.points(f)) {
+        place[f].push_back(surface.position(f, p, x));
+        stretch[f].push_back({0.0, 0.0, 0.0});
+      }
+  }
+
+  /// Traction [Pa] on the body at a point in contact, its stiffness [N/m³] at constant pressure, and the spring's
+  /// stretch [m].
+  struct Answer {
+    Vec3d traction;
+    Mat3d stiffness;
+    Vec3d stretch;
+  };
+  Answer answer(std::size_t face, std::size_t point, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal,
+                double pressure) const {
+    const Mat3d along = Mat3d::Identity() - normal * normal.transpose();
+    const Vec3d s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
+    const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
+    if (length <= most) return {-stiffness_N_per_m3 * s, stiffness_N_per_m3 * along, s};
+    const Vec3d way = s / length;
+    return {-stiffness_N_per_m3 * most * way,
+            stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
+  }
+
+  /// Takes positions x, with the rigid thing as it is now, as the last equilibrium. Springs out of contact relax.
+  template <ContactHandler Contact, class Tool>
+  void settle(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x) {
+    if (coefficient == 0.0) return;
+    for (std::size_t f = 0; f < surface.size(); ++f)
+      for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
+        const Vec3d at = surface.position(f, surface.points(f)[k], x);
+        const DistanceSample d = rigid.sample(at);
+        stretch[f][k] = d.distance < 0.0
+                            ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
+                            : Vec3d(Vec3d::Zero());
+      }
+    for (std::size_t f = 0; f < surface.size(); ++f)
+      for (std::size_t k = 0; k < surface.points(f).size(); ++k)
+        place[f][k] = surface.position(f, surface.points(f)[k], x);
+    origin = rigid.origin;
+  }
+
+  /// Adds friction on the body's nodes [N] at positions x; returns their sum.
+  template <ContactHandler Contact, class Tool>
+  Vec3d add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid,
+                         const Positions& x, std::type_identity_t<std::vector<Vec3d>>& on_nodes) const {
+    Vec3d sum{0.0, 0.0, 0.0};
+    for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
+      for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
+        const SurfacePoint& p = surface.points(f)[k];
+        const Vec3d at = surface.position(f, p, x);
+        const DistanceSample d = rigid.sample(at);
+        if (d.distance >= 0.0) continue;
+        const Vec3d force =
+            p.weight_m2 * answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).traction;
+        for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n)
+          on_nodes[std::size_t(surface.face(f).nodes[n])] += p.shape[n] * force;
+        sum += force;
+      }
+    return sum;
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/status.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATUS_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATUS_HPP
+
+namespace lumo {
+
+/// How a solve ended. Only `converged` is scored (and `held` where a problem says so).
+enum class Status {
+  converged,              ///< equilibrium, residual certified, stable
+  held,                   ///< a dynamic solver ran its sweeps; no statement about equilibrium
+  max_iterations,         ///< residual still too large after the allowed iterations
+  line_search,            ///< even the shortest step leaves an element less than a fifth of its volume by the solver's
+                          ///< prediction: it is crushed, or flattened
+  inverted,               ///< an element is turned inside out
+  not_positive_definite,  ///< equilibrium, but unstable: the body would buckle away from it
+  non_finite,             ///< NaN or infinity in the state or in a factor
+  time_limit              ///< stopped by the caller's time limit
+};
+
+/// Whether objectives may rest on a state that ended so. `accept_held`: the problem says that it is about held states
+/// (the paper's mechanics).
+constexpr bool is_scored(Status s, bool accept_held = false) {
+  return s == Status::converged || (accept_held && s == Status::held);
+}
+
+constexpr std::string_view to_string(Status s) {
+  switch (s) {
+    case Status::converged:
+      return "converged";
+    case Status::held:
+      return "held";
+    case Status::max_iterations:
+      return "max_iterations";
+    case Status::line_search:
+      return "line_search";
+    case Status::inverted:
+      return "inverted";
+    case Status::not_positive_definite:
+      return "not_positive_definite";
+    case Status::non_finite:
+      return "non_finite";
+    case Status::time_limit:
+      return "time_limit";
+  }
+  return "non_finite";
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/state.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
+
+namespace lumo {
+
+/// The pad at one load. Forces act on the indenter, along −direction; all in the finger frame, SI.
+struct MechanicalState {
+  Status status = Status::non_finite;
+  double load_N = 0.0;       ///< prescribed
+  bool certified = false;    ///< equilibrium, found so by an independent routine; never of a state that is only held
+  double force_N = 0.0;      ///< contact wrench · (−direction)
+  double met_force_N = 0.0;  ///< the force when a solver that goes in time stopped the advance, before the hold
+  double depth_m = 0.0;      ///< advance since first touch of the exact undeformed profile
+  std::vector<Vec3d> displacement;  ///< per mesh node [m]
+  /// Contact field per mesh node: > 0 in contact with the indenter, < 0 outside; −infinity on nodes that it cannot
+  /// touch. Linear on the sub-facets of the surface (corners and edge middles); the contact set is {φ > 0}.
+  std::vector<double> contact_field;
+  std::vector<Vec3d> friction_N;    ///< friction on the body per mesh node; empty without
+  double friction_push_N = 0.0;     ///< what of it is in force_N
+  std::vector<double> pressure_Pa;  ///< indenter pressure per mesh node, per reference area; 0 off the surface
+  double contact_area_m2 = 0.0;     ///< A(C; X), deformed
+  double reference_area_m2 = 0.0;   ///< A_0(C), undeformed
+  double residual_N =
+      std::numeric_limits<double>::infinity();  ///< norm of the out-of-balance forces, from an independent routine
+  double penetration_m = 0.0;                   ///< largest overlap of surface and indenter
+  int iterations = 0;                           ///< Newton steps, or sweeps, spent on this load
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/solvers/press_solver.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SOLVER_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SOLVER_HPP
+
+namespace lumo {
+
+/// The physics of a press.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element> struct PressPhysics {
+  Material material;
+  Contact contact;
+  Element element;
+};
+
+template <class Material, class Contact, class Element>
+PressPhysics(Material, Contact, Element) -> PressPhysics<Material, Contact, Element>;
+
+/// How the states under a scenario's loads are found. model() makes what scenarios on one mesh share, for a sector of
+/// it where the solver `uses_symmetry`; run() gives one state per load, displacements on the sector's nodes, up to the
+/// first that fails. Laws: same input, same bits, also side by side; a state is `converged` or `held` or says why not;
+/// run() changes nothing in the model.
+template <class S, class Material, class Contact, class Element>
+concept PressSolver = std::copyable<S> &&
+    requires(const S& solver, const Body& body, const TetMesh& mesh, Symmetry planes,
+             const PressPhysics<Material, Contact, Element>& physics,
+             const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario,
+             const Touch& touch) {
+  { S::uses_symmetry } -> std::convertible_to<bool>;
+  {
+    solver.model(body, mesh, planes, physics)
+    } -> std::same_as<std::unique_ptr<typename S::template Model<Material, Contact, Element>>>;
+  { solver.run(model, scenario, touch) } -> std::same_as<std::vector<MechanicalState>>;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/certify.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CERTIFY_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CERTIFY_HPP
+
+namespace lumo {
+
+/// A state whose balance is to be found.
+struct PressedState {
+  double load_N;                           ///< on the indenter
+  const std::vector<Vec3d>& displacement;  ///< per mesh node [m]
+  FrictionForces friction = {};            ///< depends on the way that was taken, and is given
+};
+
+/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine
+/// that shares no assembly with the solver: the virtual work of each node's shape function, point by point, on the
+/// whole mesh, without sectors, equations or linearised volumes and gaps. It does share the policies (the material's
+/// stresses, the element's points and shape functions, the contact's response) and the points and weights of
+/// ContactSurface: a fault in one of these is found only by the policies' own tests.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
+double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<Material, Contact, Element>& physics,
+                      const Moving<Tool>& indenter, const PressedState& state);
+
+namespace detail {
+
+// x of Aᵀ x = b by Gauss's elimination with the largest pivots, operation for operation as Eigen's PartialPivLU has it,
+// which takes the compiler as long as a tenth of a program with a simulator.
+template <class Columns> Columns solved_transposed(const Mat3d& A, Columns b) {
+  std::array<std::array<double, 3>, 3> a;
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j) a[i][j] = A(Eigen::Index(j), Eigen::Index(i));
+  for (std::size_t k = 0; k < 3; ++k) {
+    std::size_t pivot = k;
+    for (std::size_t i = k + 1; i < 3; ++i)
+      if (std::abs(a[i][k]) > std::abs(a[pivot][k])) pivot = i;
+    if (pivot != k) {
+      std::swap(a[k], a[pivot]);
+      for (Eigen::Index c = 0; c < b.cols(); ++c) std::swap(b(Eigen::Index(k), c), b(Eigen::Index(pivot), c));
+    }
+    for (std::size_t i = k + 1; i < 3; ++i) {
+      if (a[k][k] != 0.0) a[i][k] /= a[k][k];
+      for (std::size_t j = k + 1; j < 3; ++j) a[i][j] -= a[i][k] * a[k][j];
+    }
+  }
+  for (Eigen::Index c = 0; c < b.cols(); ++c) {
+    const auto rest = [&](std::size_t k, std::size_t from, std::size_t to) {
+      double sum = 0.0;
+      for (std::size_t i = from; i < to; ++i) sum += a[k][i] * b(Eigen::Index(i), c);
+      return b(Eigen::Index(k), c) - sum;
+    };
+    for (std::size_t k = 1; k < 3; ++k) b(Eigen::Index(k), c) = rest(k, 0, k);
+    for (std::size_t k = 3; k-- > 0;) b(Eigen::Index(k), c) = rest(k, k + 1, 3) * (1.0 / a[k][k]);
+  }
+  return b;
+}
+
+// Adds the internal forces of all tetrahedra.
+template <class Material, class Element>
+void add_internal_forces(const TetMesh& mesh, const Material& material, const Element& element,
+                         const std::vector<Vec3d>& displacement, std::vector<Vec3d>& force) {
+  constexpr std::size_t points = std::size_t(Element::points);
+  for (const auto& t : mesh.tets) {
+    std::array<Eigen::Matrix<double, 3, Element::nodes>, points> slope;
+    std::array<Mat3d, points> F;
+    std::array<double, points> volume;
+    double whole = 0.0, changed = 0.0;
+    for (std::size_t q = 0; q < points; ++q) {
+      const auto by_xi = Element::gradients(int(q));
+      Mat3d reference = Mat3d::Zero();
+      for (int a = 0; a < Element::nodes; ++a)
+        reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3d(by_xi.col(a)).transpose();
+      slope[q] = solved_transposed(reference, by_xi);
+      F[q] = Mat3d::Identity();
+      for (int a = 0; a < Element::nodes; ++a)
+        F[q] += displacement[std::size_t(t[std::size_t(a)])] * Vec3d(slope[q].col(a)).transpose();
+      volume[q] = Element::weight(int(q)) * reference.determinant();
+      whole += volume[q];
+      changed += volume[q] * F[q].determinant();
+    }
+    for (std::size_t q = 0; q < points; ++q) {
+      const double J = F[q].determinant();
+      const double ratio = element.mean_dilatation ? changed / whole : J;
+      const Mat3d P = material.distortion_stress(F[q]) +
+                      material.volumetric(ratio).stress * J * solved_transposed(F[q], Mat3d(Mat3d::Identity()));
+      for (int a = 0; a < Element::nodes; ++a)
+        force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * Vec3d(slope[q].col(a)));
+    }
+  }
+}
+
+// Takes the contact pressure off the nodes' forces, and adds it to the push on an indenter.
+template <class Contact, class Tool>
+void add_pressure(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x,
+                  std::vector<Vec3d>& force, double* push) {
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f)) {
+      const DistanceSample d = rigid.sample(surface.position(f, p, x));
+      const Vec3d traction = contact.respond(d.distance).pressure * d.gradient;
+      if (push) *push += p.weight_m2 * traction.dot(rigid.direction);
+      for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
+        force[std::size_t(surface.face(f).nodes[k])] -= p.weight_m2 * p.shape[k] * traction;
+    }
+}
+
+}  // namespace detail
+
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
+double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<Material, Contact, Element>& physics,
+                      const Moving<Tool>& indenter, const PressedState& state) {
+  std::vector<Vec3d> force(mesh.nodes.size(), Vec3d::Zero());
+  detail::add_internal_forces(mesh, physics.material, physics.element, state.displacement, force);
+  Positions x(3, Eigen::Index(mesh.nodes.size()));
+  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + state.displacement[k];
+  double push = state.friction.push_N;
+  for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
+  const Carrier carrier{body.carrier};
+  const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
+  detail::add_pressure(surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force,
+                       &push);
+  detail::add_pressure(surface([](const Patch& p) { return p.meets_carrier; }), physics.contact,
+                       Moving<Carrier>{&carrier, Vec3d::Zero(), indenter.direction}, x, force, nullptr);
+  for (const BoundaryFace& f : mesh.faces)
+    if (body.patches[std::size_t(f.patch)].bonded)
+      for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();
+  double sum = (push - state.load_N) * (push - state.load_N);
+  for (const Vec3d& f : force) sum += f.squaredNorm();
+  return std::sqrt(sum);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/contact/contact_set.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SET_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SET_HPP
+
+namespace lumo {
+
+/// Contact field and pressure per mesh node; see MechanicalState.
+struct ContactField {
+  std::vector<double> field;  ///< > 0 in contact
+  std::vector<double> pressure_Pa;
+};
+
+/// Reference area of the intersection and of the union of two contact sets [m²].
+struct SetOverlap {
+  double both = 0.0;
+  double either = 0.0;
+  /// Intersection over union; 1 for two empty sets.
+  double ratio() const { return either > 0.0 ? both / either : 1.0; }
+};
+
+/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw
+/// overlaps are no measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a
+/// smooth contact grows as the distance to its edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3),
+/// scaled by its own slope, *is* that distance; inside it is continued linearly.
+template <ContactHandler Contact, class Tool>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
+                           const Moving<Tool>& rigid, const Positions& x);
+
+/// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
+template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x);
+
+/// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
+                                  const std::vector<double>& b, const Positions& x);
+
+namespace detail {
+
+// A convex polygon in the barycentric plane of a triangle, with the values of the fields at its corners.
+template <class S> struct ClipPolygon {
+  struct Corner {
+    S u, v;
+    std::array<S, 2> field;
+  };
+  std::vector<Corner> corners;
+
+  /// The whole triangle.
+  ClipPolygon(const std::array<S, 2>& a, const std::array<S, 2>& b, const std::array<S, 2>& c)
+      : corners{{0.0, 0.0, a}, {1.0, 0.0, b}, {0.0, 1.0, c}} {}
+
+  /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
+  void clip(std::size_t k) {
+    std::vector<Corner> kept;
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      const Corner &a = corners[i], &b = corners[(i + 1) % corners.size()];
+      if (a.field[k] > 0.0) kept.push_back(a);
+      if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
+        const S t = a.field[k] / (a.field[k] - b.field[k]);
+        kept.push_back({a.u + t * (b.u - a.u),
+                        a.v + t * (b.v - a.v),
+                        {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
+      }
+    }
+    corners = std::move(kept);
+  }
+  /// Part of the triangle's area that it covers.
+  S fraction() const {
+    using std::abs;
+    S twice = 0.0;
+    for (std::size_t i = 1; i + 1 < corners.size(); ++i)
+      twice += (corners[i].u - corners[0].u) * (corners[i + 1].v - corners[0].v) -
+               (corners[i + 1].u - corners[0].u) * (corners[i].v - corners[0].v);
+    return abs(twice);
+  }
+};
+
+// Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
+template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
+  const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (std::size_t part = 0; part < parts; ++part) {
+      std::array<int, 3> node;
+      for (std::size_t k = 0; k < 3; ++k)
+        node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
+      const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
+      visit(0.5 * (b - a).cross(c - a).norm(), node);
+    }
+}
+
+// The fit of the edge of contact. Lengths are in spacings of the nodes.
+struct EdgeFit {
+  static constexpr double triangle = 2.3;  // 4/√3: edge² over the area of an equilateral triangle
+  static constexpr double lattice = 1.15;  // 2/√3: spacing² over the area of a node of such triangles
+  static constexpr double reach = 4.0;     // of what is looked at
+  static constexpr double nearest = 0.25;  // nearer, the kink inside a facet disturbs the gap
+  static constexpr double farthest = 2.0;  // farther, the fit has to reach too far
+  static constexpr double slope_reach2 = 16.0, circle_reach2 = 12.0;  // squared reach of the weights
+  static constexpr double least_slope2 = 0.25;                        // of the mean: the fit may not fall below
+};
+
+// A point of the edge of contact with the direction in which the gap opens there.
+struct EdgeSample {
+  Vec3d point;
+  Vec3d outward;
+  double spacing;  // of the nodes about it
+};
+
+// Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of
+// contact. With G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the
+// distance is 2 G / (α + slope).
+inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x,
+                                               const std::vector<double>& gap, double tolerance) {
+  struct Free {
+    Vec3d middle, outward;
+    double power, slope, spacing;
+  };
+  std::vector<Free> free;
+  for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
+    std::array<double, 3> power;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double g = gap[std::size_t(node[k])];
+      if (!(g > tolerance)) return;
+      power[k] = std::cbrt(g * g);
+    }
+    const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
+    const Vec3d normal = e1.cross(e2);
+    const Vec3d gradient =
+        ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
+    const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
+                 std::sqrt(EdgeFit::triangle * area)};
+    if (f.slope > 0.0 && f.power < EdgeFit::reach * f.spacing * f.slope) free.push_back(f);
+  });
+  std::vector<EdgeSample> samples;
+  for (const Free& f : free) {
+    if (f.power < EdgeFit::nearest * f.spacing * f.slope || f.power > EdgeFit::farthest * f.spacing * f.slope) continue;
+    double w = 0.0, g = 0.0, s = 0.0, gg = 0.0, gs = 0.0;
+    for (const Free& other : free) {
+      const double t = (other.middle - f.middle).squaredNorm() / (EdgeFit::slope_reach2 * f.spacing * f.spacing);
+      if (t >= 1.0 || other.power < EdgeFit::nearest * other.spacing * other.slope) continue;
+      const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
+      w += k;
+      g += k * other.power;
+      s += k * square;
+      gg += k * other.power * other.power;
+      gs += k * other.power * square;
+    }
+    const double spread = gg - g * g / w;
+    const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
+    const double start = std::max((s - bend * g) / w, EdgeFit::least_slope2 * s / w),
+                 here = std::max(start + bend * f.power, EdgeFit::least_slope2 * s / w);
+    samples.push_back(
+        {f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
+  }
+  return samples;
+}
+
+// Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann,
+// Gross 2008 (algebraic spheres through oriented points).
+inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3d& p) {
+  double w = 0.0, pn = 0.0, pp = 0.0;
+  Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
+  for (const EdgeSample& s : samples) {
+    const Vec3d d = s.point - p;
+    const double t = d.squaredNorm() / (EdgeFit::circle_reach2 * s.spacing * s.spacing);
+    if (t >= 1.0) continue;
+    const double k = std::pow(1.0 - t, 4);
+    w += k;
+    sum_p += k * d;
+    sum_n += k * s.outward;
+    pn += k * d.dot(s.outward);
+    pp += k * d.squaredNorm();
+  }
+  if (!(w > 0.0)) return std::nullopt;
+  const double spread = pp - sum_p.squaredNorm() / w;
+  const double q = spread > 1e-12 * pp ? 0.5 * (pn - sum_p.dot(sum_n) / w) / spread : 0.0;
+  const Vec3d l = (sum_n - 2.0 * q * sum_p) / w;
+  const double c = -(l.dot(sum_p) + q * pp) / w;
+  // c + l·x + q x² at x = 0, turned into a distance along its slope; the circle's own root where it bends.
+  const double root = l.squaredNorm() - 4.0 * q * c;
+  if (!(root > 0.0)) return -c / std::max(l.norm(), 1e-300);
+  return -2.0 * c / (l.norm() + std::sqrt(root));
+}
+
+}  // namespace detail
+
+template <ContactHandler Contact, class Tool>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
+                           const Moving<Tool>& rigid, const Positions& x) {
+  const std::size_t n = mesh.nodes.size();
+  std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
+  ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
+  double overlap = 0.0;
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f)) {
+      const double g = rigid.distance(surface.position(f, p, x));
+      overlap = std::max(overlap, -g);
+      const std::array<int, 3> corner =
+          mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::size_t node = std::size_t(surface.face(f).nodes[std::size_t(corner[k])]);
+        area[node] += p.area_m2 * p.hat[k];
+        c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
+      }
+    }
+  for (std::size_t k = 0; k < n; ++k) {
+    if (area[k] <= 0.0) continue;
+    c.pressure_Pa[k] /= area[k];
+    spacing[k] = std::sqrt(detail::EdgeFit::lattice * area[k]);
+    gap[k] = rigid.distance(x.col(Eigen::Index(k)));
+  }
+  // Nodes that hang free by less than the overlap at other points of their facets are in contact.
+  const double tolerance = 2.0 * overlap;
+  const std::vector<detail::EdgeSample> edge = detail::edge_of_contact(surface, x, gap, tolerance);
+  for (std::size_t k = 0; k < n; ++k) {
+    if (area[k] <= 0.0) continue;
+    const bool open = gap[k] > tolerance;
+    const double far = open ? -gap[k] : spacing[k];
+    double& field = c.field[k];
+    field = detail::distance_to_edge(edge, x.col(Eigen::Index(k))).value_or(far);
+    // The fit speaks for the edge's surroundings only; a node well on one side of it stays there.
+    if ((field > 0.0) == open && std::abs(field) > 0.5 * spacing[k]) field = far;
+  }
+  return c;
+}
+
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
+                                  const std::vector<double>& b, const Positions& x) {
+  SetOverlap sum;
+  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
+    const auto at = [&](std::size_t k) {
+      return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]};
+    };
+    const detail::ClipPolygon<double> whole(at(0), at(1), at(2));
+    detail::ClipPolygon<double> in_a = whole, in_b = whole;
+    in_a.clip(0);
+    in_b.clip(1);
+    detail::ClipPolygon<double> in_both = in_a;
+    in_both.clip(1);
+    const double both = in_both.fraction();
+    sum.both += area * both;
+    sum.either += area * (in_a.fraction() + in_b.fraction() - both);
+  });
+  return sum;
+}
+
+template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x) {
+  S sum = 0.0;
+  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
+    const auto at = [&](std::size_t k) {
+      const S& f = field[std::size_t(node[k])];
+      return std::array<S, 2>{f, f};
+    };
+    detail::ClipPolygon<S> inside(at(0), at(1), at(2));
+    inside.clip(0);
+    inside.clip(1);  // once more, as an overlap of the field with itself
+    sum += area * inside.fraction();
+  });
+  return sum;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/solvers/press_system.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SYSTEM_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SYSTEM_HPP
+
+namespace lumo {
+
+/// All that does not change between scenarios on one sector of one mesh: elements, surfaces, equations, symbolic
+/// factors.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, LinearSolver Linear>
+struct SectorModel {
+  Sector sector;
+  Body body;
+  Contact contact;
+  Solid<Material, Element> solid;
+  ContactSurface touchable;  ///< against the indenter
+  ContactSurface resting;    ///< against the carrier
+  Carrier carrier;
+
+  /// Equations of one parity with the symbolic factorisation of their tangent.
+  struct Block {
+    Equations equations;
+    Linear analysed;
+  };
+  std::vector<Block> blocks;  ///< first the even fields, then every other parity of the bounding planes
+
+  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes,
+              const PressPhysics<Material, Contact, Element>& physics)
+      : sector(sector_of(mesh, planes)),
+        body(b),
+        contact(physics.contact),
+        solid(sector.mesh, physics.material, physics.element),
+        touchable(
+            sector.mesh, b, [](const Patch& p) { return p.contactable; }, contact),
+        resting(
+            sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, contact),
+        carrier{b.carrier} {
+    blocks.reserve(4);
+    for (int odd = 0; odd < 4; ++odd) {
+      const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
+      if ((parity.odd_x && !planes.x) || (parity.odd_y && !planes.y)) continue;
+      Block block{Equations(sector, body, parity), Linear{}};
+      block.analysed.analyze(block.equations.pattern);
+      blocks.push_back(std::move(block));
+    }
+  }
+  SectorModel(const SectorModel&) = delete;  // the solid and the surfaces point into the sector's mesh
+  SectorModel& operator=(const SectorModel&) = delete;
+};
+
+/// One scenario on one sector: energy, forces and tangent of pad and indenter as functions of positions x and advance
+/// s. Loads are the sector's share of the whole load.
+template <class Model, Indenter Tool> struct PressSystem {
+  const Model& model;
+  const Tool& tool;
+  Vec3d origin;  ///< of the indenter at first touch
+  Vec3d direction;
+  double penalty_scale = 1.0;                       ///< of all contact pressures; 1 but on the way to equilibrium
+  const FrictionHistory* touch_friction = nullptr;  ///< with the indenter
+  const FrictionHistory* rest_friction = nullptr;   ///< with the carrier
+
+  ScaledContact<decltype(Model::contact)> contact() const { return {&model.contact, penalty_scale}; }
+  Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
+  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::UnitZ()}; }
+
+  /// Elastic + contact energy − load · advance [J]; +∞ for an inverted element.
+  double energy(const Positions& x, double advance, double load) const {
+    const double elastic = model.solid.energy(x);
+    if (!std::isfinite(elastic)) return elastic;
+    return elastic + add_contact_forces(model.touchable, contact(), indenter(advance), x, nullptr).energy +
+           add_contact_forces(model.resting, contact(), support(), x, nullptr).energy - load * advance;
+  }
+
+  /// What the stiff parts of the energy, volume and contact, are linearised about; see QuasiStatic.
+  struct LinearisationPoint {
+    std::vector<double> ratios;
+    SurfaceGaps touch, rest;
+  };
+  ContactHistory<FrictionHistory> touch_history(const LinearisationPoint* about) const {
+    return {about ? &about->touch : nullptr, touch_friction};
+  }
+  ContactHistory<FrictionHistory> rest_history(const LinearisationPoint* about) const {
+    return {about ? &about->rest : nullptr, rest_friction};
+  }
+  /// A configuration of pad and indenter.
+  struct Place {
+    Positions x;
+    double advance = 0.0;
+  };
+  /// Values at `now`, carried on by (dx, ds) along the slopes at `linear`.
+  LinearisationPoint predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
+    using Touching = ContactPlace<Tool>;
+    using Resting = ContactPlace<Carrier>;
+    return {model.solid.predicted_ratios(now.x, linear.x, dx),
+            predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
+                           Touching{indenter(linear.advance), linear.x}, dx, ds),
+            predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
+  }
+
+  /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
+  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq,
+                           const LinearisationPoint* about = nullptr) const {
+    Positions f = Positions::Zero(3, x.cols());
+    model.solid.add_forces(x, f, about ? &about->ratios : nullptr);
+    const ContactSums touch =
+        add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, touch_history(about));
+    add_contact_forces(model.resting, contact(), support(), x, &f, rest_history(about));
+    Eigen::VectorXd r(eq.count + 1);
+    for (std::size_t i = 0; i < eq.of.size(); ++i)
+      if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
+    r[eq.count] = touch.push_N - load;
+    return r;
+  }
+
+  /// Tangents of several parities at once, the coupling of the even one to the advance, and the indenter's own
+  /// stiffness.
+  struct Tangent {
+    std::vector<SparseLower> matrix;  ///< one per block asked for
+    Eigen::VectorXd coupling;
+    double stiffness = 0.0;
+  };
+  void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t,
+               const LinearisationPoint* about = nullptr) const {
+    t.matrix.resize(last - first);
+    std::vector<const Equations*> systems;
+    std::vector<double*> values;
+    for (std::size_t b = first; b < last; ++b) {
+      const Equations& eq = model.blocks[b].equations;
+      SparseLower& m = t.matrix[b - first];
+      if (m.nonZeros() != eq.pattern.nonZeros()) m = eq.pattern;
+      std::fill_n(m.valuePtr(), m.nonZeros(), 0.0);
+      systems.push_back(&eq);
+      values.push_back(m.valuePtr());
+    }
+    model.solid.add_tangent(x, systems, values, about ? &about->ratios : nullptr);
+    for (std::size_t k = 0; k < systems.size(); ++k) {
+      const bool even = first + k == 0;
+      if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
+      const ContactSums s =
+          add_contact_tangent(model.touchable, contact(), indenter(advance), x,
+                              {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
+      if (even) t.stiffness = s.push_stiffness;
+      add_contact_tangent(model.resting, contact(), support(), x, {*systems[k], values[k]}, rest_history(about));
+    }
+  }
+
+  /// x moved by a field of the given equations.
+  static void move(Positions& x, const Equations& eq, const Eigen::VectorXd& by, double factor) {
+    for (std::size_t i = 0; i < eq.of.size(); ++i)
+      if (eq.of[i] >= 0) x.data()[i] += factor * by[eq.of[i]];
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/solvers/secant_pairs.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_SECANT_PAIRS_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_SECANT_PAIRS_HPP
+
+namespace lumo {
+
+/// What the steps with a kept factor have shown of a symmetric, positive definite tangent since it was made: the BFGS
+/// correction of the factor's inverse (Matthies, Strang 1979, doi:10.1002/nme.1620141104), applied by Nocedal's two
+/// loops (1980, doi:10.1090/S0025-5718-1980-0572855-7).
+class SecantPairs {
+ public:
+  void clear() { pairs_.clear(); }
+
+  /// A step with the change of the residual that came with it; of equal sizes. Without effect where the residual did
+  /// not grow along the step beyond rounding: the corrected inverse stays positive definite.
+  void add(Eigen::VectorXd step, Eigen::VectorXd change) {
+    const double curvature = step.dot(change);
+    if (curvature > 1e-12 * step.norm() * change.norm())
+      pairs_.push_back({std::move(step), std::move(change), 1.0 / curvature});
+  }
+
+  /// Solution of the corrected system, where `factor` is that of the kept one: a function of a vector.
+  template <class Factor> Eigen::VectorXd solve(Eigen::VectorXd residual, Factor&& factor) const {
+    std::vector<double> along(pairs_.size());
+    for (std::size_t k = pairs_.size(); k-- > 0;) {
+      along[k] = pairs_[k].scale * pairs_[k].step.dot(residual);
+      residual -= along[k] * pairs_[k].change;
+    }
+    Eigen::VectorXd solution = factor(residual);
+    for (std::size_t k = 0; k < pairs_.size(); ++k)
+      solution += (along[k] - pairs_[k].scale * pairs_[k].change.dot(solution)) * pairs_[k].step;
+    return solution;
+  }
+
+ private:
+  struct Pair {
+    Eigen::VectorXd step, change;
+    double scale;  ///< 1 / (step · change)
+  };
+  std::vector<Pair> pairs_;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/solvers/quasi_static.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
+
+namespace lumo {
+
+/// Settings of the quasi-static solver.
+struct QuasiStaticConfig {
+  double residual_tolerance = 1e-7;  ///< of the load
+  int max_iterations = 200;          ///< factorisations per load
+  int stride_iterations = 40;        ///< factorisations before a stride is cut
+  double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
+  /// By this one, when the residual is below 1 % of the load: a step costs a tenth of a factor.
+  double late_contraction = 0.8;
+  double load_stride = 1.6;   ///< loads in between are at most this factor apart
+  double max_advance = 0.2;   ///< largest advance in one step, in radii of the indenter's contact
+  double time_limit_s = 1e9;  ///< per scenario, wall clock
+};
+
+/// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly
+/// (model: solver policy "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
+///
+/// The stiff parts of the energy, volume change and contact, are linearised about values that are carried on *linearly*
+/// by each step (volume ratios θ, gaps γ) instead of those that the moved nodes happen to have: a step's second-order
+/// errors in volume then make no spurious pressure, the tangent stays positive definite, and contact points change
+/// sides by what the step meant. This is Newton's method for the mixed problem with θ and γ eliminated; its solution is
+/// that of the plain one (Magisano, Leonetti, Garcea 2017 for stresses; Hintermüller, Ito, Kunisch 2002 for contact). A
+/// factor is used again, corrected by what its steps show (SecantPairs), as long as it contracts.
+///
+/// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts
+/// from a good guess of it: the points with the smallest gaps on the area that Hertz's formula gives for the first
+/// load, and on the last area × (load/last)^0.6 after that. Where the tangent is lost on the way, the load is
+/// approached again from the last one, in smaller strides that end closer to equilibrium.
+///
+/// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so
+/// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
+///
+/// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's
+/// symmetry included; otherwise the status says so.
+template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
+  template <class Material, class Contact, class Element> using Model = SectorModel<Material, Contact, Element, Linear>;
+  using Config = QuasiStaticConfig;
+  static constexpr bool uses_symmetry = true;
+  Config config = {};
+
+  template <class Material, class Contact, class Element>
+  std::unique_ptr<Model<Material, Contact, Element>> model(
+      const Body& body, const TetMesh& mesh, Symmetry planes,
+      const PressPhysics<Material, Contact, Element>& physics) const {
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
+  }
+
+  /// States at the scenario's loads, displacements on the sector's nodes, up to the first that is not converged; its
+  /// status is the reason.
+  template <class SomeModel, Indenter Tool>
+  std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
+};
+
+template <class Model, Indenter Tool> class QuasiStaticRun {
+ public:
+  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch,
+                 const QuasiStaticConfig& config)
+      : config_(config),
+        model_(model),
+        system_{model, scenario.indenter, touch.origin, scenario.direction()},
+        eq_(model.blocks.front().equations),
+        now_{positions_of(model.sector.mesh), 0.0},
+        touched_(model.touchable, model.contact, now_.x, touch.origin),
+        rested_(model.resting, model.contact, now_.x, Vec3d::Zero()) {
+    linear_.reserve(model.blocks.size());
+    for (const auto& block : model.blocks) linear_.push_back(block.analysed);
+  }
+
+  /// Equilibrium at `load` (the sector's share), from where the last call ended.
+  Status solve(double load) {
+    iterations = 0;
+    if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
+    const typename System::Place start = now_;
+    const FrictionHistory touched_before = touched_, rested_before = rested_;
+    const double from = load_;
+    double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
+    for (int cuts = 0; load_ != load;) {
+      const double next = load_ == 0.0 ? first : stride_end(load, stride),
+                   tolerance = next == load ? config_.residual_tolerance : on_the_way;
+      const Status s = load_ == 0.0 ? first_load(next, tolerance)
+                                    : load_step(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
+      if (s == Status::converged) {
+        load_ = next;
+        touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
+        rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
+        continue;
+      }
+      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
+                        s == Status::max_iterations;
+      if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
+      now_ = start;  // what was reached loosely on the way may be what led astray
+      touched_ = touched_before;
+      rested_ = rested_before;
+      load_ = from;
+      first /= 4.0;
+      stride = std::sqrt(stride);
+      on_the_way = close;
+    }
+    return certify_stability();
+  }
+
+  const Positions& positions() const { return now_.x; }
+  double advance() const { return now_.advance; }
+  /// Friction on the sector's nodes as parts of the whole body's, and the whole's push against the advance.
+  FrictionForces friction() const;
+  int iterations = 0;
+
+ private:
+  using System = PressSystem<Model, Tool>;
+  // Residual over load at which a stride on the way may end, at first and after a loss.
+  static constexpr double loose = 0.3, close = 1e-3;
+  // Residual over load below which points seldom come and go, or change between sticking and sliding.
+  static constexpr double settled = 1e-2;
+  static constexpr int most_cuts = 5;  // of the strides to one load
+
+  /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
+  double largest_first_load() const {
+    return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 *
+           std::pow(contact_radius(system_.tool), 2);
+  }
+  double hertz_area(double load) const {
+    const double share = model_.sector.fraction(), whole = load / share;
+    return share * pi *
+           std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()),
+                    2.0 / 3.0);
+  }
+
+  /// Where the next of equal strides from load_ to `load` ends.
+  double stride_end(double load, double stride) const {
+    const double strides = std::ceil(std::abs(std::log(load / load_)) / std::log(stride) - 1e-9);
+    return strides <= 1.0 ? load : load_ * std::pow(load / load_, 1.0 / strides);
+  }
+
+  /// Reference area of the points that overlap now.
+  double touched_area() const {
+    double area = 0.0;
+    const auto tool = system_.indenter(now_.advance);
+    for (std::size_t f = 0; f < model_.touchable.size(); ++f)
+      for (const SurfacePoint& p : model_.touchable.points(f))
+        if (tool.distance(model_.touchable.position(f, p, now_.x)) < 0.0) area += p.area_m2;
+    return area;
+  }
+
+  // From first touch. A softer contact forgives a wrong guess of its extent.
+  static constexpr double first_penalty_scale = 0.1;
+  Status first_load(double load, double tolerance) {
+    system_.penalty_scale = first_penalty_scale;
+    const Status s = load_step(load, loose, hertz_area(load));
+    if (touched_.coefficient > 0.0) {
+      system_.touch_friction = &touched_;
+      system_.rest_friction = &rested_;
+    }
+    const double softer = std::exchange(system_.penalty_scale, 1.0);
+    return s == Status::converged ? load_step(load, tolerance, 0.0, softer) : s;
+  }
+
+  // Equilibrium at a load, from contact on at least `area`. Overlaps so far were those of a contact with `softer` times
+  // the penalty stiffness; pressures are kept.
+  Status load_step(double load, double tolerance, double area, double softer = 1.0) {
+    auto about = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
+    for (SurfaceGaps* gaps : {&about.touch, &about.rest})
+      for (std::vector<double>& face : *gaps)
+        for (double& g : face) g = g < 0.0 ? softer * g : g;
+    touch_nearest(about.touch, area);
+    Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
+    for (const int stop = iterations + config_.stride_iterations;;) {
+      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &about);
+      const double unbalanced = r.norm();
+      const bool nearly_there = unbalanced < settled * load;
+      if (!std::isfinite(unbalanced)) return Status::non_finite;
+      // The plain residual is what counts; it is looked at when the linearised one is small.
+      if (unbalanced <= tolerance * load &&
+          system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load)
+        return Status::converged;
+      if (watch_.seconds() > config_.time_limit_s) return Status::time_limit;
+      if (before.size() > 0 &&
+          unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
+        steps_.add(std::move(last_step_), r - before);
+      } else {
+        if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
+        ++iterations;
+        touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
+        system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &about);
+        const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
+        if (f != FactorStatus::positive_definite)
+          return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
+        if (!schur_complement()) return Status::not_positive_definite;
+        factored_ = now_;
+        steps_.clear();
+      }
+      if (const Status s = step(r, about); s != Status::converged) return s;
+      before = std::move(r);
+    }
+  }
+
+  // Points that have just come into contact overlap, or gape, by the error of the last step. The next step undoes it;
+  // it must not enter the tangent as pressure.
+  static constexpr double just_touching = -1e-15;
+  static void enter(SurfaceGaps& gaps, const SurfaceGaps& before) {
+    for (std::size_t f = 0; f < gaps.size(); ++f)
+      for (std::size_t k = 0; k < gaps[f].size(); ++k)
+        if (gaps[f][k] < 0.0 && before[f][k] >= 0.0) gaps[f][k] = just_touching;
+  }
+
+  // Brings the points with the smallest gaps into contact until `area` [m²] is.
+  void touch_nearest(SurfaceGaps& gaps, double area) const {
+    struct Point {
+      double gap, area_m2;
+      auto operator<=>(const Point&) const = default;
+    };
+    std::vector<Point> points;
+    for (std::size_t f = 0; f < gaps.size(); ++f)
+      for (std::size_t k = 0; k < gaps[f].size(); ++k)
+        points.push_back({gaps[f][k], model_.touchable.points(f)[k].area_m2});
+    std::sort(points.begin(), points.end());
+    double last = 0.0;
+    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) {
+      area -= points[k].area_m2;
+      last = points[k].gap;
+    }
+    for (std::vector<double>& face : gaps)
+      for (double& g : face)
+        if (g >= 0.0 && g <= last) g = just_touching;
+  }
+
+  bool schur_complement() {
+    response_ = linear_.front().solve(tangent_.coupling);
+    schur_ = tangent_.stiffness - tangent_.coupling.dot(response_);
+    return std::isfinite(schur_) && schur_ > 0.0;
+  }
+
+  // Solution with the last factor for all equations, the advance's included.
+  Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
+    Eigen::VectorXd d(r.size());
+    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
+    d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
+    d.head(eq_.count) = z - d[eq_.count] * response_;
+    return d;
+  }
+
+  // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that
+  // is predicted for it. The status names what refuses even the shortest step.
+  static constexpr double least_volume = 0.2;  // of an element: of its present one, and by the prediction
+  static constexpr int halvings = 20;
+  Status step(const Eigen::VectorXd& r, typename System::LinearisationPoint& about) {
+    const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
+    if (!d.allFinite()) return Status::non_finite;
+    const double ds = d[eq_.count];
+    const double now = model_.solid.smallest_J(now_.x);
+    double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
+    Positions dx = Positions::Zero(3, now_.x.cols());
+    System::move(dx, eq_, d, 1.0);
+    Status refusal = Status::inverted;
+    for (int k = 0; k < halvings; ++k, t *= 0.5) {
+      const Positions trial = now_.x + t * dx;
+      refusal = Status::inverted;
+      if (!(model_.solid.smallest_J(trial) > least_volume * now)) continue;
+      refusal = Status::line_search;
+      auto next = system_.predicted(now_, factored_, t * dx, t * ds);
+      if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > least_volume)) continue;
+      enter(next.touch, about.touch);
+      enter(next.rest, about.rest);
+      about = std::move(next);
+      now_.x = trial;
+      now_.advance += t * ds;
+      last_step_ = t * d;
+      return Status::converged;
+    }
+    return refusal;
+  }
+
+  // Tangents of all parities at the state that was reached.
+  Status certify_stability() {
+    typename System::Tangent t;
+    system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
+    for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
+      const FactorStatus f = linear_[b].factorize(t.matrix[b]);
+      if (f != FactorStatus::positive_definite)
+        return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
+      if (b > 0) continue;  // the advance moves with the even fields only
+      const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear_[b].solve(t.coupling)));
+      if (!(stiffness > 0.0)) return std::isfinite(stiffness) ? Status::not_positive_definite : Status::non_finite;
+    }
+    return Status::converged;
+  }
+
+  QuasiStaticConfig config_;
+  const Model& model_;
+  System system_;
+  const Equations& eq_;
+  std::vector<std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>>
+      linear_;                             // by parity; the first one's factor is that of the steps
+  typename System::Place now_, factored_;  // where we are, and where the factor was made
+  FrictionHistory touched_, rested_;       // at the end of the last stride
+  Stopwatch watch_;
+  typename System::Tangent tangent_;
+  Eigen::VectorXd response_;  // K⁻¹ k
+  double schur_ = 0.0;
+  SecantPairs steps_;  // with that factor
+  Eigen::VectorXd last_step_;
+  double load_ = 0.0;  // last one that was reached
+};
+
+template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
+  FrictionForces out;
+  if (touched_.coefficient == 0.0) return out;
+  const Sector& sector = model_.sector;
+  out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
+  rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
+  out.push_N =
+      touched_.add_nodal_forces(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x, out.on_nodes)
+          .dot(system_.direction) /
+      sector.fraction();
+  for (std::size_t k = 0; k < out.on_nodes.size(); ++k)  // nodes in a bounding plane have as much on the other side
+    for (int axis = 0; axis < 2; ++axis)
+      if ((axis == 0 ? sector.planes.x : sector.planes.y) && sector.mesh.nodes[k][axis] == 0.0) {
+        out.on_nodes[k] *= 2.0;
+        out.on_nodes[k][axis] = 0.0;
+      }
+  return out;
+}
+
+template <LinearSolver Linear>
+template <class SomeModel, Indenter Tool>
+std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario,
+                                                      const Touch& touch) const {
+  QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
+  const double fraction = model.sector.fraction();
+  std::vector<MechanicalState> states;
+  for (double load : scenario.loads_N) {
+    MechanicalState state;
+    state.load_N = load;
+    state.status = path.solve(fraction * load);
+    state.iterations = path.iterations;
+    state.depth_m = path.advance();
+    const auto& x = path.positions();
+    for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k)
+      state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
+    FrictionForces friction = path.friction();
+    state.friction_N = std::move(friction.on_nodes);
+    state.friction_push_N = friction.push_N;
+    states.push_back(std::move(state));
+    if (states.back().status != Status::converged) break;
+  }
+  return states;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/simulator.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SIMULATOR_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_SIMULATOR_HPP
+
+namespace lumo {
+
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Solver>
+requires PressSolver<Solver, Material, Contact, Element>
+class PreparedBody;
+
+/// Presses an indenter into a body. Types choose the physics, values choose the numbers:
+/// `Simulator sim{NeoHookean{.mu = 106.0_kPa, .lambda = 10.494_MPa}, SDFContact{}}`.
+/// `Solver` finds the states: `QuasiStatic<Cholmod>` with CHOLMOD's factors, VertexBlockDescent, or one's own.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element = QuadraticTet,
+          class Solver = QuasiStatic<>>
+requires PressSolver<Solver, Material, Contact, Element>
+struct Simulator {
+  Material material = {};
+  Contact contact = {};
+  Element element = {};
+  Solver solver = {};
+
+  /// Everything that scenarios on one mesh share (elements, symbolic factorisations); thread-safe, so that scenarios
+  /// can run side by side. Throws InvalidArgument for parameters out of range.
+  PreparedBody<Material, Contact, Element, Solver> prepare(const Body& body, const TetMesh& mesh) const {
+    validate(material);
+    validate(contact);
+    return {*this, body, mesh};
+  }
+
+  /// One scenario from first touch through its loads.
+  template <Indenter Tool>
+  std::vector<MechanicalState> press(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) const {
+    return prepare(body, mesh).press(scenario);
+  }
+};
+
+template <class Material, class Contact> Simulator(Material, Contact) -> Simulator<Material, Contact>;
+template <class Material, class Contact, class Element>
+Simulator(Material, Contact, Element) -> Simulator<Material, Contact, Element>;
+template <class Material, class Contact, class Element, class Solver>
+Simulator(Material, Contact, Element, Solver) -> Simulator<Material, Contact, Element, Solver>;
+
+/// A body ready to be pressed at many places.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Solver>
+requires PressSolver<Solver, Material, Contact, Element>
+class PreparedBody {
+ public:
+  using Model = typename Solver::template Model<Material, Contact, Element>;
+  using Maker = Simulator<Material, Contact, Element, Solver>;
+
+  PreparedBody(const Maker& maker, const Body& body, const TetMesh& mesh)
+      : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
+
+  /// States at the scenario's loads, on the whole mesh. Where body and scenario are symmetric the quasi-static solver
+  /// takes only a half or a quarter; fields that break the symmetry are still tested for stability.
+  template <Indenter Tool> std::vector<MechanicalState> press(const Scenario<Tool>& scenario) const {
+    validate(scenario);
+    const Touch touch = first_touch(body_, *mesh_, scenario);
+    // A fixed area per vertex knows no halves of vertices.
+    const bool fold = Solver::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
+    const Symmetry contact = symmetry_of(scenario),
+                   planes{fold && mesh_->symmetry.x && contact.x, fold && mesh_->symmetry.y && contact.y};
+    const Model& sector_model = model(planes);
+    std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
+    const ContactSurface surface(
+        *mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
+    for (MechanicalState& s : states) {
+      s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
+      if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
+      const Vec3d origin = touch.origin + s.depth_m * scenario.direction();
+      Positions x = positions_of(*mesh_);
+      for (std::size_t k = 0; k < s.displacement.size(); ++k) x.col(Eigen::Index(k)) += s.displacement[k];
+      const Moving<Tool> rigid{&scenario.indenter, origin, scenario.direction()};
+      ContactField c = contact_field(*mesh_, surface, maker_.contact, rigid, x);
+      const ContactSums sums = add_contact_forces(surface, maker_.contact, rigid, x, nullptr);
+      s.force_N = sums.push_N + s.friction_push_N;
+      s.penetration_m = sums.penetration_m;
+      s.contact_area_m2 = contact_area(surface, c.field, x);
+      s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
+      s.contact_field = std::move(c.field);
+      s.pressure_Pa = std::move(c.pressure_Pa);
+      // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
+      // any force.
+      const double wanted = s.status == Status::held ? s.force_N : s.load_N;
+      s.residual_N =
+          out_of_balance(body_, *mesh_, physics(), rigid, {wanted, s.displacement, {s.friction_N, s.friction_push_N}});
+      if (s.status == Status::converged && !(s.residual_N <= 1e-6 * s.load_N))
+        s.status = std::isfinite(s.residual_N) ? Status::max_iterations : Status::non_finite;
+      if (std::isnan(s.residual_N)) s.residual_N = std::numeric_limits<double>::infinity();
+      s.certified = s.status == Status::converged;
+    }
+    return states;
+  }
+
+  const TetMesh& mesh() const { return *mesh_; }
+
+ private:
+  PressPhysics<Material, Contact, Element> physics() const { return {maker_.material, maker_.contact, maker_.element}; }
+  const Model& model(Symmetry planes) const {
+    Slot& slot = (*slots_)[std::size_t((planes.x ? 1 : 0) + (planes.y ? 2 : 0))];
+    const std::lock_guard one(slot.making);  // glibc aborts where std::call_once lets "out of memory" pass
+    if (!slot.model) slot.model = maker_.solver.model(body_, *mesh_, planes, physics());
+    return *slot.model;
+  }
+
+  struct Slot {
+    std::mutex making;
+    std::unique_ptr<Model> model;
+  };
+  Maker maker_;
+  Body body_;
+  std::shared_ptr<const TetMesh> mesh_;
+  std::shared_ptr<std::array<Slot, 4>> slots_ = std::make_shared<std::array<Slot, 4>>();
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/pipeline/ensemble.hpp
+#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_ENSEMBLE_HPP
+#define SINGLE_INCLUDE_LUMO_PIPELINE_ENSEMBLE_HPP
+
+namespace lumo {
+
+/// All combinations of diameters, approach angles (in one plane) and places along the finger, at the same loads.
+struct Ensemble {
+  std::vector<double> diameters_m = {10e-3, 15e-3, 20e-3, 30e-3};
+  std::vector<double> angles_rad = {0.0};
+  std::vector<double> places_m = {-22e-3, -11e-3, -5.5e-3, 0.0, 5.5e-3, 11e-3, 22e-3};
+  std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
+  TiltPlane tilt = TiltPlane::xz;
+
+  std::vector<Scenario<Sphere>> scenarios() const {
+    std::vector<Scenario<Sphere>> all;
+    for (double d : diameters_m)
+      for (double a : angles_rad)
+        for (double y : places_m) all.push_back({Sphere{d}, a, y, loads_N, tilt});
+    return all;
+  }
+};
+
+/// The paper's pad-normal contacts: 4 diameters × 7 places.
+inline Ensemble flat_ensemble() { return {}; }
+
+/// The paper's contacts under five approach angles: 4 × 5 × 7.
+inline Ensemble curved_ensemble() {
+  Ensemble e;
+  e.angles_rad = {-30 * pi / 180, -15 * pi / 180, 0.0, 15 * pi / 180, 30 * pi / 180};
+  return e;
+}
+
+/// A scenario as the mirror image of one that is solved.
+struct ScenarioImage {
+  std::size_t solve;  ///< which solve it comes from
+  Symmetry mirror;    ///< in which planes it is reflected
+};
+
+/// Which scenarios have to be solved if mirror images are solved once.
+template <Indenter Tool = Sphere> struct ContactPlan {
+  struct Solve {
+    Scenario<Tool> scenario;  ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
+    std::size_t place;        ///< index into `places`
+  };
+  /// Contacts at one angle and place share a mesh.
+  struct Place {
+    double angle_rad, y_m;
+    TiltPlane tilt;
+    std::vector<std::size_t> solves;
+  };
+  std::vector<Solve> solves;
+  std::vector<ScenarioImage> images;  ///< one per scenario
+  std::vector<Place> places;
+};
+
+namespace detail {
+
+/// Planes, of those that are allowed, in which a contact is to be mirrored so that all its images become the same one:
+/// y ≥ 0, angle ≥ 0.
+template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
+  const bool along = s.tilt == TiltPlane::yz, back = s.angle_rad < 0.0;
+  return {allowed.x && !along && back, allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
+}
+
+}  // namespace detail
+
+/// `symmetry`: of the body. `once`: planes in which one of two mirrored states stands for both if tool and body are
+/// symmetric.
+template <Indenter Tool>
+ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry,
+                                Symmetry once = {true, true}) {
+  ContactPlan<Tool> plan;
+  for (const Scenario<Tool>& s : scenarios) {
+    validate(s);
+    const Symmetry mirror = detail::to_first_image(
+        s, {once.x && symmetry.x && is_symmetric(s.indenter, 0), once.y && symmetry.y && is_symmetric(s.indenter, 1)});
+    const Scenario<Tool> first = mirrored(s, mirror);
+    std::size_t k = 0;
+    while (k < plan.solves.size() && !(plan.solves[k].scenario == first)) ++k;
+    if (k == plan.solves.size()) {
+      // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
+      const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
+      std::size_t place = 0;
+      while (place < plan.places.size() &&
+             !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].y_m == home.y_m &&
+               plan.places[place].tilt == home.tilt))
+        ++place;
+      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
+      plan.places[place].solves.push_back(k);
+      plan.solves.push_back({first, place});
+    }
+    plan.images.push_back({k, mirror});
+  }
+  return plan;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/response.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_RESPONSE_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_RESPONSE_HPP
+
+namespace lumo {
+
+/// Balance of the emitted power of a run [W]. Law: emitted = sum of everything else, to rounding.
+struct EnergyLedger {
+  double emitted = 0.0;
+  std::vector<double> channels;       ///< left for good, per channel of the readout (ExitPower: per region)
+  double to_indenter = 0.0;           ///< left through the contact set, into the opaque indenter
+  double elsewhere = 0.0;             ///< left for good, but through no region
+  double absorbed_in_medium = 0.0;    ///< in the silicone
+  double absorbed_at_surfaces = 0.0;  ///< at opaque surfaces: carrier and LEDs
+  double roulette = 0.0;              ///< ended minus added by Russian roulette; expectation 0, either sign
+  double refinement = 0.0;  ///< channels as first traced minus channels as refined; expectation 0, either sign
+  double lost = 0.0;        ///< rays that leaked or bounced too often; target ≤ 1e-6 of emitted
+
+  double accounted() const {
+    return std::accumulate(channels.begin(), channels.end(), 0.0) + to_indenter + elsewhere + absorbed_in_medium +
+           absorbed_at_surfaces + roulette + refinement + lost;
+  }
+  /// |emitted − accounted| / emitted.
+  double imbalance() const { return emitted > 0.0 ? std::abs(emitted - accounted()) / emitted : std::abs(accounted()); }
+};
+
+/// Adds `factor` × the accounts of `part`, `emitted` too.
+inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {
+  for (std::size_t c = 0; c < sum.channels.size(); ++c) sum.channels[c] += factor * part.channels[c];
+  sum.emitted += factor * part.emitted;
+  sum.to_indenter += factor * part.to_indenter;
+  sum.elsewhere += factor * part.elsewhere;
+  sum.absorbed_in_medium += factor * part.absorbed_in_medium;
+  sum.absorbed_at_surfaces += factor * part.absorbed_at_surfaces;
+  sum.roulette += factor * part.roulette;
+  sum.refinement += factor * part.refinement;
+  sum.lost += factor * part.lost;
+}
+
+/// Power that the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once
+/// for each colour of the emitters.
+struct Response {
+  std::vector<double> power_W;  ///< mean over replicates
+  std::vector<double> error_W;  ///< standard error of the mean, from the scatter of the replicates
+  /// [W], replicates × channels. Replicate k of every state is traced with the same rays, so an error of a *difference*
+  /// of states comes from the differences row by row (common random numbers).
+  Eigen::MatrixXd replicates;
+  Eigen::MatrixXd direct;  ///< the part of `replicates` that met no surface but the one through which it left
+  EnergyLedger ledger;     ///< mean over replicates
+  long rays = 0;           ///< primary rays traced
+  long segments = 0;       ///< straight pieces traced
+};
+
+/// Standard error of the mean of each column of `rows` (independent replicates × channels); zeros for one row.
+inline std::vector<double> standard_error(const Eigen::MatrixXd& rows) {
+  std::vector<double> error(std::size_t(rows.cols()), 0.0);
+  const double n = double(rows.rows());
+  if (rows.rows() < 2) return error;
+  for (Eigen::Index c = 0; c < rows.cols(); ++c)
+    error[std::size_t(c)] = std::sqrt((rows.col(c).array() - rows.col(c).mean()).square().sum() / (n * (n - 1.0)));
+  return error;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/beer_lambert.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_BEER_LAMBERT_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_BEER_LAMBERT_HPP
+
+namespace lumo {
+
+/// The filling of a body, for light that runs straight through it. Made from the Medium data of a body.
+/// Laws: transmittance(0) = 1, T(a + b) = T(a)·T(b), not increasing. The rest is booked as absorbed.
+template <class M>
+concept TransparentMedium = std::constructible_from<M, Medium> && requires(const M& medium, double path_m) {
+  { medium.refractive_index() } -> std::convertible_to<double>;
+  { medium.transmittance(path_m) } -> std::convertible_to<double>;
+};
+
+/// Exponential extinction along a path. Source: Bouguer 1729, Lambert 1760, Beer 1852; paper §III (μ_ext acts as
+/// absorption).
+class BeerLambert {
+ public:
+  /// Throws InvalidArgument unless the index lies in [1, 5] and the extinction in [0, 1e6] 1/m.
+  explicit BeerLambert(const Medium& medium) : medium_(medium) {
+    require_in_range("refractive index", medium.refractive_index, 1.0, 5.0, "");
+    require_in_range("extinction", medium.extinction_per_m, 0.0, 1e6, "1/m");
+  }
+
+  double refractive_index() const { return medium_.refractive_index; }
+  /// Share of the power left after `path_m` metres.
+  template <class S> auto transmittance(const S& path_m) const {
+    using std::exp;
+    return exp(-medium_.extinction_per_m * path_m);
+  }
+
+ private:
+  Medium medium_;
+};
+
+static_assert(TransparentMedium<BeerLambert>);
+static_assert(!TransparentMedium<int>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/intersector.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_INTERSECTOR_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_INTERSECTOR_HPP
+
+namespace lumo {
+
+/// Triangle of an optical scene, counter-clockwise seen from outside the body, or from the lit side of a carrier face.
+struct SceneTriangle {
+  std::array<Vec3d, 3> corners;  ///< [m]
+  bool in_air_only = false;      ///< a carrier face: met only by rays outside the body
+};
+
+/// The first triangle on a ray.
+struct RayHit {
+  double t = std::numeric_limits<double>::infinity();  ///< along the unit direction [m]; infinite: no triangle
+  int triangle = -1;
+  explicit operator bool() const { return triangle >= 0; }
+};
+
+/// Finds what a ray meets first, *given the medium it is in*: inside the body only faces that it can leave by (d·n > 0,
+/// not in_air_only) count, outside only faces that it can meet from their front (d·n < 0). A ray that starts on a face
+/// can therefore never meet that face again, whatever the rounding, and needs no offset.
+template <class S>
+concept RayScene = requires(const S& scene, const Vec3d& v, bool inside) {
+  { scene.first_hit(v, v, inside) } -> std::same_as<RayHit>;
+};
+
+/// Builds a RayScene from triangles. Laws: same triangles, same hits; results do not depend on where the scene lies in
+/// space.
+template <class I>
+concept Intersector = requires(const I& intersector, const std::vector<SceneTriangle>& triangles) {
+  { intersector.build(triangles) } -> RayScene;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/bvh.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_BVH_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_BVH_HPP
+
+namespace lumo {
+
+/// Ray scene on a tree of boxes, four children a node: triangles in double precision, boxes in float, rounded outwards.
+class BvhScene {
+ public:
+  /// Throws InvalidArgument for a corner that is not finite.
+  BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
+    Box all;
+    for (const SceneTriangle& t : triangles)
+      for (const Vec3d& p : t.corners) {
+        if (!p.allFinite()) throw InvalidArgument("optical scene: a corner is not finite");
+        all.extend(p);
+      }
+    if (triangles.empty()) return;
+    center_ = all.center();
+    const double extent = all.diagonal().norm(), pad = 1e-6 * extent;
+    slack_ = 1e-11 * extent;
+    for (const SceneTriangle& t : triangles) {
+      Box box;
+      for (const Vec3d& p : t.corners) box.extend(Vec3d(p - center_));
+      boxes_.emplace_back(Vec3d(box.min().array() - pad), Vec3d(box.max().array() + pad));
+    }
+    order_.resize(triangles.size());
+    std::iota(order_.begin(), order_.end(), 0);
+    build(bounds(0, int(triangles.size())));
+    for (int i : order_) {
+      const auto& [a, b, c] = triangles[std::size_t(i)].corners;
+      triangles_.push_back({a - center_, b - a, c - a, i, triangles[std::size_t(i)].in_air_only});
+    }
+    boxes_ = {};
+    order_ = {};
+  }
+
+  /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
+  RayHit first_hit(const Vec3d& origin, const Vec3d& direction, bool inside) const {
+    RayHit best;
+    if (nodes_.empty()) return best;
+    const Vec3d o = origin - center_;
+    std::array<float, 3> of, inverse;
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double d = direction[Eigen::Index(a)];
+      of[a] = float(o[Eigen::Index(a)]);
+      inverse[a] = float(1.0 / (std::abs(d) < 1e-12 ? std::copysign(1e-12, d) : d));
+    }
+    struct Todo {
+      int child, count;
+      float t;
+    };
+    std::array<Todo, 256> stack;  // three a level at most; trees stay far below 80 levels
+    std::size_t top = 0;
+    stack[top++] = {0, 0, 0.0f};
+    while (top > 0) {
+      const Todo now = stack[--top];
+      if (double(now.t) > best.t) continue;
+      for (int i = now.child; i < now.child + now.count; ++i) {
+        const Triangle& t = triangles_[std::size_t(i)];
+        const Vec3d p = direction.cross(t.edge2);
+        const double det = t.edge1.dot(p);  // > 0: against the normal, so from outside
+        if (inside ? t.in_air_only || !(det < 0.0) : !(det > 0.0)) continue;
+        const double f = 1.0 / det;
+        const Vec3d s = o - t.corner;
+        const double u = f * s.dot(p);
+        if (!(u >= -1e-10 && u <= 1.0 + 1e-10)) continue;
+        const Vec3d q = s.cross(t.edge1);
+        const double v = f * direction.dot(q);
+        if (!(v >= -1e-10 && u + v <= 1.0 + 1e-10)) continue;
+        const double d = f * t.edge2.dot(q);
+        if (d >= -slack_ && d < best.t) best = {d, t.id};
+      }
+      if (now.count > 0) continue;
+      const Node& node = nodes_[std::size_t(now.child)];
+      Eigen::Array4f enter = Eigen::Array4f::Zero(), leave = Eigen::Array4f::Constant(float(best.t));
+      for (std::size_t a = 0; a < 3; ++a) {
+        const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a],
+                             &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
+        enter = enter.max((near - of[a]) * inverse[a]);
+        leave = leave.min((far - of[a]) * inverse[a]);
+      }
+      const std::size_t base = top;
+      for (std::size_t k = 0; k < 4; ++k) {
+        if (node.count[k] < 0 || !(enter[Eigen::Index(k)] <= leave[Eigen::Index(k)] * 1.000001f) || top == stack.size())
+          continue;
+        std::size_t at = top++;  // keep the nearest on top
+        for (; at > base && stack[at - 1].t < enter[Eigen::Index(k)]; --at) stack[at] = stack[at - 1];
+        stack[at] = {node.child[k], node.count[k], enter[Eigen::Index(k)]};
+      }
+    }
+    return best;
+  }
+
+ private:
+  static constexpr std::size_t bins = 16;
+  using Box = Eigen::AlignedBox<double, 3>;
+  struct Triangle {
+    Vec3d corner, edge1, edge2;
+    int id;
+    bool in_air_only;
+  };
+  struct Node {
+    std::array<Eigen::Array4f, 3> low, high;
+    std::array<int, 4> child{};  ///< node, or first triangle of a leaf
+    std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 if unused
+  };
+  struct Range {
+    int first, last;
+    Box box;
+  };
+
+  Range bounds(int first, int last) const {
+    Range r{first, last, {}};
+    for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
+    return r;
+  }
+  // Cuts the range where the expected cost of a ray is least; false if it is small, or cannot be cut.
+  bool split(const Range& range, std::array<Range, 2>& halves) {
+    const int n = range.last - range.first;
+    if (n <= leaf_size_) return false;
+    Box centers;
+    for (int i = range.first; i < range.last; ++i) centers.extend(boxes_[std::size_t(order_[std::size_t(i)])].center());
+    int axis = 0;
+    const double width = centers.diagonal().maxCoeff(&axis);
+    if (!(width > 0.0)) return false;
+    const auto bin = [&](int i) {
+      const double x = (boxes_[std::size_t(i)].center()[axis] - centers.min()[axis]) / width;
+      return std::min(bins - 1, std::size_t(x * double(bins)));
+    };
+    const auto area = [](const Box& b) {
+      const Vec3d d = b.diagonal();
+      return d.x() * d.y() + d.y() * d.z() + d.z() * d.x();
+    };
+    std::array<Box, bins> box;
+    std::array<int, bins> count{};
+    for (int i = range.first; i < range.last; ++i) {
+      const int id = order_[std::size_t(i)];
+      box[bin(id)].extend(boxes_[std::size_t(id)]);
+      ++count[bin(id)];
+    }
+    std::array<double, bins> right{};
+    Box sweep;
+    for (std::size_t b = bins; b-- > 1;) {
+      sweep.extend(box[b]);
+      right[b] = sweep.isEmpty() ? 0.0 : area(sweep);
+    }
+    sweep.setEmpty();
+    double best = std::numeric_limits<double>::infinity();
+    std::size_t cut = 0;
+    for (std::size_t b = 1, below = 0; b < bins; ++b) {
+      sweep.extend(box[b - 1]);
+      below += std::size_t(count[b - 1]);
+      if (below == 0 || below == std::size_t(n)) continue;
+      const double cost = area(sweep) * double(below) + right[b] * double(std::size_t(n) - below);
+      if (cost < best) {
+        best = cost;
+        cut = b;
+      }
+    }
+    const auto begin = order_.begin();
+    const auto middle = std::partition(begin + range.first, begin + range.last, [&](int id) { return bin(id) < cut; });
+    halves = {bounds(range.first, int(middle - begin)), bounds(int(middle - begin), range.last)};
+    return true;
+  }
+  int build(const Range& range) {
+    std::vector<Range> parts{range};
+    for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
+      std::sort(parts.begin(), parts.end(),
+                [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
+      std::array<Range, 2> halves;
+      if (!split(parts[tried], halves)) {
+        ++tried;
+        continue;
+      }
+      parts[tried] = halves[0];
+      parts.push_back(halves[1]);
+      tried = 0;
+    }
+    const std::size_t me = nodes_.size();
+    nodes_.emplace_back();
+    for (std::size_t k = 0; k < 4; ++k) {
+      for (std::size_t a = 0; a < 3; ++a) {
+        const bool used = k < parts.size();
+        nodes_[me].low[a][Eigen::Index(k)] =
+            used ? float(parts[k].box.min()[Eigen::Index(a)]) : std::numeric_limits<float>::infinity();
+        nodes_[me].high[a][Eigen::Index(k)] =
+            used ? float(parts[k].box.max()[Eigen::Index(a)]) : -std::numeric_limits<float>::infinity();
+      }
+      if (k >= parts.size()) {
+        nodes_[me].count[k] = -1;
+        continue;
+      }
+      const bool leaf = parts.size() == 1 || parts[k].last - parts[k].first <= leaf_size_;
+      nodes_[me].count[k] = leaf ? parts[k].last - parts[k].first : 0;
+      const int child = leaf ? parts[k].first : build(parts[k]);
+      nodes_[me].child[k] = child;
+    }
+    return int(me);
+  }
+
+  std::vector<Triangle> triangles_;
+  std::vector<Node> nodes_;
+  std::vector<Box> boxes_;        ///< per input triangle, while building
+  std::vector<int> order_;        ///< likewise
+  Vec3d center_ = Vec3d::Zero();  ///< corners are stored relative to it
+  double slack_ = 0.0;            ///< rays may start this far behind a face [m]
+  int leaf_size_;
+};
+
+/// The library's own Intersector; needs Eigen only. Law: independent of the place of the scene (it is centred).
+/// Source: binned surface area heuristic, Wald 2007; ray–triangle test, Möller & Trumbore 1997.
+struct Bvh {
+  struct Config {
+    int leaf_size = 4;  ///< triangles up to which a range is not split
+  };
+  Config config{};
+
+  BvhScene build(const std::vector<SceneTriangle>& triangles) const { return {triangles, config.leaf_size}; }
+};
+
+static_assert(RayScene<BvhScene> && Intersector<Bvh>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/surface/carrier_cells.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_CARRIER_CELLS_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_CARRIER_CELLS_HPP
+
+namespace lumo {
+
+/// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the
+/// body lie behind it if that is more: a body and the carrier that it rests on may cross a little, and light in the gap
+/// must still meet the carrier. Throws InvalidArgument for a face that is not a polygon of finite corners with an
+/// area.
+inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3d>& soft, double gap_m) {
+  constexpr double reach = 1e-3;     // [m]; points deeper behind the face do not rest on it
+  constexpr double widening = 10.0;  // of the face, in distances that it stands back
+  const std::vector<Vec3d>& c = face.corners;
+  const std::size_t m = c.size();
+  if (m < 3) throw InvalidArgument(message("carrier face '", face.name, "' has ", m, " corners, needs 3"));
+  for (const Vec3d& p : c)
+    if (!p.allFinite()) throw InvalidArgument(message("carrier face '", face.name, "': a corner is not finite"));
+  Vec3d n = Vec3d::Zero();
+  for (std::size_t k = 1; k + 1 < m; ++k) n += (c[k] - c[0]).cross(c[k + 1] - c[0]);
+  if (!(n.norm() > 0.0)) throw InvalidArgument(message("carrier face '", face.name, "' has no area"));
+  n.normalize();
+  std::vector<Vec3d> out(m);  // in-plane outward normals of the edges
+  for (std::size_t k = 0; k < m; ++k) out[k] = (c[(k + 1) % m] - c[k]).cross(n).normalized();
+  double back = gap_m;
+  for (const Vec3d& x : soft) {
+    const double depth = n.dot(c[0] - x);
+    if (depth <= 0.5 * back || depth > reach) continue;
+    bool over = true;
+    for (std::size_t k = 0; k < m && over; ++k) over = out[k].dot(x - c[k]) < 0.0;
+    if (over) back = 2.0 * depth;
+  }
+  // Slits open along the rim of a face that stands back: it is made larger in its plane, so that no light slips
+  // through.
+  std::vector<Vec3d> corner(m);
+  for (std::size_t k = 0; k < m; ++k) {
+    const Vec3d& a = out[(k + m - 1) % m];
+    corner[k] = c[k] - back * n + widening * back * (a + out[k]) / (1.0 + std::max(-0.9, a.dot(out[k])));
+  }
+  return corner;
+}
+
+/// Cuts a convex polygon into triangles with edges of about `size_m` that fit together corner to corner. How many is
+/// decided on the polygon `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram
+/// becomes an even number of cells each way, of four triangles each, any other polygon a fan about its middle: mirror
+/// images of a polygon have mirror images of its triangles.
+inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, const std::vector<Vec3d>& like,
+                                                       double size_m) {
+  std::vector<std::array<Vec3d, 3>> cells;
+  const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
+  if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
+    const int nu = 2 * pieces(0.5 * (like[1] - like[0]).norm()), nv = 2 * pieces(0.5 * (like[3] - like[0]).norm());
+    const auto at = [&](double i, double j) {
+      const double u = i / nu, v = j / nv;
+      return Vec3d((1.0 - u) * (1.0 - v) * c[0] + u * (1.0 - v) * c[1] + u * v * c[2] + (1.0 - u) * v * c[3]);
+    };
+    for (int i = 0; i < nu; ++i)
+      for (int j = 0; j < nv; ++j) {
+        const Vec3d middle = at(i + 0.5, j + 0.5);
+        const std::array<Vec3d, 4> p{at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)};
+        for (std::size_t k = 0; k < 4; ++k) cells.push_back({p[k], p[(k + 1) % 4], middle});
+      }
+    return cells;
+  }
+  const std::size_t m = c.size();
+  double longest = 0.0;
+  Vec3d middle = Vec3d::Zero();
+  for (std::size_t k = 0; k < m; ++k) {
+    middle += c[k] / double(m);
+    for (std::size_t l = 0; l < k; ++l) longest = std::max(longest, (like[k] - like[l]).norm());
+  }
+  const int n = pieces(longest);
+  for (std::size_t k = 0; k < m; ++k) {
+    const auto at = [&](int i, int j) {
+      return Vec3d(middle + (double(i) / n) * (c[k] - middle) + (double(j) / n) * (c[(k + 1) % m] - middle));
+    };
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; i + j < n; ++j) {
+        cells.push_back({at(i, j), at(i + 1, j), at(i, j + 1)});
+        if (i + j + 1 < n) cells.push_back({at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)});
+      }
+  }
+  return cells;
+}
+inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, double size_m) {
+  return polygon_cells(c, c, size_m);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/surface/quadratic_face.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_QUADRATIC_FACE_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_QUADRATIC_FACE_HPP
+
+namespace lumo {
+
+/// Shape functions of a quadratic triangle at barycentric (b1, b2); nodes: corners 0, 1, 2, then the middles of edges
+/// 01, 12, 20.
+inline std::array<double, 6> quadratic_shape(double b1, double b2) {
+  const double b0 = 1.0 - b1 - b2;
+  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0),
+          4.0 * b0 * b1,         4.0 * b1 * b2,         4.0 * b2 * b0};
+}
+
+/// Its point at (b1, b2).
+inline Vec3d on_quadratic(const std::array<Vec3d, 6>& x, double b1, double b2) {
+  const std::array<double, 6> n = quadratic_shape(b1, b2);
+  return n[0] * x[0] + n[1] * x[1] + n[2] * x[2] + n[3] * x[3] + n[4] * x[4] + n[5] * x[5];
+}
+
+/// The same at (k1, k2)/n. Points on an edge come from the edge's own three nodes in the order of their `numbers`, so
+/// that neighbours get the same bits: no cracks.
+inline Vec3d lattice_point(const std::array<Vec3d, 6>& x, const std::array<int, 6>& numbers, int n, int k1, int k2) {
+  const double h = 1.0 / n;
+  const auto on_edge = [&](std::size_t a, std::size_t b, std::size_t m, int ka, int kb) {
+    if (kb == 0) return x[a];
+    if (ka == 0) return x[b];
+    if (numbers[a] > numbers[b]) {
+      std::swap(a, b);
+      std::swap(ka, kb);
+    }
+    const double s = ka * h, t = kb * h;
+    return Vec3d(s * (2.0 * s - 1.0) * x[a] + t * (2.0 * t - 1.0) * x[b] + 4.0 * s * t * x[m]);
+  };
+  const int k0 = n - k1 - k2;
+  if (k2 == 0) return on_edge(0, 1, 3, k0, k1);
+  if (k0 == 0) return on_edge(1, 2, 4, k1, k2);
+  if (k1 == 0) return on_edge(2, 0, 5, k2, k0);
+  return on_quadratic(x, k1 * h, k2 * h);
+}
+
+/// Unit normal at (b1, b2); not finite if the triangle is crushed.
+inline Vec3d quadratic_normal(const std::array<Vec3d, 6>& x, double b1, double b2) {
+  const double b0 = 1.0 - b1 - b2;
+  const Vec3d d1 =
+      (1.0 - 4.0 * b0) * x[0] + (4.0 * b1 - 1.0) * x[1] + 4.0 * (b0 - b1) * x[3] + 4.0 * b2 * (x[4] - x[5]);
+  const Vec3d d2 =
+      (1.0 - 4.0 * b0) * x[0] + (4.0 * b2 - 1.0) * x[2] + 4.0 * (b0 - b2) * x[5] + 4.0 * b1 * (x[4] - x[3]);
+  return d1.cross(d2).normalized();
+}
+
+/// A boundary face of the mesh in one state.
+struct QuadraticFace {
+  std::array<Vec3d, 6> reference, deformed;  ///< [m]
+  std::array<Vec3d, 6> normal;  ///< unit outward normals of the deformed face at its nodes, shared with its neighbours
+  std::array<double, 6> contact;  ///< contact field, > 0 in contact, −infinity where there can be none
+  int patch;
+  bool may_touch;
+
+  /// Inside {φ > 0}, φ linear on the four triangles between corners and edge middles?
+  bool in_contact(double b1, double b2) const {
+    if (!may_touch) return false;
+    const double b0 = 1.0 - b1 - b2;
+    double value = 0.0;
+    struct Term {
+      double weight;
+      std::size_t node;
+    };
+    using Terms = std::array<Term, 3>;
+    const Terms terms = b0 > 0.5   ? Terms{{{2.0 * b0 - 1.0, 0}, {2.0 * b1, 3}, {2.0 * b2, 5}}}
+                        : b1 > 0.5 ? Terms{{{2.0 * b1 - 1.0, 1}, {2.0 * b0, 3}, {2.0 * b2, 4}}}
+                        : b2 > 0.5 ? Terms{{{2.0 * b2 - 1.0, 2}, {2.0 * b1, 4}, {2.0 * b0, 5}}}
+                                   : Terms{{{1.0 - 2.0 * b2, 3}, {1.0 - 2.0 * b0, 4}, {1.0 - 2.0 * b1, 5}}};
+    for (const auto& [weight, node] : terms)
+      if (weight > 0.0) value += weight * contact[node];  // a weight of 0 must not meet −infinity
+    return value > 0.0;
+  }
+};
+
+/// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its
+/// normals.
+inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<BoundaryFace>& faces) {
+  std::vector<std::array<int, 6>> numbers(faces.size());
+  std::map<std::array<int, 3>, int> known;  // patch and the corners of the edge (of a corner: itself twice)
+  for (std::size_t f = 0; f < faces.size(); ++f)
+    for (std::size_t k = 0; k < 6; ++k) {
+      const int a = faces[f].nodes[k % 3], b = k < 3 ? a : faces[f].nodes[(k + 1) % 3];
+      numbers[f][k] =
+          known.try_emplace({faces[f].patch, std::min(a, b), std::max(a, b)}, int(known.size())).first->second;
+    }
+  return numbers;
+}
+
+/// Sets the normals of the deformed faces. Normals of neighbouring quadratic faces differ, by about as much as a light
+/// load turns them; the shape of the undeformed body is known. The exact normals are therefore turned as the faces
+/// turn, by the nearest field that is continuous and quadratic on each patch: it turns every node's surroundings as
+/// much as the faces do in the mean. Source: Hinton, Campbell 1974.
+inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces,
+                            const Body& body) {
+  using Vector6d = Eigen::Matrix<double, 6, 1>;
+  using Matrix6d = Eigen::Matrix<double, 6, 6>;
+  using SparseMatrix = Eigen::SparseMatrix<double>;
+  struct Point {
+    double weight, b1, b2;
+  };
+  constexpr double w = 0.223381589678011, b = 0.445948490915965, v = 0.109951743655322,
+                   c = 0.091576213509771;  // degree 4: Dunavant 1985
+  constexpr std::array<Point, 6> rule = {
+      {{w, b, b}, {w, 1 - 2 * b, b}, {w, b, 1 - 2 * b}, {v, c, c}, {v, 1 - 2 * c, c}, {v, c, 1 - 2 * c}}};
+
+  const std::vector<std::array<int, 6>> nodes = patchwise_nodes(mesh_faces);
+  int size = 0;
+  for (const std::array<int, 6>& n : nodes) size = std::max(size, 1 + *std::max_element(n.begin(), n.end()));
+  std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(36 * faces.size());
+  Eigen::MatrixX3d turned = Eigen::MatrixX3d::Zero(size, 3);
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    const std::array<Vec3d, 6>& x = faces[f].reference;
+    const double area = 0.5 * (x[1] - x[0]).cross(x[2] - x[0]).norm();
+    Matrix6d mass = Matrix6d::Zero();
+    for (const Point& p : rule) {
+      const Vector6d shape(quadratic_shape(p.b1, p.b2).data());
+      mass += area * p.weight * shape * shape.transpose();
+      const Vec3d turn = quadratic_normal(faces[f].deformed, p.b1, p.b2) - quadratic_normal(x, p.b1, p.b2);
+      if (!turn.allFinite()) continue;  // a crushed face has no normal
+      for (std::size_t k = 0; k < 6; ++k) turned.row(nodes[f][k]) += area * p.weight * shape[int(k)] * turn.transpose();
+    }
+    for (std::size_t k = 0; k < 6; ++k)
+      for (std::size_t l = 0; l < 6; ++l) entries.emplace_back(nodes[f][k], nodes[f][l], mass(int(k), int(l)));
+  }
+  SparseMatrix mass(size, size);
+  mass.setFromTriplets(entries.begin(), entries.end());
+  Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower | Eigen::Upper> solver(mass);
+  solver.setTolerance(1e-10);
+  turned = solver.solve(turned).eval();
+  for (std::size_t f = 0; f < faces.size(); ++f)
+    for (std::size_t k = 0; k < 6; ++k)
+      faces[f].normal[k] =
+          (outward_normal(body, faces[f].patch, faces[f].reference[k]) + turned.row(nodes[f][k]).transpose())
+              .normalized();
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/fresnel.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_FRESNEL_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_FRESNEL_HPP
+
+namespace lumo {
+
+/// A smooth interface met under a given angle: share of the power that is reflected, and the cosine behind it.
+template <class S> struct FresnelSplit {
+  S reflectance;    ///< 1 under total internal reflection
+  S cosine_behind;  ///< of the refracted ray to the normal; 0 under total internal reflection
+};
+
+/// Unpolarised power reflectance of a smooth dielectric interface, for numbers or dual numbers. `cosine` in [0, 1] in
+/// front, `index_ratio` = n in front / n behind. Laws: reciprocity (the same on the way back), R + T = 1,
+/// ((n−1)/(n+1))² at normal incidence, R_p = 0 at Brewster's angle. Source: Fresnel 1823; Born & Wolf, Principles of
+/// Optics, §1.5.
+template <class S> FresnelSplit<S> fresnel(const S& cosine, const std::type_identity_t<S>& index_ratio) {
+  using std::sqrt;
+  const S sine2 = index_ratio * index_ratio * (1.0 - cosine * cosine);
+  if (!(sine2 < 1.0)) return {S(1.0), S(0.0)};
+  const S behind = sqrt(1.0 - sine2);
+  const S s = (index_ratio * cosine - behind) / (index_ratio * cosine + behind);
+  const S p = (cosine - index_ratio * behind) / (cosine + index_ratio * behind);
+  return {0.5 * (s * s + p * p), behind};
+}
+
+/// Mirror image of the unit direction `d` in the plane with unit normal `n`.
+template <class S> Vec3<S> reflect(const Vec3<S>& d, const Vec3<S>& n) { return (d - 2.0 * d.dot(n) * n).normalized(); }
+
+/// Refracted direction of the unit direction `d` by Snell's law; `n` is the unit normal on the side that light comes
+/// from.
+template <class S>
+Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std::type_identity_t<S>& index_ratio,
+                const std::type_identity_t<S>& cosine_behind) {
+  return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/surface_optics.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
+
+namespace lumo {
+
+// The policies themselves (Dielectric, Lambertian, Mirror, Absorber) are data of a body: morphology/optical_data.hpp.
+// This header has their reflection. Dielectric lets light through; the tracer splits it by fresnel().
+
+/// Reflectance of an opaque surface [–], in [0, 1]. The rest is booked as absorbed there.
+constexpr double reflectance(const Lambertian& s) { return s.albedo; }
+constexpr double reflectance(const Mirror& s) { return s.reflectance; }
+constexpr double reflectance(const Absorber&) { return 0.0; }
+
+namespace detail {
+
+/// Direction about the axis `n` with density cos θ/π from two numbers in (0, 1); the azimuth starts at `t1`.
+inline Vec3d cosine_direction(const Vec3d& t1, const Vec3d& t2, const Vec3d& n, double u, double azimuth) {
+  const double sine = std::sqrt(u);
+  return (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + std::sqrt(1.0 - u) * n).normalized();
+}
+
+}  // namespace detail
+
+/// Direction in which opaque surfaces send light: a unit vector for the incoming unit direction `d`, unit normal `n` on
+/// the lit side, and two numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image
+/// paths take image directions.
+inline Vec3d reflected(const Lambertian&, const Vec3d&, const Vec3d& n, double u, double v, const Vec3d& mirror) {
+  const Vec3d m = mirror.cwiseProduct(n);
+  Vec3d t1, t2;
+  tangents(m, t1, t2);
+  return mirror.cwiseProduct(detail::cosine_direction(t1, t2, m, u, 2.0 * pi * v));
+}
+inline Vec3d reflected(const Mirror&, const Vec3d& d, const Vec3d& n, double, double, const Vec3d&) {
+  return reflect(d, n);
+}
+inline Vec3d reflected(const Absorber&, const Vec3d&, const Vec3d& n, double, double, const Vec3d&) { return n; }
+
+/// An opaque surface. Law: 0 ≤ reflectance ≤ 1, and reflected() stays on the lit side.
+template <class S>
+concept OpaqueSurface = requires(const S& s, const Vec3d& v) {
+  { reflectance(s) } -> std::convertible_to<double>;
+  { reflected(s, v, v, 0.5, 0.5, v) } -> std::convertible_to<Vec3d>;
+};
+
+static_assert(OpaqueSurface<Lambertian> && OpaqueSurface<Mirror> && OpaqueSurface<Absorber>);
+static_assert(!OpaqueSurface<Dielectric>);
+
+inline bool is_dielectric(const SurfaceOptics& s) { return std::holds_alternative<Dielectric>(s); }
+
+/// Throws InvalidArgument for a reflectance outside [0, 1].
+inline void validate(const SurfaceOptics& optics) {
+  std::visit(
+      [](const auto& s) {
+        if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>)
+          require_in_range("surface reflectance", reflectance(s), 0.0, 1.0, "");
+      },
+      optics);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/optical_scene.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_OPTICAL_SCENE_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_OPTICAL_SCENE_HPP
+
+namespace lumo {
+
+/// Place at which a ray met the scene.
+struct ScenePoint {
+  int face = -1;              ///< boundary face of the mesh; −1 on a carrier face
+  double b1 = 0.0, b2 = 0.0;  ///< barycentric in the face (of corners 1 and 2)
+  double u = 0.0, v = 0.0;    ///< barycentric in the flat triangle (of corners 1 and 2)
+};
+
+/// The surface of a body in one state, as light meets it: every face of the mesh cut into sub_facets² triangles on its
+/// quadratic map, plus the carrier faces. Knows exact normals, regions, contact, and the optics of each face.
+class OpticalScene {
+ public:
+  struct Config {
+    int sub_facets = 3;  ///< each edge of a quadratic face is cut into this many; linear faces are not cut
+    /// Carrier faces stand back by this, or by as far as the body is pressed into them if that is more.
+    double carrier_gap_m = 20e-6;
+    double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
+  };
+
+  /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
+  /// `images`: also label regions for mirror images in the planes of this symmetry.
+  /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
+  /// indices or optics.
+  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
+               const std::vector<double>& contact_field, Symmetry images, const Config& config)
+      : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
+    require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
+    require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
+    require_in_range("carrier cell", config.carrier_cell_m * 1e3, 1e-3, 1e6, "mm");
+    if (mesh.order != 1 && mesh.order != 2)
+      throw InvalidArgument(message("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
+    for (const Patch& p : body.patches) validate(p.optics);
+    for (const RigidFace& f : body.rigid_faces) validate(f.optics);
+    validate(body.touched);
+    if (body.regions > 0 && !body.region)
+      throw InvalidArgument("optical scene: the body has regions but no region function");
+    for (int i = 0; i < n_; ++i)
+      for (int j = 0; i + j < n_; ++j) {
+        lattice_.push_back({{{i, j}, {i + 1, j}, {i, j + 1}}});
+        if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
+      }
+    add_faces(mesh, displacement, contact_field);
+    recover_normals(faces_, mesh.faces, body);
+    body_triangles_ = triangles_.size();
+    add_carrier(config);
+    label(images);
+  }
+
+  const std::vector<SceneTriangle>& triangles() const { return triangles_; }
+
+  /// Locates the point `p` [m] on triangle `t`.
+  ScenePoint locate(int t, const Vec3d& p) const {
+    const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
+    const auto& [a, b, c] = corners;
+    const Vec3d e1 = b - a, e2 = c - a, n = e1.cross(e2);
+    const double f = 1.0 / n.squaredNorm();
+    // A triangle without area gives NaN, which becomes 0.
+    const auto unit = [](double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; };
+    double u = unit(f * n.dot((p - a).cross(e2))), v = unit(f * n.dot(e1.cross(p - a)));
+    if (const double s = u + v; s > 1.0) {
+      u /= s;
+      v /= s;
+    }
+    ScenePoint r;
+    r.u = u;
+    r.v = v;
+    if (!on_body(t)) return r;
+    r.face = t / int(lattice_.size());
+    const auto& l = lattice_[std::size_t(t) % lattice_.size()];
+    r.b1 = (l[0][0] + u * (l[1][0] - l[0][0]) + v * (l[2][0] - l[0][0])) / n_;
+    r.b2 = (l[0][1] + u * (l[1][1] - l[0][1]) + v * (l[2][1] - l[0][1])) / n_;
+    return r;
+  }
+  /// Unit normal of triangle `t` (flat, outward).
+  Vec3d flat_normal(int t) const {
+    const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
+    const auto& [a, b, c] = corners;
+    return (b - a).cross(c - a).normalized();
+  }
+  /// Unit outward normal of the deformed body.
+  Vec3d smooth_normal(const ScenePoint& p) const {
+    return on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized();
+  }
+  /// Undeformed position [m].
+  Vec3d reference(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
+  /// Deformed position on the quadratic map [m].
+  Vec3d position(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
+  /// Optics that light inside the body meets under a tool.
+  const SurfaceOptics& touched() const { return body_->touched; }
+  /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
+  bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
+  /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
+  int region(const ScenePoint& p, unsigned image) const {
+    const int known = labels_[image][std::size_t(p.face)];
+    if (known != mixed) return known;
+    const Vec3d undeformed = reference(p);
+    return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed,
+                  image);
+  }
+  const SurfaceOptics& optics(int t) const {
+    if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
+    return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
+  }
+  int triangles_per_face() const { return int(lattice_.size()); }
+  bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
+  double triangle_area(int t) const {
+    const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
+    const auto& [a, b, c] = corners;
+    return 0.5 * (b - a).cross(c - a).norm();
+  }
+  double area(int face) const {
+    double sum = 0.0;
+    for (int k = 0; k < triangles_per_face(); ++k) sum += triangle_area(face * triangles_per_face() + k);
+    return sum;
+  }  ///< of its triangles [m²]
+  /// May a point of a face, or of one of its mirror images, lie in a region while the body is undeformed?
+  bool has_region(int face) const { return has_region_[std::size_t(face)] != 0; }
+  std::size_t face_count() const { return faces_.size(); }
+  /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
+  int triangle_at(int face, double b1, double b2, Vec3d& point) const {
+    const double x = b1 * n_, y = b2 * n_;
+    int i = std::clamp(int(x), 0, n_ - 1), j = std::clamp(int(y), 0, n_ - 1 - i);
+    double u = x - i, v = y - j;
+    const bool upper = u + v > 1.0 && i + j + 1 < n_;
+    const int t = face * int(lattice_.size()) + 2 * n_ * i - i * i + 2 * j + (upper ? 1 : 0);
+    const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
+    const auto& [a, b, c] = corners;
+    point = upper ? Vec3d((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3d((1.0 - u - v) * a + u * b + v * c);
+    return t;
+  }
+  /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
+  std::array<Vec3d, 3> reference_corners(int face, int sub) const {
+    const std::array<Vec3d, 6>& x = faces_[std::size_t(face)].reference;
+    if (sub < 0) return {x[0], x[1], x[2]};
+    std::array<Vec3d, 3> corners;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto& [i, j] = lattice_[std::size_t(sub)][k];
+      corners[k] = on_quadratic(x, double(i) / n_, double(j) / n_);
+    }
+    return corners;
+  }
+  /// Corners of triangle `t` in the undeformed body; of a carrier face, where it stands without gap [m].
+  std::array<Vec3d, 3> reference_corners(int t) const {
+    if (!on_body(t)) return rigid_reference_[std::size_t(t) - body_triangles_];
+    return reference_corners(t / triangles_per_face(), t % triangles_per_face());
+  }
+  /// Region of a place on a patch, undeformed and as it is now, or of its mirror image.
+  int region(int patch, const Vec3d& reference, const Vec3d& position, unsigned image) const {
+    if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
+    const Vec3d mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3d n = outward_normal(*body_, patch, reference);
+    const int r =
+        body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
+    return r >= 0 && r < body_->regions ? r : -1;
+  }
+  int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
+  /// Number that distinguishes surfaces: the patch of a triangle of the body, or a carrier face.
+  int surface_number(int t) const {
+    return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch
+                      : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
+  }
+  /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the
+  /// triangle.
+  Vec3d pulled_inward(int t, const Vec3d& p) const {
+    const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
+    const auto& [a, b, c] = corners;
+    const double size = std::sqrt((b - a).cross(c - a).norm());
+    return p + pull_sideways * ((a + b + c) / 3.0 - p) - pull_down * size * flat_normal(t);
+  }
+
+ private:
+  static constexpr int mixed = -2;
+  static constexpr double largest_coordinate_m = 1e6;
+  static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
+  void add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement,
+                 const std::vector<double>& contact_field) {
+    const std::size_t nodes = mesh.nodes.size();
+    if (!displacement.empty() && displacement.size() != nodes)
+      throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
+    if (!contact_field.empty() && contact_field.size() != nodes)
+      throw InvalidArgument(message("optical scene: ", contact_field.size(), " contact values for ", nodes, " nodes"));
+    if (mesh.faces.empty()) throw InvalidArgument("optical scene: the mesh has no boundary faces");
+    const double none = -std::numeric_limits<double>::infinity();
+    faces_.reserve(mesh.faces.size());
+    triangles_.reserve(mesh.faces.size() * lattice_.size());
+    for (const BoundaryFace& face : mesh.faces) {
+      if (face.patch < 0 || std::size_t(face.patch) >= body_->patches.size())
+        throw InvalidArgument(
+            message("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
+      QuadraticFace f;
+      f.patch = face.patch;
+      const std::size_t given = mesh.order == 2 ? 6 : 3;
+      for (std::size_t k = 0; k < given; ++k) {
+        const std::size_t node = std::size_t(face.nodes[k]);
+        if (face.nodes[k] < 0 || node >= nodes)
+          throw InvalidArgument(message("optical scene: face with node ", face.nodes[k], " of ", nodes));
+        f.reference[k] = mesh.nodes[node];
+        f.deformed[k] = displacement.empty() ? mesh.nodes[node] : Vec3d(mesh.nodes[node] + displacement[node]);
+        f.contact[k] = contact_field.empty() ? none : contact_field[node];
+        if (!f.deformed[k].allFinite() || !(f.deformed[k].cwiseAbs().maxCoeff() < largest_coordinate_m))
+          throw InvalidArgument(message("optical scene: node ", node, " is not at a finite place below 1e6 m"));
+        if (!(f.contact[k] < std::numeric_limits<double>::infinity()))
+          throw InvalidArgument(message("optical scene: contact field of node ", node, " is ", f.contact[k]));
+      }
+      for (std::size_t k = given; k < 6; ++k) {
+        const std::size_t a = k - 3, b = (a + 1) % 3;
+        f.reference[k] = 0.5 * (f.reference[a] + f.reference[b]);
+        f.deformed[k] = 0.5 * (f.deformed[a] + f.deformed[b]);
+        f.contact[k] = 0.5 * (f.contact[a] + f.contact[b]);
+      }
+      f.may_touch = *std::max_element(f.contact.begin(), f.contact.end()) > 0.0;
+      faces_.push_back(f);
+      const auto at = [&](const std::array<int, 2>& k) {
+        return lattice_point(f.deformed, face.nodes, n_, k[0], k[1]);
+      };
+      for (const auto& c : lattice_) triangles_.push_back({{at(c[0]), at(c[1]), at(c[2])}, false});
+    }
+  }
+  // The cells are made on the face where it stands, and moved back as a whole: light that is spread over them sees the
+  // same cells in every state.
+  void add_carrier(const Config& config) {
+    std::vector<Vec3d> soft;
+    for (const QuadraticFace& f : faces_)
+      if (is_dielectric(body_->patches[std::size_t(f.patch)].optics))
+        soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
+    for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
+      const std::vector<Vec3d>& place = body_->rigid_faces[i].corners;
+      const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
+      const auto cells = polygon_cells(place, config.carrier_cell_m);
+      const auto moved = polygon_cells(corner, place, config.carrier_cell_m);
+      for (std::size_t k = 0; k < cells.size(); ++k) {
+        triangles_.push_back({moved[k], true});
+        rigid_reference_.push_back(cells[k]);
+        rigid_.push_back(int(i));
+      }
+    }
+  }
+  // Faces whose nodes share a region need no look-up at a hit; most do.
+  void label(Symmetry images) {
+    has_region_.assign(faces_.size(), 0);
+    for (unsigned image = 0; image < 4; ++image) {
+      if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
+      for (std::size_t face = 0; face < faces_.size(); ++face) {
+        const QuadraticFace& f = faces_[face];
+        std::array<int, 6> r{};
+        for (std::size_t k = 0; k < 6; ++k) {
+          r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
+          const int undeformed =
+              body_->regions_in_space ? region(f.patch, f.reference[k], f.reference[k], image) : r[k];
+          has_region_[face] = has_region_[face] || undeformed != -1;
+        }
+        labels_[image].push_back(std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; }) ? r[0] : mixed);
+      }
+    }
+  }
+
+  const Body* body_;
+  int n_;                                                   ///< cuts per edge
+  std::vector<std::array<std::array<int, 2>, 3>> lattice_;  ///< (b1, b2)·n of the corners of each sub-facet
+  std::vector<QuadraticFace> faces_;
+  std::vector<SceneTriangle> triangles_;
+  std::vector<int> rigid_;  ///< carrier face of each triangle after those of the body
+  std::vector<std::array<Vec3d, 3>> rigid_reference_;
+  std::size_t body_triangles_ = 0;
+  std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
+  std::vector<char> has_region_;            ///< per face, undeformed: the same in all states
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/ray_pattern.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RAY_PATTERN_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RAY_PATTERN_HPP
+
+namespace lumo {
+
+/// How densely rays are sent along y: most where the body is pressed, since rays far from there find no change.
+/// Default: evenly. A focus changes the error of a response, not its expected value. Compare responses of one focus
+/// only: they share the rays.
+struct RayFocus {
+  double y_m = 0.0;
+  double length_m = 0.0;     ///< the density falls by e over this distance; 0: nowhere
+  double least = 1.0 / 8.0;  ///< of the density at y_m
+
+  double density(double y) const {
+    return length_m > 0.0 ? std::max(least, std::exp(-std::abs(y - y_m) / length_m)) : 1.0;
+  }
+  /// The same for y and −y?
+  bool is_symmetric() const { return y_m == 0.0 || length_m == 0.0; }
+};
+
+/// A primary ray and what later events of its path draw their numbers from.
+struct PrimaryRay {
+  Vec3d origin{0.0, 0.0, 0.0};     ///< [m]
+  Vec3d direction{0.0, 0.0, 1.0};  ///< unit
+  std::uint64_t key = 0;           ///< the same for mirror images of a path
+  int triangle = -1;               ///< of the scene that it starts on, if known
+};
+
+namespace detail {
+
+/// Lengths below which two places of an emitter are one [m].
+inline double place_tolerance(const Emitter& e) {
+  return 1e-12 + 1e-9 * (e.point(0.1, 0.2) - e.point(0.9, 0.8)).norm();
+}
+
+/// Do two emitters radiate alike? Points and directions at some numbers are compared.
+inline bool radiate_alike(const Emitter& a, const Emitter& b) {
+  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel() || a.in_air() != b.in_air())
+    return false;
+  const double reach = place_tolerance(a);
+  if ((a.center() - b.center()).norm() > reach || a.axis().dot(b.axis()) < 1.0 - 1e-12) return false;
+  for (const auto& [u, v] : {std::pair(0.1, 0.2), std::pair(0.7, 0.1), std::pair(0.4, 0.9)})
+    if ((a.point(u, v) - b.point(u, v)).norm() > reach) return false;
+  for (double u : {0.05, 0.3, 0.5, 0.7, 0.95})
+    if (std::abs(a.polar(u).cosine - b.polar(u).cosine) > 1e-12) return false;
+  return true;
+}
+
+/// The mirror image with centre (and, in a plane, axis) in x ≥ 0, y ≥ 0.
+inline Emitter fundamental(const Emitter& e, Vec3d& mirror) {
+  const Vec3d center = e.center(), axis = e.axis();
+  mirror = Vec3d::Ones();
+  for (Eigen::Index a = 0; a < 2; ++a) {
+    const bool in_plane = std::abs(center[a]) <= place_tolerance(e);
+    if (in_plane ? axis[a] < -1e-9 : center[a] < 0.0) mirror[a] = -1.0;
+  }
+  return e.mirrored(mirror);
+}
+
+inline const Vec3d flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
+
+}  // namespace detail
+
+/// The one deterministic set of primary rays for all designs, states and emitters. Closed under x → −x and y → −y: a
+/// point of the sequence makes a ray of the emitter moved to the quadrant x ≥ 0, y ≥ 0, and the rays of the real
+/// emitters are its mirror images. An emitter that is its own mirror image shoots into a half or a quarter of the
+/// hemisphere only, so that no ray is traced twice.
+class RayPattern {
+ public:
+  /// The rays of one emitter that belong to one mirror image.
+  struct Beam {
+    Emitter source;  ///< moved to the fundamental quadrant
+    Vec3d axis{0.0, 0.0, 1.0}, tangent1{1.0, 0.0, 0.0}, tangent2{0.0, 1.0, 0.0};
+    double azimuth_from = 0.0, azimuth_range = 2.0 * pi;
+    Vec3d mirror{1.0, 1.0, 1.0};  ///< (±1, ±1, 1): from the fundamental ray to the real one
+    std::uint64_t orbit = 0;      ///< the same for emitters that are mirror images
+    std::uint32_t rays = 0;       ///< per replicate
+    double power_W = 0.0;         ///< per ray
+  };
+
+  /// `rays` per emitter and replicate, a power of two ≥ 4; with a focus about so many on average, each a power of two.
+  /// `symmetry` keeps only one beam of each set of mirror images. Throws InvalidArgument for broken emitters, or
+  /// if they do not have the symmetry.
+  RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus = {}) {
+    if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
+    for (const Emitter& e : emitters) e.validate();
+    const Symmetry has = symmetry_of(emitters);
+    if ((symmetry.x && !has.x) || (symmetry.y && !has.y))
+      throw InvalidArgument("ray pattern: a symmetric state is claimed, but the emitters are not symmetric");
+    double density = 0.0;
+    for (const Emitter& e : emitters) density += focus.density(e.center().y()) / double(emitters.size());
+    std::vector<Emitter> orbits;
+    for (const Emitter& e : emitters) {
+      Vec3d home;
+      Beam beam{detail::fundamental(e, home)};
+      const auto known = std::find_if(orbits.begin(), orbits.end(),
+                                      [&](const auto& o) { return detail::radiate_alike(o, beam.source); });
+      beam.orbit = std::uint64_t(known - orbits.begin());
+      if (known == orbits.end()) orbits.push_back(beam.source);
+      beam.source = orbits[beam.orbit];  // the very same bits for all images
+      beam.axis = beam.source.axis();
+      const bool own_x = detail::radiate_alike(beam.source.mirrored(detail::flip_x), beam.source);
+      const bool own_y = detail::radiate_alike(beam.source.mirrored(detail::flip_y), beam.source);
+      tangents(beam.axis, beam.tangent1, beam.tangent2);
+      if (own_x || own_y) {
+        beam.tangent1 = own_x ? Vec3d::UnitX() : Vec3d::UnitY();
+        beam.tangent2 = beam.axis.cross(beam.tangent1);
+        beam.azimuth_from = own_x && own_y ? 0.0 : -0.5 * pi;
+        beam.azimuth_range = own_x && own_y ? 0.5 * pi : pi;
+      }
+      const std::uint32_t images = (own_x ? 2u : 1u) * (own_y ? 2u : 1u);
+      const double wish = rays * focus.density(e.center().y()) / density;
+      beam.rays = std::max(1u, std::max(4u, nearest_power_of_two(wish)) / images);
+      beam.power_W = e.power_W() / double(beam.rays * images);
+      for (std::uint32_t image = 0; image < 4; ++image) {
+        if (((image & 1u) && !own_x) || ((image & 2u) && !own_y)) continue;
+        beam.mirror = home;
+        if (image & 1u) beam.mirror.x() = -beam.mirror.x();
+        if (image & 2u) beam.mirror.y() = -beam.mirror.y();
+        if ((symmetry.x && beam.mirror.x() < 0.0) || (symmetry.y && beam.mirror.y() < 0.0)) continue;
+        beams_.push_back(beam);
+      }
+    }
+  }
+
+  const std::vector<Beam>& beams() const { return beams_; }
+
+  /// Ray `index` of a beam, from numbers in (0, 1): angle to the axis and azimuth of its direction, then its place on
+  /// the emitter.
+  static PrimaryRay ray(const Beam& beam, const std::array<double, 4>& u, std::uint64_t seed, std::uint32_t index) {
+    const double azimuth = beam.azimuth_from + beam.azimuth_range * u[1];
+    const Polar polar = beam.source.polar(u[0]);
+    const Vec3d d = (polar.sine * std::cos(azimuth) * beam.tangent1 + polar.sine * std::sin(azimuth) * beam.tangent2 +
+                     polar.cosine * beam.axis)
+                        .normalized();
+    const Vec3d p = beam.source.point(u[2], u[3]);
+    return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
+  }
+  static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
+    return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed,
+               index);
+  }
+
+  /// Is the set of emitters its own mirror image in each plane?
+  static Symmetry symmetry_of(const std::vector<Emitter>& emitters) {
+    const auto closed = [&](const Vec3d& m) {
+      return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
+        return std::any_of(emitters.begin(), emitters.end(),
+                           [&](const auto& other) { return detail::radiate_alike(e.mirrored(m), other); });
+      });
+    };
+    return {closed(detail::flip_x), closed(detail::flip_y)};
+  }
+
+ private:
+  std::vector<Beam> beams_;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/face_set.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_FACE_SET_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_FACE_SET_HPP
+
+namespace lumo {
+
+/// A place to about a nanometre, for look-ups.
+using PlaceKey = std::array<long long, 3>;
+
+// The odd unit keeps round coordinates off the borders of its cells.
+inline PlaceKey place_key(const Vec3d& p) {
+  constexpr double unit = 1.0471975512e-9;
+  return {std::llround(p.x() / unit), std::llround(p.y() / unit), std::llround(p.z() / unit)};
+}
+
+/// The mirror image of `p` with x ≥ 0 and y ≥ 0, as far as there is `symmetry`.
+inline Vec3d folded(Vec3d p, Symmetry symmetry) {
+  if (symmetry.x) p.x() = std::abs(p.x());
+  if (symmetry.y) p.y() = std::abs(p.y());
+  return p;
+}
+
+/// Some faces of the body, or triangles of the scene, each with a block of a low-discrepancy sequence as large as its
+/// area asks for: points and directions on it that do not depend on the state, and are mirror images on faces that are
+/// mirror images. Mirror images in a plane of `symmetry` are one face.
+class FaceSet {
+ public:
+  struct Face {
+    int face;                         ///< of the body; −1: a single triangle
+    int triangle;                     ///< of the scene
+    Vec3d mirror;                     ///< (±1, ±1, 1): from the image with x ≥ 0, y ≥ 0 to this face
+    std::array<int, 3> corner_order;  ///< corners in an order that mirror images share
+    std::uint32_t first = 0;          ///< place in the sequence of rays; the same for mirror images
+    std::uint32_t count = 0;          ///< samples of this face, a power of two
+  };
+
+  /// How samples are spread over the faces.
+  struct Sampling {
+    bool whole = false;       ///< only faces of the body, each asked for with its first triangle; else all triangles
+    double total = 0.0;       ///< about so many samples in all, counting mirror images that are not traced
+    std::uint32_t least = 1;  ///< on each face
+    RayFocus focus = {};      ///< more of them are here; must have the symmetry
+  };
+  /// `wanted(triangle)` says which belong to the set.
+  template <class Predicate>
+  FaceSet(const OpticalScene& scene, Symmetry symmetry, const Sampling& sampling, Predicate&& wanted)
+      : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
+    std::map<PlaceKey, int> known;  // folded by the symmetry → index
+    std::vector<Vec3d> centers;     // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
+    std::vector<double> shares;     // undeformed area [m²] × density
+    std::vector<int> images;        // faces folded onto each
+    std::vector<bool> in_plane;
+    const auto include = [&](int f, int triangle, const std::array<Vec3d, 3>& corner) {
+      const Vec3d center = (corner[0] + corner[1] + corner[2]) / 3.0;
+      Vec3d mirror = Vec3d::Ones();
+      for (Eigen::Index a = 0; a < 2; ++a)
+        if (center[a] < -1e-9) mirror[a] = -1.0;
+      const bool fundamental = !(symmetry.x && mirror.x() < 0.0) && !(symmetry.y && mirror.y() < 0.0);
+      Face face{f, triangle, mirror, {0, 1, 2}};
+      std::sort(face.corner_order.begin(), face.corner_order.end(), [&](int a, int b) {
+        return place_key(mirror.cwiseProduct(corner[std::size_t(a)])) <
+               place_key(mirror.cwiseProduct(corner[std::size_t(b)]));
+      });
+      const auto [it, fresh] = known.try_emplace(place_key(folded(center, symmetry)), int(faces_.size()));
+      const std::size_t k = std::size_t(it->second);
+      if (fresh) {
+        faces_.push_back(face);
+        centers.push_back(folded(center, {true, sampling.focus.is_symmetric()}));
+        shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() *
+                         sampling.focus.density(center.y()));
+        images.push_back(0);
+        in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
+      } else if (fundamental) {
+        faces_[k] = face;
+      }
+      ++images[k];
+    };
+    for (int f = 0; sampling.whole && f < int(scene.face_count()); ++f)
+      if (wanted(f * per_face_)) {
+        include(f, -1, scene.reference_corners(f, -1));
+        member_[std::size_t(f)] = 1;
+      }
+    for (int t = 0; !sampling.whole && t < int(scene.triangles().size()); ++t)
+      if (wanted(t)) include(-1, t, scene.reference_corners(t));
+    const int expected = (symmetry.x ? 2 : 1) * (symmetry.y ? 2 : 1);
+    for (std::size_t k = 0; k < faces_.size(); ++k)
+      if (images[k] != expected && !in_plane[k])
+        throw InvalidArgument("optical scene: a symmetric state is claimed, but the surface mesh is not symmetric");
+    number(centers, shares, images, sampling);
+  }
+
+  std::size_t size() const { return faces_.size(); }
+  const Face& operator[](std::size_t k) const { return faces_[k]; }
+  /// Does a point on the body lie on one of the faces?
+  bool has(const ScenePoint& p) const { return p.face >= 0 && member_[std::size_t(p.face)]; }
+
+  /// A point on a face.
+  struct Sample {
+    ScenePoint at;
+    PrimaryRay ray;           ///< starts there; its direction is left open
+    Vec3d normal;             ///< unit outward normal of the flat triangle
+    double area = 0.0;        ///< that it stands for [m²]
+    std::uint32_t index = 0;  ///< in the sequence
+  };
+  /// Sample `i` of face `k`. Takes dimensions 2 and 3 of the sequence; 0 and 1 are for its direction.
+  Sample sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const {
+    const Face& f = faces_[k];
+    Sample x;
+    x.index = f.first + i;
+    const double s = std::sqrt(sequence(x.index, 2)), v = sequence(x.index, 3);
+    std::array<double, 3> b{};
+    b[std::size_t(f.corner_order[0])] = 1.0 - s;
+    b[std::size_t(f.corner_order[1])] = s * (1.0 - v);
+    b[std::size_t(f.corner_order[2])] = s * v;
+    if (f.face >= 0) {
+      x.ray.triangle = scene.triangle_at(f.face, b[1], b[2], x.ray.origin);
+    } else {
+      x.ray.triangle = f.triangle;
+      const std::array<Vec3d, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+      const auto& [p, q, r] = corners;
+      x.ray.origin = b[0] * p + b[1] * q + b[2] * r;
+    }
+    x.ray.key = combine(sequence.seed, x.index);
+    x.at = scene.locate(x.ray.triangle, x.ray.origin);
+    const std::array<Vec3d, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+    const auto& [p, q, r] = corners;
+    const Vec3d normal = (q - p).cross(r - p);
+    x.normal = normal.normalized();
+    x.area = 0.5 * normal.norm() * (f.face >= 0 ? per_face_ : 1) / f.count;
+    return x;
+  }
+
+ private:
+  // Place along Morton's curve, 10 bits an axis; cells do not line up with regular grids.
+  static std::uint64_t morton(const Vec3d& p) {
+    std::uint64_t code = 0;
+    for (int bit = 9; bit >= 0; --bit)
+      for (Eigen::Index a = 0; a < 3; ++a)
+        code = (code << 1) | ((std::uint64_t(std::clamp(p[a], 0.0, 1.0) * 1013.37 + 0.318) >> bit) & 1u);
+    return code;
+  }
+  // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
+  void number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images,
+              const Sampling& sampling) {
+    struct Block {
+      std::uint64_t code = 0;
+      std::uint32_t first = 0, count = 0;
+    };
+    Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+    double all = 0.0;
+    for (std::size_t k = 0; k < faces_.size(); ++k) {
+      low = elementwise_min(low, centers[k]);
+      high = elementwise_max(high, centers[k]);
+      all += shares[k] * images[k];
+    }
+    const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
+    std::map<PlaceKey, Block>
+        blocks;  // what is found for one of two mirror images serves both: rounding could part them
+    for (std::size_t k = 0; k < faces_.size(); ++k) {
+      const std::uint32_t count = std::max(sampling.least, nearest_power_of_two(sampling.total * shares[k] / all));
+      blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, count});
+    }
+    std::map<std::pair<std::uint64_t, PlaceKey>, Block*> order;
+    for (auto& [place, block] : blocks) order[{block.code, place}] = &block;
+    std::uint32_t next = 0;
+    for (auto& [place, block] : order) {  // blocks of 2^m numbers start at multiples of 2^m: each is a net
+      block->first = (next + block->count - 1) / block->count * block->count;
+      next = block->first + block->count;
+    }
+    for (std::size_t k = 0; k < faces_.size(); ++k) {
+      const Block& block = blocks[place_key(centers[k])];
+      faces_[k].first = block.first;
+      faces_[k].count = block.count;
+    }
+  }
+
+  int per_face_;  ///< sub-facets of a face
+  std::vector<Face> faces_;
+  std::vector<char> member_;  ///< per face of the body
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/scattering_medium.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SCATTERING_MEDIUM_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_SCATTERING_MEDIUM_HPP
+
+namespace lumo {
+
+/// A medium that also scatters light. transmittance() is the share that runs straight on; albedo() is the share of the
+/// rest that is scattered. Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not pass `path_m`
+/// ends, drawn with the density −dT/ds on [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is
+/// the same forwards and backwards (reciprocity).
+template <class M>
+concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double x) {
+  { medium.albedo() } -> std::convertible_to<double>;
+  { medium.free_path_m(x, x) } -> std::convertible_to<double>;
+  { medium.scattering_cosine(x) } -> std::convertible_to<double>;
+};
+
+/// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
+/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. It is BeerLambert for albedo 0, to the last
+/// bit. Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
+class ScatteringMedium {
+ public:
+  /// Throws InvalidArgument unless index and extinction are BeerLambert's, the albedo lies in [0, 1] and the anisotropy
+  /// in [−0.999, 0.999].
+  explicit ScatteringMedium(const Medium& medium) : straight_(medium), medium_(medium) {
+    require_in_range("scattering albedo", medium.scattering_albedo, 0.0, 1.0, "");
+    require_in_range("anisotropy of scattering", medium.anisotropy, -0.999, 0.999, "");
+  }
+
+  double refractive_index() const { return straight_.refractive_index(); }
+  template <class S> auto transmittance(const S& path_m) const { return straight_.transmittance(path_m); }
+  double albedo() const { return medium_.scattering_albedo; }
+  double free_path_m(double path_m, double u) const {
+    const double depth = medium_.extinction_per_m * path_m;
+    return depth > 0.0 ? std::clamp(-std::log1p(u * std::expm1(-depth)) / medium_.extinction_per_m, 0.0, path_m)
+                       : u * path_m;
+  }
+  double scattering_cosine(double u) const {
+    const double g = medium_.anisotropy, s = 2.0 * u - 1.0;
+    constexpr double nearly_isotropic = 1e-4;  // below it the formula cancels: take its limit
+    if (std::abs(g) < nearly_isotropic) return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);
+    const double q = (1.0 - g * g) / (1.0 + g * s);
+    return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
+  }
+
+ private:
+  BeerLambert straight_;
+  Medium medium_;
+};
+
+static_assert(TurbidMedium<ScatteringMedium>);
+static_assert(!TurbidMedium<BeerLambert>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/light_accounts.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_LIGHT_ACCOUNTS_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_LIGHT_ACCOUNTS_HPP
+
+namespace lumo {
+
+/// Power of some paths: booked, or arrived at nodes of Lambertian faces (index, power), from where it
+/// goes on.
+struct Tally {
+  EnergyLedger ledger;
+  std::vector<double> direct;    ///< part of the channels: direct light, but not what `gathered` has
+  std::vector<double> gathered;  ///< part of the channels that NextEventGather finds with less noise
+  std::vector<std::pair<int, double>> arrived;
+};
+
+/// Light from an emitter that left the body for good after reflections.
+struct Exit {
+  std::uint64_t route;  ///< the same for paths that met the same surfaces in the same way
+  Escape light;         ///< of the traced one of the mirror images; its region is not looked up
+  ScenePoint at;
+  Vec3d normal;  ///< of the flat facet
+  int patch;
+  double power;  ///< [W], of one image
+};
+
+/// Accounts of the power of paths. A traced path stands for all its mirror images.
+template <ExitReadout Readout> class LightAccounts {
+ public:
+  LightAccounts(const OpticalScene& surface, const Readout& readout, int channels, std::size_t nodes, Symmetry symmetry)
+      : surface_(surface), readout_(readout), channels_(std::size_t(channels)), arrived_(nodes, 0.0) {
+    for (unsigned image = 0; image < 4; ++image)
+      if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
+    reset();
+  }
+
+  const std::vector<unsigned>& images() const { return images_; }
+
+  /// `power` [W] of one image, for all of them.
+  void book(double& account, double power) { account += power * double(images_.size()); }
+  /// Light that falls on a Lambertian face.
+  void arrive(int node, double power) {
+    double& sum = arrived_[std::size_t(node)];
+    if (!(sum > 0.0)) reached_.push_back(node);
+    book(sum, power);
+  }
+  /// Books an exit in a channel, or elsewhere (−1). `power` is that of one image.
+  void book_exit(int channel, double power) {
+    (seen(channel) ? ledger.channels[std::size_t(channel)] : ledger.elsewhere) += power;
+  }
+  /// Books an exit of all images. `is_direct`: refracted out at most; `is_gathered`: NextEventGather finds it, too.
+  void book_exit(const Exit& e, bool is_direct, bool is_gathered) {
+    for (unsigned image : images_) {
+      const int c = channel(e, image);
+      book_exit(c, e.power);
+      if (!seen(c)) continue;
+      if (is_gathered)
+        gathered_[std::size_t(c)] += e.power;
+      else if (is_direct)
+        direct_[std::size_t(c)] += e.power;
+    }
+  }
+  /// Channel of an exit, or −1.
+  int channel(const Exit& e, unsigned image) const {
+    const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position),
+                             m.cwiseProduct(e.light.direction),
+                             e.at.face >= 0 ? surface_.region(e.at, image)
+                                            : surface_.region(e.patch, e.light.reference, e.light.position, image)});
+  }
+
+  /// All that was booked since the last call.
+  Tally take() {
+    Tally t{std::move(ledger), std::move(direct_), std::move(gathered_), {}};
+    for (int k : reached_) {
+      t.arrived.emplace_back(k, arrived_[std::size_t(k)]);
+      arrived_[std::size_t(k)] = 0.0;
+    }
+    reached_.clear();
+    reset();
+    return t;
+  }
+  /// Σ weight(node)·(power that arrived there), for all that arrived since the last call; forgets everything else that
+  /// was booked.
+  template <class Weight> double collect(Weight&& weight) {
+    double sum = 0.0;
+    for (int k : reached_) {
+      sum += weight(std::size_t(k)) * arrived_[std::size_t(k)];
+      arrived_[std::size_t(k)] = 0.0;
+    }
+    reached_.clear();
+    return sum;
+  }
+
+  EnergyLedger ledger;
+
+ private:
+  bool seen(int channel) const { return channel >= 0 && std::size_t(channel) < ledger.channels.size(); }
+  void reset() {
+    ledger = {};
+    ledger.channels.assign(channels_, 0.0);
+    direct_ = ledger.channels;
+    gathered_ = ledger.channels;
+  }
+
+  const OpticalScene& surface_;
+  const Readout& readout_;
+  std::size_t channels_;
+  std::vector<unsigned> images_;
+  std::vector<double> direct_, gathered_;  ///< as in Tally
+  std::vector<double> arrived_;            ///< per node
+  std::vector<int> reached_;               ///< nodes with arrived_ > 0
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/radiosity.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RADIOSITY_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RADIOSITY_HPP
+
+namespace lumo {
+
+/// Corners of all triangles of Lambertian surfaces, each with the function that is 1 there, 0 at its neighbours and
+/// linear in between. Light that falls on such a surface is shared by the three nodes about it: shares vary
+/// continuously with the place and add up to 1. Source: linear elements for radiosity, Heckbert (thesis, 1991). In a
+/// plane of `symmetry` mirror images are one node.
+class LightNodes {
+ public:
+  LightNodes(const OpticalScene& scene, Symmetry symmetry)
+      : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
+    // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be
+    // patches of their own.
+    std::map<PlaceKey, int> patch_at;
+    const auto place = [&](int t) {
+      const std::array<Vec3d, 3> corner = scene.reference_corners(t);
+      return place_key(folded((corner[0] + corner[1] + corner[2]) / 3.0, symmetry));
+    };
+    for (int t = 0; t < int(of_.size()) && scene.on_body(t); ++t)
+      if (std::holds_alternative<Lambertian>(scene.optics(t))) {
+        const auto [it, fresh] = patch_at.try_emplace(place(t), scene.surface_number(t));
+        it->second = std::min(it->second, scene.surface_number(t));
+      }
+    std::map<std::tuple<int, PlaceKey, PlaceKey, double>, int> known;
+    for (int t = 0; t < int(of_.size()); ++t) {
+      const SurfaceOptics& optics = scene.optics(t);
+      const Lambertian* surface = std::get_if<Lambertian>(&optics);
+      if (surface == nullptr) continue;
+      const std::array<Vec3d, 3> corner = scene.reference_corners(t);
+      Vec3d side = Vec3d::Zero();
+      if (!scene.on_body(t)) {
+        const Vec3d middle = (corner[0] + corner[1] + corner[2]) / 3.0;
+        side = 1e-3 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized();
+        if (symmetry.x && middle.x() < 0.0) side.x() = -side.x();
+        if (symmetry.y && middle.y() < 0.0) side.y() = -side.y();
+      }
+      const int patch = scene.on_body(t) ? patch_at[place(t)] : -1;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const auto key = std::tuple(patch, place_key(folded(corner[k], symmetry)), place_key(side), surface->albedo);
+        const auto [it, fresh] = known.try_emplace(key, int(albedo_.size()));
+        if (fresh) {
+          albedo_.push_back(surface->albedo);
+          area_.push_back(0.0);
+        }
+        of_[std::size_t(t)][k] = it->second;
+        area_[std::size_t(it->second)] += scene.triangle_area(t) / 3.0;
+      }
+    }
+  }
+
+  std::size_t size() const { return albedo_.size(); }
+  /// The three nodes of a triangle; −1: it is not Lambertian.
+  const std::array<int, 3>& of(int triangle) const { return of_[std::size_t(triangle)]; }
+  /// Shares of the nodes at a point of a triangle.
+  static std::array<double, 3> shares(const ScenePoint& p) { return {1.0 - p.u - p.v, p.u, p.v}; }
+  double albedo(std::size_t node) const { return albedo_[node]; }
+  /// Integral of the node's function, over all its mirror images [m²].
+  double area(std::size_t node) const { return area_[node]; }
+
+ private:
+  std::vector<std::array<int, 3>> of_;
+  std::vector<double> albedo_, area_;
+};
+
+/// Form factors of the nodes of Lambertian faces, sampled: the way of one watt from each.
+class RadiosityTransport {
+ public:
+  RadiosityTransport(std::size_t nodes, int channels) : sums_(nodes), weights_(nodes, 0.0) {
+    for (Tally& t : sums_) {
+      t.gathered.assign(std::size_t(channels), 0.0);
+      t.ledger.channels = t.gathered;
+    }
+  }
+  /// Adds what became of a ray of one watt that stands for the area `area_m2` about a point with these shares of the
+  /// nodes.
+  void add(const Tally& ray, const std::array<int, 3>& nodes, const std::array<double, 3>& shares, double area_m2) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double w = shares[k] * area_m2;
+      Tally& sum = sums_[std::size_t(nodes[k])];
+      weights_[std::size_t(nodes[k])] += w;
+      add_scaled(sum.ledger, ray.ledger, w);
+      for (std::size_t c = 0; c < sum.gathered.size(); ++c) sum.gathered[c] += w * ray.gathered[c];
+      for (const auto& [j, power] : ray.arrived) sum.arrived.emplace_back(j, w * power);
+    }
+  }
+  std::size_t size() const { return sums_.size(); }
+  const Tally& sum(std::size_t node) const { return sums_[node]; }
+  /// Factor that takes sum(node) to one watt; 0 if nothing was added.
+  double per_watt(std::size_t node) const { return weights_[node] > 0.0 ? 1.0 / weights_[node] : 0.0; }
+
+ private:
+  std::vector<Tally> sums_;
+  std::vector<double> weights_;
+};
+
+/// Light that falls on a Lambertian face goes on as a Lambertian source that is linear between nodes (radiosity: Goral
+/// et al. 1984). The rays that a face sends do not depend on what arrives: states differ smoothly, and further bounces
+/// cost no rays. Sends on what arrived at the nodes, bounce after bounce, until less than 1e-13 of the emitted power is
+/// under way. `total`: the emitters' own tally, completed here. Returns the power that each node sent [W]. Jacobi
+/// iteration of the radiosity equation p = e + Tᵀ(albedo·p); it ends because every factor is at most 1.
+inline std::vector<double> solve_radiosity(const LightNodes& nodes, const RadiosityTransport& transport, Tally& total) {
+  std::vector<double> now(nodes.size(), 0.0), next(nodes.size(), 0.0), sent(nodes.size(), 0.0);
+  for (const auto& [k, power] : total.arrived) now[std::size_t(k)] += power;
+  EnergyLedger& ledger = total.ledger;
+  const double emitted = ledger.emitted;
+  constexpr int most_bounces = 10000;
+  constexpr double under_way = 1e-13;  // of the emitted power
+  double left = 0.0;
+  for (int bounce = 0; bounce < most_bounces; ++bounce) {
+    left = 0.0;
+    for (std::size_t k = 0; k < nodes.size(); ++k) {
+      const double on = now[k] * nodes.albedo(k);
+      ledger.absorbed_at_surfaces += now[k] - on;
+      sent[k] += on;
+      const double each = on * transport.per_watt(k);
+      if (each > 0.0)
+        for (const auto& [j, share] : transport.sum(k).arrived) next[std::size_t(j)] += each * share;
+    }
+    for (double p : next) left += p;
+    now.swap(next);
+    std::fill(next.begin(), next.end(), 0.0);
+    if (left < under_way * emitted) break;
+  }
+  for (std::size_t k = 0; k < nodes.size(); ++k) {
+    const double each = sent[k] * transport.per_watt(k);
+    add_scaled(ledger, transport.sum(k).ledger, each);
+    for (std::size_t c = 0; c < total.gathered.size(); ++c) total.gathered[c] += each * transport.sum(k).gathered[c];
+  }
+  ledger.emitted = emitted;
+  ledger.lost += left;
+  return sent;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/path_tracer.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_PATH_TRACER_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_PATH_TRACER_HPP
+
+namespace lumo {
+
+/// A body in one state as its light meets it, and the readout: the input of all steps of a trace.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> struct LitBody {
+  const OpticalScene& surface;
+  const Scene& scene;
+  const Medium& medium;
+  double outer_index;  ///< refractive index of the surroundings
+  const Readout& readout;
+  int channels;             ///< of the readout
+  const LightNodes& nodes;  ///< collect the light that falls on Lambertian faces
+  const FaceSet& exits;     ///< faces whose light NextEventGather finds, if it came straight from an emitter or a face
+  Symmetry symmetry;
+
+  double index_ratio() const { return medium.refractive_index() / outer_index; }  ///< inside / outside
+};
+
+/// When paths end; see Tracer::Config.
+struct PathLimits {
+  double roulette_below, scattered_below;
+  int max_events;
+};
+
+/// A primary ray, and what its path is traced for.
+struct PathStart {
+  PrimaryRay ray;
+  Vec3d mirror;  ///< (±1, ±1, 1): the mirror image that the path belongs to
+  double power_W;
+  bool from_emitter = true;    ///< else from a Lambertian face
+  bool inside = true;          ///< starts in the body, else in the air
+  bool gathers_direct = true;  ///< NextEventGather finds the emitter's direct light
+  /// Takes the exits of light from emitters that no gathering finds, instead of the channels, if given.
+  std::vector<Exit>* exits = nullptr;
+};
+
+/// Follows one primary ray through all its branches and books where its power goes. One object per replicate.
+/// The medium is a state of the ray, never inferred from counted hits.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class PathTracer {
+ public:
+  PathTracer(const LitBody<Scene, Medium, Readout>& body, const PathLimits& limits)
+      : body_(body),
+        limits_(limits),
+        accounts_(body.surface, body.readout, body.channels, body.nodes.size(), body.symmetry) {}
+
+  void run(const PathStart& start) {
+    ++rays;
+    start_ = &start;
+    accounts_.book(accounts_.ledger.emitted, start.power_W);
+    Branch first;
+    first.origin = start.ray.origin;
+    first.direction = start.ray.direction;
+    first.power = start.power_W;
+    first.key = start.ray.key;
+    first.triangle = start.ray.triangle;
+    first.direct = start.from_emitter;
+    first.inside = start.inside;
+    stack_.push_back(first);
+    while (!stack_.empty()) {
+      const Branch b = stack_.back();
+      stack_.pop_back();
+      follow(b);
+    }
+  }
+
+  /// Accounts of the power.
+  LightAccounts<Readout>& accounts() { return accounts_; }
+
+  long rays = 0, segments = 0;
+
+ private:
+  struct Branch {
+    Vec3d origin = Vec3d::Zero(), direction = Vec3d::Zero();
+    double power = 0.0;
+    std::uint64_t key = 0;
+    int exit_triangle = -1;
+    ScenePoint exit;  ///< where a ray in air left the body
+    Vec3d exit_position = Vec3d::Zero();
+    std::uint64_t route = 0;
+    int triangle = -1;  ///< that it starts on
+    int events = 0;
+    bool inside = true;
+    bool direct = true;         ///< light that was refracted out at most
+    bool carrier_last = false;  ///< in air: met the carrier since it left the body
+    bool scattered = false;     ///< in the medium, once at least
+    bool spread = false;        ///< by a tool that wets the body: like a scattered one it has no neighbours
+  };
+
+  /// Light at a smooth interface.
+  struct Split {
+    FresnelSplit<double> share;
+    Vec3d back, on;  ///< directions of the reflected and of the refracted ray
+  };
+
+  // Russian roulette. Its losses and gains have their own account, so that the ledger closes. False: ended.
+  bool survives(Branch& b) {
+    b.direct = false;
+    if (!(b.power > 0.0)) return false;
+    const double full = (b.scattered ? limits_.scattered_below : limits_.roulette_below) * start_->power_W;
+    if (b.power >= full) return true;
+    if (uniform(combine(b.key, 0)) * full < b.power) {
+      accounts_.book(accounts_.ledger.roulette, b.power - full);
+      b.power = full;
+      return true;
+    }
+    accounts_.book(accounts_.ledger.roulette, b.power);
+    return false;
+  }
+
+  // Route of the branch that is reflected at `triangle`; the refracted one has the next number.
+  std::uint64_t route(const Branch& b, int triangle) const {
+    return combine(b.route, 2 * std::uint64_t(body_.surface.surface_number(triangle)));
+  }
+
+  void escape(const Branch& b) {
+    EnergyLedger& ledger = accounts_.ledger;
+    if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
+    const bool gathered =
+        body_.exits.has(b.exit) && !b.carrier_last && (b.direct ? start_->gathers_direct : !start_->from_emitter);
+    // It has no neighbour to share with, or counts as direct light.
+    const bool lone = b.scattered || b.spread || (b.direct && !start_->gathers_direct);
+    const Escape light{body_.surface.reference(b.exit), b.exit_position, b.direction, -1};
+    const Exit e{b.route, light, b.exit, body_.surface.flat_normal(b.exit_triangle), body_.surface.patch_number(b.exit),
+                 b.power};
+    if (start_->exits != nullptr && start_->from_emitter && !gathered && !lone)
+      start_->exits->push_back(e);
+    else
+      accounts_.book_exit(e, b.direct, gathered);
+  }
+
+  void follow(Branch b) {
+    for (;;) {
+      RayHit hit;
+      if (++b.events <= limits_.max_events && b.direction.allFinite() && b.origin.allFinite()) {
+        ++segments;
+        hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
+        if (!hit && !b.inside) return escape(b);
+        if (!hit && b.triangle >= 0) {  // slipped out at an edge by rounding: once more from a point inside
+          b.origin = body_.surface.pulled_inward(b.triangle, b.origin);
+          hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
+        }
+      }
+      if (!hit) return accounts_.book(accounts_.ledger.lost, b.power);
+      const auto& corner = body_.surface.triangles()[std::size_t(hit.triangle)].corners;
+      const Vec3d n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
+      // Scenes may be in single precision: the distance again, in double.
+      const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));
+      const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
+      if (b.inside) {
+        const double left = b.power * body_.medium.transmittance(path_m);
+        double absorbed = b.power - left;
+        if constexpr (TurbidMedium<Medium>) {
+          const double scattered = body_.medium.albedo() * absorbed;
+          absorbed -= scattered;
+          scatter(b, path_m, scattered);
+        }
+        accounts_.book(accounts_.ledger.absorbed_in_medium, absorbed);
+        b.power = left;
+      }
+      b.origin += path_m * b.direction;
+      if (!meet(b, hit.triangle)) return;
+    }
+  }
+
+  // Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a
+  // clear medium, so that direct light and what is gathered backwards stay free of scattering's noise: there too, each
+  // piece sends on both.
+  void scatter(const Branch& b, double path_m, double power) {
+    if constexpr (TurbidMedium<Medium>) {
+      if (!(power > 0.0)) return;
+      Branch c = b;
+      c.power = power;
+      c.key = combine(b.key, 6);
+      c.scattered = true;
+      if (!survives(c)) return;
+      const Vec3d axis = start_->mirror.cwiseProduct(b.direction);  // image paths take image directions
+      const double cosine = body_.medium.scattering_cosine(uniform(combine(c.key, 2))),
+                   azimuth = 2.0 * pi * uniform(combine(c.key, 3));
+      const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
+      Vec3d t1, t2;
+      tangents(axis, t1, t2);
+      c.origin += body_.medium.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
+      c.direction = start_->mirror.cwiseProduct(
+          (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
+      stack_.push_back(c);
+    }
+  }
+
+  // The event at a surface. True: `b` goes on.
+  bool meet(Branch& b, int triangle) {
+    const ScenePoint at = body_.surface.locate(triangle, b.origin);
+    b.triangle = triangle;
+    const SurfaceOptics& optics = body_.surface.optics(triangle);
+    if (is_dielectric(optics)) {
+      if (at.face >= 0) return meet_dielectric(b, triangle, at);
+      accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
+      return false;
+    }
+    // Light on a Lambertian face goes on with all other light that falls there.
+    if (const auto& nodes = body_.nodes.of(triangle); nodes[0] >= 0 && b.inside == (at.face >= 0)) {
+      const std::array<double, 3> share = LightNodes::shares(at);
+      for (std::size_t k = 0; k < 3; ++k)
+        if (share[k] > 0.0) accounts_.arrive(nodes[k], share[k] * b.power);
+      return false;
+    }
+    b.carrier_last = !b.inside;
+    return reflect_off(b, optics,
+                       b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
+                       accounts_.ledger.absorbed_at_surfaces);
+  }
+
+  // Reflection off an opaque surface whose unit normal points back to where the light comes from.
+  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
+    b.key = combine(b.key, 1);
+    std::visit(
+        [&](const auto& s) {
+          if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
+            const double kept = b.power * reflectance(s);
+            accounts_.book(absorbed, b.power - kept);
+            b.power = kept;
+            b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)),
+                                    start_->mirror);
+          }
+        },
+        optics);
+    return survives(b);
+  }
+
+  bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at) {
+    const bool touched = body_.surface.in_contact(at);
+    if (!b.inside && touched) {  // from air: the opaque indenter is in the way
+      accounts_.book(accounts_.ledger.to_indenter, b.power);
+      return false;
+    }
+    if (touched && !is_dielectric(body_.surface.touched())) return meet_wetting_tool(b, triangle, at);
+    const Split met = split(b, triangle, at);
+    const double reflected_power = b.power * met.share.reflectance;
+    send_on(b, triangle, at, met, touched);
+    b.direction = met.back;
+    b.power = reflected_power;
+    b.key = combine(b.key, 5);
+    b.route = route(b, triangle);
+    return survives(b);
+  }
+
+  // A tool that wets the body: no air is left between.
+  bool meet_wetting_tool(Branch& b, int triangle, const ScenePoint& at) {
+    const Vec3d flat = -body_.surface.flat_normal(triangle), curved = -body_.surface.smooth_normal(at);
+    const bool specular = std::holds_alternative<Mirror>(body_.surface.touched());
+    b.spread = b.spread || !specular;
+    const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
+    return reflect_off(b, body_.surface.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
+  }
+
+  Split split(const Branch& b, int triangle, const ScenePoint& at) const {
+    const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
+    const double ratio = b.inside ? body_.medium.refractive_index() / body_.outer_index
+                                  : body_.outer_index / body_.medium.refractive_index();
+    const Vec3d flat = side * Vec3d(body_.surface.flat_normal(triangle));
+    Vec3d n = side * Vec3d(body_.surface.smooth_normal(at));
+    Split met{};
+    const auto turn = [&] {
+      const double cosine = std::min(1.0, -b.direction.dot(n));
+      met.share = fresnel(cosine, ratio);
+      met.back = reflect(b.direction, n);
+      met.on = refract(b.direction, n, ratio, met.share.cosine_behind);
+      return cosine > 0.0 && met.back.dot(flat) > 0.0 && (met.share.reflectance >= 1.0 || met.on.dot(flat) < 0.0);
+    };
+    if (!turn()) {  // at grazing angles the curved normal may contradict the facet that was hit
+      n = flat;
+      turn();
+    }
+    return met;
+  }
+
+  // The refracted branch.
+  void send_on(const Branch& b, int triangle, const ScenePoint& at, const Split& met, bool touched) {
+    const double refracted_power = b.power - b.power * met.share.reflectance;
+    if (!(refracted_power > 0.0)) return;
+    if (b.inside && touched) return accounts_.book(accounts_.ledger.to_indenter, refracted_power);
+    Branch c = b;
+    c.direction = met.on;
+    c.power = refracted_power;
+    c.key = combine(b.key, 4);
+    c.route = route(b, triangle) + 1;
+    c.inside = !b.inside;
+    if (c.inside) {
+      if (!survives(c)) return;
+    } else {
+      c.exit = at;
+      c.exit_triangle = triangle;
+      c.exit_position = b.origin;
+      c.carrier_last = false;
+    }
+    stack_.push_back(c);
+  }
+
+  const LitBody<Scene, Medium, Readout> body_;
+  PathLimits limits_;
+  LightAccounts<Readout> accounts_;
+  std::vector<Branch> stack_;
+  const PathStart* start_ = nullptr;  ///< of the path at hand
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/next_event.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_NEXT_EVENT_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_NEXT_EVENT_HPP
+
+namespace lumo {
+
+/// Finds the light that leaves through faces with regions from those faces (next-event estimation), as few paths come
+/// there. Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the
+/// body ends on Lambertian faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for
+/// Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind
+/// openings is gathered from ways through them; then direct light is not. Points lie fixed in the undeformed body: no
+/// sample crosses the border of a region that moves with it, so states differ smoothly.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
+ public:
+  NextEventGather(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
+                  PathTracer<Scene, Medium, Readout>& path)
+      : body_(body), ratio_(body.index_ratio()), path_(path) {
+    for (unsigned image = 0; image < 4; ++image) {
+      if (!((image & 1u) && !body.symmetry.x) && !((image & 2u) && !body.symmetry.y)) images_.push_back(image);
+      const Vec3d m = sign(image);
+      for (const Emitter& e : emitters)
+        if (e.has_intensity() && !e.in_air()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
+    }
+  }
+
+  /// Replaces the gathered part of the channels of `total`; `sent`: power of the nodes [W], their images included.
+  void run(const OwenSobol& sequence, const std::vector<double>& sent, Tally& total) {
+    if (body_.exits.size() == 0) return;
+    direct_.assign(std::size_t(body_.channels), 0.0);
+    diffuse_ = direct_;
+    for (std::size_t k = 0; k < body_.exits.size(); ++k) {
+      const std::uint32_t count = body_.exits[k].count, direct = (count + direct_every - 1) / direct_every;
+      for (std::uint32_t i = 0; i < count; ++i) {
+        FaceSet::Sample x = body_.exits.sample(k, body_.surface, sequence, i);
+        if (body_.surface.in_contact(x.at)) continue;
+        reference_ = body_.surface.reference(x.at);
+        for (unsigned image : images_) region_[image] = body_.surface.region(x.at, image);
+        Vec3d n = body_.surface.smooth_normal(x.at);
+        if (!n.allFinite()) n = x.normal;
+        if constexpr (ConnectedReadout<Readout>) {
+          gather_connected(x, n, body_.exits[k].mirror, sequence, sent);
+        } else {
+          if (i % direct_every == 0) gather_direct(x, n, body_.exits[k].mirror, sequence, x.area * count / direct);
+          gather_diffuse(x, n, body_.exits[k].mirror, sequence, sent);
+        }
+      }
+    }
+    path_.accounts().take();  // the paths ran backwards: their bookings are not power
+    for (std::size_t c = 0; c < direct_.size(); ++c) {
+      const double better = direct_[c] + diffuse_[c] - total.gathered[c];
+      total.ledger.channels[c] += better;
+      total.ledger.refinement -= better;
+      total.direct[c] += direct_[c];
+    }
+  }
+
+ private:
+  struct Source {
+    Emitter emitter;  ///< mirrored to the side of the fundamental face
+    Vec3d axis;
+  };
+
+  /// Direct light is smooth in place: one point of this many is enough.
+  static constexpr std::uint32_t direct_every = 2;
+
+  static Vec3d mirror(const Vec3d& p, const Vec3d& m) { return m.cwiseProduct(p); }
+  static Vec3d sign(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
+
+  // Books `power` for every image, if the way out is free and the readout sees it.
+  void book(std::vector<double>& account, const FaceSet::Sample& x, const Vec3d& out, double power) const {
+    for (unsigned image : images_) {
+      const int channel = channel_of(x, out, image);
+      if (channel >= 0 && channel < body_.channels) account[std::size_t(channel)] += power;
+    }
+  }
+  int channel_of(const FaceSet::Sample& x, const Vec3d& out, unsigned image) const {
+    const Vec3d m = sign(image);
+    return body_.readout.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
+  }
+  bool seen(const FaceSet::Sample& x, const Vec3d& out) const {
+    bool any = false;
+    for (unsigned image : images_) any = any || channel_of(x, out, image) >= 0;
+    return any && !body_.scene.first_hit(x.ray.origin, out, false);
+  }
+
+  void gather_direct(const FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, double area) {
+    const double u = sequence(x.index, 4), v = sequence(x.index, 5);
+    for (const Source& s : emitters_[(m.x() < 0.0 ? 1u : 0u) + (m.y() < 0.0 ? 2u : 0u)]) {
+      const Vec3d from = mirror(s.emitter.point(u, v), m), way = x.ray.origin - from;
+      const double length = way.norm();
+      const Vec3d d = way / length;
+      const double intensity = s.emitter.intensity(d.dot(mirror(s.axis, m))), meets = d.dot(x.normal),
+                   cosine = std::min(1.0, d.dot(n));
+      if (!(intensity > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
+      const FresnelSplit<double> split = fresnel(cosine, ratio_);
+      if (split.reflectance >= 1.0) continue;
+      const Vec3d out = refract(d, -n, ratio_, split.cosine_behind);
+      if (out.dot(x.normal) <= 0.0 || !seen(x, out)) continue;
+      ++path_.segments;
+      const RayHit hit = body_.scene.first_hit(from, d, true);
+      if (!hit || hit.t < length - 1e-6 * length) continue;
+      const double power = intensity * meets / (length * length) * area * (1.0 - split.reflectance);
+      book(direct_, x, out, power * body_.medium.transmittance(length));
+    }
+  }
+
+  void gather_diffuse(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
+                      const std::vector<double>& sent) {
+    const Vec3d out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
+    double weight = 0.0;
+    if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
+    book(diffuse_, x, out, radiosity(x, m, weight, sent));
+  }
+
+  // Openings are not mirror images of each other: each image of the point has its own way out.
+  void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
+                        const std::vector<double>& sent) {
+    for (unsigned image : images_)
+      for (int k = 0; k < body_.readout.openings(); ++k) {
+        const Connection way =
+            body_.readout.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
+        const Vec3d out = mirror(way.direction, sign(image));
+        double weight = 0.0;
+        if (!(way.solid_angle_sr > 0.0 && out.dot(x.normal) > 0.0 && out.dot(n) > 0.0) || !enter(x, n, out, weight))
+          continue;
+        const int channel = channel_of(x, out, image);
+        if (channel < 0 || channel >= body_.channels || body_.scene.first_hit(x.ray.origin, out, false)) continue;
+        diffuse_[std::size_t(channel)] += radiosity(x, m, weight * out.dot(n) * way.solid_angle_sr / pi, sent);
+      }
+  }
+
+  // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is
+  // weight·radiosity of where it comes from, if its directions have a cosine law. False: there is no such light.
+  bool enter(FaceSet::Sample& x, const Vec3d& n, const Vec3d& out, double& weight) const {
+    const FresnelSplit<double> split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
+    if (split.reflectance >= 1.0) return false;
+    x.ray.direction = refract(-out, n, 1.0 / ratio_, split.cosine_behind);
+    const double slant = x.ray.direction.dot(x.normal) / x.ray.direction.dot(n);  // flat facet, curved normal
+    if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0)) return false;
+    weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
+    return true;
+  }
+
+  double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
+    path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
+    return path_.accounts().collect([&](std::size_t k) { return sent[k] / body_.nodes.area(k); });
+  }
+
+  const LitBody<Scene, Medium, Readout> body_;
+  double ratio_;  ///< index inside / outside
+  PathTracer<Scene, Medium, Readout>& path_;
+  std::vector<unsigned> images_;
+  std::array<std::vector<Source>, 4> emitters_;
+  std::vector<double> direct_, diffuse_;
+  Vec3d reference_ = Vec3d::Zero();  ///< of the sample at hand
+  std::array<int, 4> region_{};      ///< likewise, per image
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/splatting.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_SPLATTING_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_SPLATTING_HPP
+
+namespace lumo {
+
+/// Light from the emitters that reaches the readout by reflections, without the noise of rays that jump over borders of
+/// regions: rays from one point of an emitter form a grid of directions, and where the three rays of a triangle of
+/// neighbours go the same way, their power is spread over the triangle of their exits, linearly, and cut exactly at the
+/// borders (beams: Heckbert & Hanrahan 1984). Rays whose neighbours go another way are booked where they are. All power
+/// is kept; the error of spreading falls with the square of the grid's spacing.
+template <class Path> class Splatting {
+ public:
+  explicit Splatting(Path& path) : path_(path) {}
+
+  /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
+  /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
+  /// places and finer grids.
+  void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
+    const std::uint32_t pairs =
+        std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / rays_per_pair)));
+    const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
+    std::uint32_t rows = 1, columns = 1;  // in sin², in azimuth; cells of a full circle are made squarer
+    while (rows * columns < directions) (columns < rows * (beam.azimuth_range > 2.0 ? 2u : 1u) ? columns : rows) *= 2u;
+    const bool around = beam.azimuth_range > 6.0;
+    for (std::uint32_t place = 0; place < places; ++place) {
+      const double shift_u = sequence(place, 0), shift_v = sequence(place, 1), at_u = sequence(place / 2, 2),
+                   at_v = sequence(place / 2, 3);
+      const double place_u = place % 2 ? 1.0 - at_u : at_u, place_v = place % 2 ? 1.0 - at_v : at_v;
+      exits_.clear();
+      first_.assign(1, 0);
+      for (std::uint32_t i = 0; i < rows; ++i)
+        for (std::uint32_t j = 0; j < columns; ++j) {
+          const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
+          path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
+                     .mirror = beam.mirror,
+                     .power_W = beam.power_W,
+                     .gathers_direct = beam.source.has_intensity(),
+                     .exits = &exits_});
+          first_.push_back(exits_.size());
+        }
+      left_.assign(exits_.size(), triangles_about);
+      const auto at = [&](std::uint32_t i, std::uint32_t j) { return i * columns + j % columns; };
+      for (std::uint32_t i = 0; i + 1 < rows; ++i)
+        for (std::uint32_t j = 0; j + (around ? 0 : 1) < columns; ++j) {
+          spread(at(i, j), at(i + 1, j), at(i, j + 1));
+          spread(at(i + 1, j + 1), at(i, j + 1), at(i + 1, j));
+        }
+      for (std::size_t e = 0; e < exits_.size(); ++e)
+        for (unsigned image : path_.accounts().images())
+          if (left_[e] > 0)
+            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image),
+                                       exits_[e].power * left_[e] / double(triangles_about));
+    }
+  }
+
+ private:
+  static constexpr int triangles_about = 6;      ///< an exit, in the grid of directions
+  static constexpr int bisections = 12;          ///< for a border: 2⁻¹² of an edge
+  static constexpr int deepest = 4;              ///< times that a triangle is quartered
+  static constexpr double alike_cosine = 0.5;    ///< between the normals of exits that are neighbours
+  static constexpr double rays_per_pair = 16.0;  ///< of places, as the root of the rays
+
+  using Weights = std::array<double, 3>;  ///< of the three exits
+  struct Corner {
+    Weights at;
+    int channel;
+  };
+
+  // Each exit has six triangles about it, and gives each a sixth of its power.
+  void spread(std::uint32_t a, std::uint32_t b, std::uint32_t c) {
+    const auto alike = [&](std::uint32_t ray, const Exit& e) -> std::size_t {
+      for (std::size_t k = first_[ray]; k < first_[ray + 1]; ++k)
+        if (exits_[k].route == e.route && exits_[k].normal.dot(e.normal) > alike_cosine) return k;
+      return exits_.size();
+    };
+    for (std::size_t k = first_[a]; k < first_[a + 1]; ++k) {
+      const std::size_t l = alike(b, exits_[k]), m = alike(c, exits_[k]);
+      if (l == exits_.size() || m == exits_.size()) continue;
+      corner_ = {&exits_[k], &exits_[l], &exits_[m]};
+      for (const std::size_t e : {k, l, m}) --left_[e];
+      for (unsigned image : path_.accounts().images()) {
+        image_ = image;
+        std::array<Corner, 3> t;
+        for (std::size_t n = 0; n < 3; ++n) {
+          t[n] = {{}, path_.accounts().channel(*corner_[n], image)};
+          t[n].at[n] = 1.0;
+        }
+        book(t[0], t[1], t[2], 1.0, 0);
+      }
+    }
+  }
+
+  static Weights mix(const Weights& a, const Weights& b, double t) {
+    return {a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])};
+  }
+  int channel(const Weights& w) const {
+    Exit e = *corner_[0];
+    e.at.face = -1;  // between the rays: its place on the surface is not known
+    for (Vec3d Escape::*part : {&Escape::reference, &Escape::position, &Escape::direction})
+      e.light.*part =
+          w[0] * (corner_[0]->light.*part) + w[1] * (corner_[1]->light.*part) + w[2] * (corner_[2]->light.*part);
+    e.light.direction.normalize();
+    return path_.accounts().channel(e, image_);
+  }
+  void book(const Weights& a, const Weights& b, const Weights& c, double area, int channel) {
+    double power = 0.0;
+    for (std::size_t n = 0; n < 3; ++n) power += (a[n] + b[n] + c[n]) / 3.0 * corner_[n]->power;
+    path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
+  }
+
+  // `area`: share of the whole triangle. If one corner differs, the border is found on its two edges; else the triangle
+  // is quartered.
+  void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
+    if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
+    const Corner* odd = a.channel == b.channel   ? &c
+                        : b.channel == c.channel ? &a
+                        : a.channel == c.channel ? &b
+                                                 : nullptr;
+    const Corner *next = odd == &a ? &b : odd == &b ? &c : &a, *last = odd == &a ? &c : odd == &b ? &a : &b;
+    if (odd != nullptr) {
+      bool two = true;
+      const auto border = [&](const Corner& other) {
+        double low = 0.0, high = 1.0;
+        for (int step = 0; step < bisections && two; ++step) {
+          const double t = 0.5 * (low + high);
+          const int here = channel(mix(odd->at, other.at, t));
+          two = here == odd->channel || here == other.channel;
+          (here == odd->channel ? low : high) = t;
+        }
+        return 0.5 * (low + high);
+      };
+      const double s = border(*next), t = two ? border(*last) : 0.0;
+      if (two) {
+        const Weights p = mix(odd->at, next->at, s), q = mix(odd->at, last->at, t);
+        book(odd->at, p, q, area * s * t, odd->channel);
+        book(p, next->at, last->at, area * (1.0 - s), next->channel);
+        book(p, last->at, q, area * s * (1.0 - t), next->channel);
+        return;
+      }
+    }
+    if (depth == deepest) {
+      for (const Corner* k : {&a, &b, &c}) book(k->at, k->at, k->at, area / 3.0, k->channel);
+      return;
+    }
+    const auto middle = [&](const Corner& p, const Corner& q) {
+      const Weights w = mix(p.at, q.at, 0.5);
+      return Corner{w, channel(w)};
+    };
+    const Corner ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
+    book(a, ab, ca, area / 4.0, depth + 1);
+    book(ab, b, bc, area / 4.0, depth + 1);
+    book(ca, bc, c, area / 4.0, depth + 1);
+    book(ab, bc, ca, area / 4.0, depth + 1);
+  }
+
+  Path& path_;
+  std::vector<Exit> exits_;
+  std::vector<std::size_t> first_;  ///< exit of each ray
+  std::vector<int> left_;           ///< sixths of each exit that are not spread
+  std::array<const Exit*, 3> corner_{};
+  unsigned image_ = 0;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/tracer.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRACER_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRACER_HPP
+
+namespace lumo {
+
+/// Planes in which body, mesh and emitters are their own mirror images.
+inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
+  const Symmetry s = RayPattern::symmetry_of(body.emitters), m = mesh.symmetry, b = body.symmetry;
+  return {s.x && m.x && b.x, s.y && m.y && b.y};
+}
+
+/// Traces light from a body's emitters through its deformed shape to the channels of the readout.
+///
+/// Emitters in the medium (or in air beside it), both Fresnel branches at smooth interfaces, opaque carrier, straight
+/// rays in air (model: paper §III). Channels of the response: those of the readout for the light of the first colour,
+/// then for that of the next. A medium that scatters sends on light twice from each straight piece, straight and
+/// scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
+/// 1. trace_emitters: paths from the emitters, on a random grid or net of directions that is the same for every design,
+///    state and emitter, until they are absorbed, leave for good, or fall on a Lambertian face. Light that leaves
+///    through regions after reflections is spread between neighbouring paths (splatting.hpp).
+/// 2. trace_faces: Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear
+///    between nodes (radiosity.hpp).
+/// 3. Light that leaves through faces with regions is gathered backwards from them (next_event.hpp): direct light and
+///    light of Lambertian faces. Steps 1 and 3 are plain forward tracing if exit_rays = 0.
+/// Random numbers of later events are keyed by (path, event). Same arguments, same bits, whatever the thread; const and
+/// thread-safe: run one state per task. Errors: of the integration, stated in the Response; of light that is linear
+/// between nodes (scene.sub_facets, scene.carrier_cell_m), and of spreading, which are not in it.
+template <TransparentMedium Medium = BeerLambert, ExitReadout Readout = ExitPower, Intersector Backend = Bvh>
+class Tracer {
+ public:
+  struct Config {
+    int rays_per_emitter = 1 << 16;  ///< over all replicates; a power of two
+    int replicates = 8;          ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
+    int carrier_rays = 1 << 15;  ///< over all replicates and Lambertian faces, by area; at least one on each triangle
+    int exit_rays = 1 << 18;     ///< likewise over the faces with regions that light is gathered from; 0: not done
+    double roulette_below = 0.005;  ///< branches below this share of their path's start weight may be ended
+    double scattered_below = 0.25;  ///< the same for the many branches that were scattered in the medium
+    int max_events = 4096;          ///< a branch that meets more surfaces is booked as lost
+    std::uint64_t seed = 0;         ///< another number, another independent pattern
+    OpticalScene::Config scene{};
+  };
+
+  Tracer() = default;
+  explicit Tracer(const Config& config, const Readout& readout = {}, const Backend& backend = {})
+      : config_(config), readout_(readout), backend_(backend) {}
+
+  const Config& config() const { return config_; }
+
+  /// Channels of the response: those of the readout for each colour; 0 without emitters.
+  int channels(const Body& body) const { return color_count(body.emitters) * readout_.channels(body); }
+  /// Channel → its mirror image in the plane across `axis` (0: x, 1: y). nullopt if the emitters are not symmetric or
+  /// the readout does not know.
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
+    if constexpr (requires {
+                    { readout_.image_channels(body, axis) } -> std::convertible_to<std::optional<std::vector<int>>>;
+                  }) {
+      const Symmetry light = RayPattern::symmetry_of(body.emitters);
+      if (axis == 0 ? !light.x : !light.y) return std::nullopt;
+      const std::optional<std::vector<int>> one = readout_.image_channels(body, axis);
+      if (!one) return std::nullopt;
+      std::vector<int> all;
+      for (int color = 0; color < color_count(body.emitters); ++color)
+        for (int c : *one) all.push_back(color * int(one->size()) + c);
+      return all;
+    } else {
+      return std::nullopt;
+    }
+  }
+
+  /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for
+  /// each number of `pattern`. Compare its responses with its own only. Throws InvalidArgument for a factor that is no
+  /// power of two, or out of range.
+  Tracer refined(int factor, std::uint64_t pattern = 0) const {
+    require_in_range("refinement factor", factor, 1, 1 << 12, "");
+    if (!std::has_single_bit(unsigned(factor)))
+      throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
+    Config c = config_;
+    for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays})
+      *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
+    if (pattern > 0) c.seed = combine(config_.seed, pattern);
+    return Tracer(c, readout_, backend_);
+  }
+
+  /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
+  Response trace(const Body& body, const TetMesh& mesh) const {
+    return trace(body, mesh, {}, {}, symmetry_of(body, mesh));
+  }
+
+  /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
+  Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
+                 const RayFocus& focus = {}) const {
+    return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
+  }
+
+  /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
+  /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
+  /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
+                 const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+    check(body, symmetry, focus);
+    const Medium medium{body.medium};
+    const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
+    const auto scene = backend_.build(surface.triangles());
+    using Scene = std::remove_const_t<decltype(scene)>;
+    const LightNodes nodes(surface, symmetry);
+    const double replicates = config_.replicates;
+    const FaceSet lambertian(surface, symmetry, {.total = config_.carrier_rays / replicates},
+                             [&](int t) { return nodes.of(t)[0] >= 0; });
+    const FaceSet exits(surface, symmetry,
+                        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus},
+                        [&](int t) {
+                          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
+                                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
+                        });
+    const int channels = readout_.channels(body), colors = color_count(body.emitters);
+    require_in_range("readout channels", channels, 0, 1 << 24, "");
+    const LitBody<Scene, Medium, Readout> lit{
+        surface, scene, medium,  BeerLambert(body.surroundings).refractive_index(), readout_, channels,
+        nodes,   exits, symmetry};
+    PathTracer<Scene, Medium, Readout> path(lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
+    struct Color {
+      RayPattern pattern;
+      NextEventGather<Scene, Medium, Readout> gather;
+    };
+    std::vector<Color> light;
+    for (int c = 0; c < colors; ++c) {
+      std::vector<Emitter> emitters;
+      std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
+                   [&](const Emitter& e) { return e.channel() == c; });
+      const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
+      light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
+    }
+
+    Response response;
+    response.replicates.resize(config_.replicates, colors * channels);
+    response.direct.resize(config_.replicates, colors * channels);
+    for (int r = 0; r < config_.replicates; ++r) {
+      const auto sequence = [&](std::uint64_t use) {
+        return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)};
+      };
+      std::vector<Tally> totals;
+      for (const Color& color : light) {
+        trace_emitters(lit, color.pattern, sequence(0), path);
+        totals.push_back(path.accounts().take());
+      }
+      const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
+      for (int k = 0; k < colors; ++k) {
+        Tally& total = totals[std::size_t(k)];
+        const std::vector<double> sent = solve_radiosity(nodes, transport, total);
+        light[std::size_t(k)].gather.run(sequence(2), sent, total);
+        book(total, r, k * channels, response);
+      }
+    }
+    for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
+      response.ledger.channels.push_back(response.replicates.col(c).mean());
+    response.power_W = response.ledger.channels;
+    response.error_W = standard_error(response.replicates);
+    response.rays = path.rays;
+    response.segments = path.segments;
+    return response;
+  }
+
+ private:
+  /// Throws InvalidArgument unless settings, body and focus can be traced.
+  void check(const Body& body, Symmetry symmetry, const RayFocus& focus) const {
+    const auto power_of_two = [](const char* what, int value, int low) {
+      require_in_range(what, value, low, 1 << 28, "");
+      if (!std::has_single_bit(unsigned(value)))
+        throw InvalidArgument(message(what, " is ", value, ", must be a power of two"));
+    };
+    power_of_two("replicates", config_.replicates, 2);
+    power_of_two("rays per emitter", config_.rays_per_emitter, 4 * config_.replicates);
+    require_in_range("carrier rays", config_.carrier_rays, 1, 1 << 30, "");
+    require_in_range("exit rays", config_.exit_rays, 0, 1 << 30, "");
+    require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
+    require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
+    require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
+    if (body.surroundings.extinction_per_m != 0.0)
+      throw InvalidArgument(
+          message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
+
+    require_in_range("focus of the rays", focus.y_m, -1e3, 1e3, "m");
+    require_in_range("length of the rays' focus", focus.length_m, 0.0, 1e3, "m");
+    require_in_range("least density of rays", focus.least, 1e-6, 1.0, "");
+    if (symmetry.y && !focus.is_symmetric())
+      throw InvalidArgument(
+          message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
+    validate(body.emitters);
+  }
+  template <class Scene>
+  void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern, const OwenSobol& sequence,
+                      PathTracer<Scene, Medium, Readout>& path) const {
+    // A body may have been pressed onto an emitter that was in air.
+    const auto covered = [&](const PrimaryRay& ray) {
+      const RayHit in = body.scene.first_hit(ray.origin, ray.direction, true),
+                   out = body.scene.first_hit(ray.origin, ray.direction, false);
+      return in && (!out || in.t < out.t);
+    };
+    constexpr bool connected = ConnectedReadout<Readout>;  // an opening is too small to be found between rays
+    Splatting splatting(path);
+    for (const RayPattern::Beam& beam : pattern.beams()) {
+      const bool air = beam.source.in_air();
+      if (config_.exit_rays > 0 && !connected && !air) {
+        splatting.run(beam, sequence);
+        continue;
+      }
+      for (std::uint32_t i = 0; i < beam.rays; ++i) {
+        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
+        path.run({.ray = ray,
+                  .mirror = beam.mirror,
+                  .power_W = beam.power_W,
+                  .inside = !air || covered(ray),
+                  // Few ways from a face and an emitter lead through an opening.
+                  .gathers_direct = !connected && beam.source.has_intensity() && !air});
+      }
+    }
+  }
+  template <class Scene>
+  RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body, const FaceSet& lambertian,
+                                 const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
+    const double images = (body.symmetry.x ? 2.0 : 1.0) * (body.symmetry.y ? 2.0 : 1.0);
+    RadiosityTransport transport(body.nodes.size(), body.channels);
+    for (std::size_t k = 0; k < lambertian.size(); ++k)
+      for (std::uint32_t i = 0; i < lambertian[k].count; ++i) {
+        FaceSet::Sample x = lambertian.sample(k, body.surface, sequence, i);
+        const bool inside = x.at.face >= 0;
+        const Vec3d lit = inside ? Vec3d(-x.normal) : x.normal;
+        x.ray.direction =
+            reflected(Lambertian{}, -lit, lit, sequence(x.index, 0), sequence(x.index, 1), lambertian[k].mirror);
+        path.run({.ray = x.ray,
+                  .mirror = lambertian[k].mirror,
+                  .power_W = 1.0 / images,
+                  .from_emitter = false,
+                  .inside = inside});
+        transport.add(path.accounts().take(), body.nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
+      }
+    return transport;
+  }
+  /// Books replicate `r` of one colour in the channels from `first` on.
+  void book(Tally& total, int r, Eigen::Index first, Response& response) const {
+    for (std::size_t c = 0; c < total.ledger.channels.size(); ++c) {
+      response.replicates(r, first + Eigen::Index(c)) = total.ledger.channels[c];
+      response.direct(r, first + Eigen::Index(c)) = total.direct[c];
+    }
+    total.ledger.channels.clear();
+    add_scaled(response.ledger, total.ledger, 1.0 / config_.replicates);
+  }
+
+  Config config_{};
+  Readout readout_{};
+  Backend backend_{};
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/objective/contact_progression.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OBJECTIVE_CONTACT_PROGRESSION_HPP
+#define SINGLE_INCLUDE_LUMO_OBJECTIVE_CONTACT_PROGRESSION_HPP
+
+namespace lumo {
+
+/// A number with its numerical error (half width of an interval that should hold a much finer computation's value).
+struct Estimate {
+  double value = 0.0;
+  double error = 0.0;
+};
+
+/// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). A term is empty if the loads do
+/// not define it.
+struct ContactTerms {
+  std::optional<Estimate> form;    ///< q_form: patch radius at 2 N over indenter radius
+  std::optional<Estimate> stable;  ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
+  std::optional<Estimate> stiff;   ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
+  /// (q_form q_stable q_stiff)^(1/3).
+  std::optional<Estimate> score() const;
+};
+
+/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study
+/// (benchmarks/refinement/results.md).
+struct MechanicalError {
+  double area = 0.03;        ///< relative, of A
+  double overlap = 0.015;    ///< absolute, of an intersection over union
+  double stiffness = 0.008;  ///< relative, of a secant stiffness
+};
+
+/// The paper's loads that enter the terms [N].
+struct ContactLoads {
+  double first = 1.0, second = 2.0, third = 5.0, fourth = 10.0;
+};
+
+/// The worst scenario's contact progression (paper Eq. 5) and the index of the scenario that sets it; nullopt without
+/// scenarios, or if one of them has no score.
+template <class Record>
+requires requires(const Record& s) {
+  { s.terms } -> std::convertible_to<ContactTerms>;
+}
+std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<Record>& scenarios) {
+  std::optional<std::pair<Estimate, std::size_t>> worst;
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    const auto score = scenarios[k].terms.score();
+    if (!score) return std::nullopt;
+    if (!worst || score->value < worst->first.value) worst = std::pair(*score, k);
+  }
+  return worst;
+}
+
+/// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper
+/// Table II.
+inline double progressive_constraint_gain(double depth, double baseline_depth) {
+  return 100.0 * (1.0 - depth / baseline_depth);
+}
+
+namespace detail {
+
+/// A term in [0, 1]. The error of a term that is cut off is the part of it that reaches back over the edge.
+inline Estimate clipped(const Estimate& e) {
+  const double value = std::clamp(e.value, 0.0, 1.0);
+  return {value, std::max(0.0, e.error - std::abs(e.value - value))};
+}
+
+}  // namespace detail
+
+inline std::optional<Estimate> ContactTerms::score() const {
+  if (!form || !stable || !stiff) return std::nullopt;
+  const double value = std::cbrt(form->value * stable->value * stiff->value);
+  const auto with = [&](double f, double s, double k) {
+    return std::abs(std::cbrt(std::max(0.0, f) * std::max(0.0, s) * std::max(0.0, k)) - value);
+  };
+  // Errors of the three terms are taken as independent; finite changes, because the cube root has no slope at zero.
+  const double a = std::max(with(form->value + form->error, stable->value, stiff->value),
+                            with(form->value - form->error, stable->value, stiff->value));
+  const double b = std::max(with(form->value, stable->value + stable->error, stiff->value),
+                            with(form->value, stable->value - stable->error, stiff->value));
+  const double c = std::max(with(form->value, stable->value, stiff->value + stiff->error),
+                            with(form->value, stable->value, stiff->value - stiff->error));
+  return Estimate{value, std::sqrt(a * a + b * b + c * c)};
+}
+
+/// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
+/// count.
+inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
+                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
+  const auto at = [&](double load) -> const MechanicalState* {
+    for (const MechanicalState& s : states)
+      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
+    return nullptr;
+  };
+  const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third),
+                        *four = at(loads.fourth);
+  ContactTerms q;
+  if (two) {
+    const double form = std::sqrt(two->contact_area_m2 / (pi * radius_m * radius_m));
+    q.form = detail::clipped({form, 0.5 * error.area * form});
+  }
+  if (two && four) {
+    const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
+    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(),
+                        error.overlap};
+  }
+  if (one && two && three && four) {
+    const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
+    const double late = (four->force_N - three->force_N) / (four->depth_m - three->depth_m);
+    const double ratio = early / late;
+    // A held indenter's force may pass the next load before it moves on: no advance, no stiffness.
+    const bool advanced = two->depth_m > one->depth_m && four->depth_m > three->depth_m;
+    if (advanced && late > 0.0)
+      q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
+  }
+  return q;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/objective/optical_separation.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OBJECTIVE_OPTICAL_SEPARATION_HPP
+#define SINGLE_INCLUDE_LUMO_OBJECTIVE_OPTICAL_SEPARATION_HPP
+
+namespace lumo {
+
+/// Response of one state with the quantities that it is compared by (paper Eq. 6–7).
+struct ObservedState {
+  std::size_t scenario;  ///< the caller's number of the scenario
+  double diameter_m, angle_rad, y_m, load_N;
+  Eigen::MatrixXd change;  ///< (r − r_0)/P_emit, replicates × regions
+  TiltPlane tilt = TiltPlane::xz;
+};
+
+/// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the
+/// distance between their response changes; with its error from replicates and the two states that set it.
+struct Separation {
+  Estimate distance;
+  std::size_t first, second;  ///< indices into the states
+};
+
+/// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and
+/// reflections from the dent nearly cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like
+/// it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
+struct OpticalError {
+  double mesh = 0.12;
+};
+
+/// (r − r_0)/P_emit by replicate.
+inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
+  return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
+}
+
+/// May these two states be compared: same tool, angle and load, other place?
+inline bool comparable(const ObservedState& a, const ObservedState& b) {
+  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N &&
+         a.y_m != b.y_m;
+}
+
+/// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
+/// mean over pairs of *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding
+/// 1948): noise does not raise it, unlike the square of the mean difference. The distance is 0 if noise makes the
+/// square negative. The error is that of the larger of distance and noise.
+inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  const Eigen::MatrixXd d = a - b;
+  const Eigen::RowVectorXd mean = d.colwise().mean();
+  const double n = double(d.rows());
+  if (d.rows() < 2) return {mean.norm(), 0.0};
+  const Eigen::MatrixXd off = d.rowwise() - mean;
+  const double noise2 = off.squaredNorm() / (n * (n - 1.0)), square = mean.squaredNorm() - noise2;
+  const double distance = std::sqrt(std::max(0.0, square)), scale = std::sqrt(std::max(square, noise2));
+  if (scale == 0.0) return {0.0, 0.0};
+  // The distance moves, to first order, with the replicates' components along the mean difference. This overstates the
+  // error somewhat if the mean difference is mostly noise.
+  return {distance, std::sqrt((off * mean.transpose()).squaredNorm() / (n * (n - 1.0))) / scale};
+}
+
+namespace detail {
+
+/// Distances of all pairs that may be compared.
+inline std::vector<Separation> separations(const std::vector<ObservedState>& states) {
+  std::vector<Separation> pairs;
+  for (std::size_t i = 0; i < states.size(); ++i)
+    for (std::size_t j = i + 1; j < states.size(); ++j)
+      if (comparable(states[i], states[j]))
+        pairs.push_back({response_distance(states[i].change, states[j].change), i, j});
+  return pairs;
+}
+
+}  // namespace detail
+
+/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
+/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
+/// Ascending; empty if done, or if no states can be compared. A pure function: a campaign that retraces these states
+/// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
+inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
+  const std::vector<Separation> pairs = detail::separations(states);
+  // The least of the upper bounds, so that one very noisy pair does not stand for all.
+  const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
+  const auto least = std::min_element(pairs.begin(), pairs.end(),
+                                      [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
+  std::set<std::size_t> wanted;
+  for (const Separation& p : pairs) {
+    const bool within_reach =
+        p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
+    if (within_reach && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
+  }
+  return {wanted.begin(), wanted.end()};
+}
+
+/// nullopt if no two states can be compared. Cost: all pairs.
+inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
+                                                    const OpticalError& error = {}) {
+  const std::vector<Separation> pairs = detail::separations(states);
+  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) {
+    return a.distance.value < b.distance.value;
+  });
+  if (closest == pairs.end()) return std::nullopt;
+  Separation least = *closest;
+  least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);
+  return least;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/pipeline/observations.hpp
+#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_OBSERVATIONS_HPP
+#define SINGLE_INCLUDE_LUMO_PIPELINE_OBSERVATIONS_HPP
+
+namespace lumo {
+
+/// One state as it is kept: numbers only, no fields.
+struct StateRecord {
+  Status status = Status::non_finite;
+  double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0,
+         penetration_m = 0.0;
+  /// Per emitted power and channel: Observations::unloaded_response + mean change; empty without light.
+  std::vector<double> response;
+  /// (r − r_0)/P_emit, replicates × channels, both traced on the scenario's own mesh.
+  Eigen::MatrixXd change;
+  std::vector<double> change_error;  ///< standard error of the response minus the unloaded one; empty without light
+};
+
+/// One scenario of an ensemble.
+struct ScenarioRecord {
+  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
+  Status status = Status::non_finite;                   ///< of the last state that was tried
+  ContactTerms terms;
+  std::vector<StateRecord> states;
+  TiltPlane tilt = TiltPlane::xz;
+};
+
+/// Seconds spent, summed over threads, and by the clock in all.
+struct Timing {
+  double mesh = 0.0, mechanics = 0.0, optics = 0.0, total = 0.0;
+};
+
+/// All states and responses of one body under an ensemble.
+struct Observations {
+  std::vector<ScenarioRecord> scenarios;  ///< in the ensemble's order, mirror images included
+  /// Per emitted power and channel (of the first colour, then the next), mean over the meshes.
+  std::vector<double> unloaded_response;
+  /// Its standard error. Meshes share their rays, so it does not shrink with their number.
+  std::vector<double> unloaded_error;
+  EnergyLedger ledger;                  ///< of the traced state that closes worst
+  std::size_t nodes = 0, elements = 0;  ///< of the largest mesh
+  Timing seconds;
+};
+
+/// The record of a scenario, before it is lit, from its states on `mesh`.
+template <Indenter Tool>
+ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
+                         const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
+  ScenarioRecord record;
+  record.diameter_m = 2.0 * contact_radius(scenario.indenter);
+  record.angle_rad = scenario.angle_rad;
+  record.y_m = scenario.y_m;
+  record.tilt = scenario.tilt;
+  record.status = states.back().status;
+  record.terms = contact_terms(body, mesh, states, contact_radius(scenario.indenter), error);
+  for (const MechanicalState& s : states) {
+    StateRecord& kept = record.states.emplace_back();
+    kept.status = s.status;
+    kept.load_N = s.load_N;
+    kept.force_N = s.force_N;
+    kept.depth_m = s.depth_m;
+    kept.contact_area_m2 = s.contact_area_m2;
+    kept.reference_area_m2 = s.reference_area_m2;
+    kept.residual_N = s.residual_N;
+    kept.penetration_m = s.penetration_m;
+  }
+  return record;
+}
+
+/// Did all scenarios converge, or were held where that is accepted?
+inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
+  return std::all_of(scenarios.begin(), scenarios.end(),
+                     [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
+}
+
+/// All states that can be compared for J_obs.
+inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
+  std::vector<ObservedState> states;
+  for (std::size_t k = 0; k < scenarios.size(); ++k)
+    for (const StateRecord& s : scenarios[k].states)
+      if (s.change.size() > 0)
+        states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change,
+                          scenarios[k].tilt});
+  return states;
+}
+
+/// Channel of the light → its mirror image, in the planes x = 0 and y = 0; empty: itself; nullopt: unknown.
+using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
+
+/// The record of a scenario from that of its mirror image.
+template <Indenter Tool>
+ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels,
+                        const ScenarioImage& image) {
+  record.angle_rad = scenario.angle_rad;
+  record.y_m = scenario.y_m;
+  const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
+    if (!channel || channel->empty()) return;
+    for (StateRecord& s : record.states) {
+      const Eigen::MatrixXd change = s.change;
+      for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
+    }
+  };
+  if (image.mirror.x) renumber(channels[0]);
+  if (image.mirror.y) renumber(channels[1]);
+  return record;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/pipeline/lighting.hpp
+#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_LIGHTING_HPP
+#define SINGLE_INCLUDE_LUMO_PIPELINE_LIGHTING_HPP
+
+namespace lumo {
+
+/// Planes in which body, mesh, emitters and the states of a scenario are their own mirror images.
+template <Indenter Tool> Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
+  const Symmetry unloaded = symmetry_of(body, mesh), contact = symmetry_of(scenario);
+  return {unloaded.x && contact.x, unloaded.y && contact.y};
+}
+
+/// The same for a state that ended with `status`. Sweeps visit vertices one after the other: a state that they hold is
+/// not its own mirror image.
+template <Indenter Tool>
+Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, Status status) {
+  return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
+}
+
+/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, 4, …
+constexpr int rays_of(int round) { return round < 4 ? 1 << (round / 2) : 4; }
+
+/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, 18, …
+constexpr int rays_up_to(int round) {
+  int all = 0;
+  for (int r = 0; r <= round; ++r) all += rays_of(r);
+  return all;
+}
+
+/// How the states that decide J_obs become known better than the others. Each round traces the states that
+/// undecided_states() names with new rays, at first half as many as they have had (and the unloaded bodies on their
+/// meshes, too), until there are none. The error covers those still undecided then.
+struct RayRefinement {
+  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 17;           ///< at most this many: rays_up_to(17) = 62; 0: everything is traced once
+  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
+};
+
+/// A solved scenario with its fields.
+struct SolvedScenario {
+  ScenarioRecord record;
+  std::vector<MechanicalState> states;
+  double seconds = 0.0;
+};
+
+/// Light in the states of all solved scenarios.
+template <class Light, class Pad, Indenter Tool> class Lighting {
+ public:
+  /// `places`: the body on its mesh for each place of the plan.
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m,
+           const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
+      : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
+    for (std::size_t k = 0; k < solved.size(); ++k) {
+      records_.push_back(solved[k].record);
+      for (std::size_t s = 0; s < solved[k].states.size(); ++s)
+        if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
+    }
+  }
+
+  struct State {
+    std::size_t solve, state;
+    auto operator<=>(const State&) const = default;
+  };
+  const std::vector<State>& all() const { return all_; }
+
+  /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their
+  /// meshes with the same rays. Round 0 takes all meshes, and sends its rays evenly; later ones send them to the
+  /// contact's place. Rounds have independent patterns. `report(count)` is called after each of `count` jobs.
+  template <Executor E, class Report>
+  void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
+    const std::vector<Job> jobs = jobs_for(wanted, round);
+    std::vector<Response> lit(jobs.size());
+    std::vector<double> spent(jobs.size(), 0.0);
+    executor.for_each(jobs.size(), [&](std::size_t task) {
+      const Stopwatch watch;
+      const std::size_t i = jobs.size() - 1 - task;  // long ones first, so that threads end together
+      lit[i] = light(jobs[i]);
+      spent[i] = watch.seconds();
+      report(jobs.size());
+    });
+    keep(jobs, lit, spent);
+  }
+
+  /// Records of the solved scenarios, with their changes.
+  const std::vector<ScenarioRecord>& records() const { return records_; }
+
+  /// Responses of the undeformed body on each mesh.
+  const std::vector<Response>& unloaded() const { return unloaded_.front(); }
+
+  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure
+  /// function of the responses.
+  std::vector<State> undecided(const std::vector<ScenarioRecord>& all, double tolerance) const {
+    const std::vector<ObservedState> observed = observed_states(all);
+    std::vector<State> states;
+    for (std::size_t i : undecided_states(observed, tolerance)) {
+      const std::size_t solve = plan_.images[observed[i].scenario].solve;
+      const auto& candidates = records_[solve].states;
+      const auto it = std::find_if(candidates.begin(), candidates.end(),
+                                   [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
+      states.push_back({solve, std::size_t(it - candidates.begin())});
+    }
+    std::sort(states.begin(), states.end());
+    states.erase(std::unique(states.begin(), states.end()), states.end());
+    return states;
+  }
+
+  EnergyLedger ledger;   ///< of the traced state that closes worst
+  double seconds = 0.0;  ///< spent in tracing, summed over threads
+
+ private:
+  struct Job {
+    std::size_t place;
+    int round;
+    const State* state;  ///< null: unloaded
+  };
+
+  std::vector<Job> jobs_for(const std::vector<State>& wanted, int round) {
+    unloaded_.resize(std::max(unloaded_.size(), std::size_t(round) + 1), std::vector<Response>(places_.size()));
+    std::vector<Job> jobs;
+    std::set<std::pair<int, std::size_t>> bare;  // (round, place)
+    for (const State& s : wanted)
+      for (int r = rounds_[s]; r <= round; ++r) {
+        jobs.push_back({plan_.solves[s.solve].place, r, &s});
+        bare.insert({r, jobs.back().place});
+      }
+    for (std::size_t place = 0; round == 0 && place < places_.size(); ++place) bare.insert({0, place});
+    for (const auto& [r, place] : bare)
+      if (unloaded_[std::size_t(r)][place].power_W.empty()) jobs.push_back({place, r, nullptr});
+    std::stable_sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) { return a.round < b.round; });
+    return jobs;
+  }
+
+  Response light(const Job& job) const {
+    const Light refined = light_.refined(rays_of(job.round), std::uint64_t(job.round));
+    const TetMesh& mesh = places_[job.place]->mesh();
+    RayFocus focus;  // even, as round 0 serves all states, and as other tilts touch away from their place
+    const auto& p = plan_.places[job.place];
+    if (job.round > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) {
+      focus.y_m = p.y_m;
+      focus.length_m = focus_m_;
+    }
+    if (job.state == nullptr) {
+      const Symmetry unloaded = symmetry_of(body_, mesh);
+      return refined.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
+    }
+    const MechanicalState& loaded = solved_[job.state->solve].states[job.state->state];
+    const Symmetry symmetry = symmetry_of(body_, mesh, plan_.solves[job.state->solve].scenario, loaded.status);
+    return refined.trace(body_, mesh, loaded, symmetry, focus);
+  }
+
+  void keep(const std::vector<Job>& jobs, const std::vector<Response>& lit, const std::vector<double>& spent) {
+    for (std::size_t i = 0; i < jobs.size(); ++i) {
+      seconds += spent[i];
+      if (ledger.emitted == 0.0 || lit[i].ledger.imbalance() >= ledger.imbalance()) ledger = lit[i].ledger;
+      if (jobs[i].state == nullptr) unloaded_[std::size_t(jobs[i].round)][jobs[i].place] = lit[i];
+    }
+    for (std::size_t i = 0; i < jobs.size(); ++i) {
+      const auto& [place, r, state] = jobs[i];
+      if (state == nullptr) continue;
+      const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
+      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
+      const double share = double(rays_of(r)) / rays_up_to(r);
+      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
+      rounds_[*state] = r + 1;
+    }
+  }
+
+  const Body& body_;
+  const ContactPlan<Tool>& plan_;
+  const Light& light_;
+  double focus_m_;
+  const std::vector<Pad>& places_;
+  const std::vector<SolvedScenario>& solved_;
+  std::vector<ScenarioRecord> records_;
+  std::vector<State> all_;
+  std::map<State, int> rounds_;                  ///< that a state has had
+  std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty if it was not needed
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/pipeline/observe.hpp
+#ifndef SINGLE_INCLUDE_LUMO_PIPELINE_OBSERVE_HPP
+#define SINGLE_INCLUDE_LUMO_PIPELINE_OBSERVE_HPP
+
+namespace lumo {
+
+/// Tools of one evaluation; policies are types, settings are values.
+template <Mesher M, class Simulation, class Light> struct Pipeline {
+  M mesher;
+  Simulation simulator;
+  Light tracer;
+  Focus focus = {};
+  MechanicalError mechanical_error = {};
+  OpticalError optical_error = {};
+  bool mirror_once = true;  ///< solve mirror images once
+  RayRefinement rays = {};
+  int mesh_order = 2;        ///< of the simulator's elements
+  bool accept_held = false;  ///< score states that a solver in time holds, too, not equilibria only
+};
+
+/// Called after each step, and before the first of a long stage: stage, steps done, steps in all. May be called from
+/// any thread, one call at a time.
+using ProgressReport = std::function<void(std::string_view stage, int done, int total)>;
+
+/// A body pressed in every scenario, which may be lit more than once.
+template <class Pad, Indenter Tool> struct Pressed {
+  std::vector<Scenario<Tool>> scenarios;
+  ContactPlan<Tool> plan;
+  std::vector<std::unique_ptr<Pad>> places;  ///< the body on the mesh of each place of the plan
+  std::vector<SolvedScenario> solved;        ///< as the plan has them
+  Timing seconds;
+};
+
+template <class P>
+using PadOf =
+    decltype(std::declval<const P&>().simulator.prepare(std::declval<const Body&>(), std::declval<const TetMesh&>()));
+
+namespace detail {
+
+template <class P, Indenter Tool, class Pad>
+SolvedScenario solve_scenario(const Body& body, const Scenario<Tool>& scenario, const P& pipeline, const Pad& pad) {
+  SolvedScenario out;
+  const Stopwatch watch;
+  out.states = pad.press(scenario);
+  out.record = record_of(body, pad.mesh(), scenario, out.states, pipeline.mechanical_error);
+  out.seconds = watch.seconds();
+  return out;
+}
+
+/// Scenarios without a second symmetry plane take longest. They go first, so that threads end together.
+template <Indenter Tool> std::vector<std::size_t> longest_first(const ContactPlan<Tool>& plan) {
+  std::vector<std::size_t> order(plan.solves.size());
+  std::iota(order.begin(), order.end(), std::size_t(0));
+  const auto halves = [&](std::size_t k) {
+    return symmetry_of(plan.solves[k].scenario).x + symmetry_of(plan.solves[k].scenario).y;
+  };
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return halves(a) < halves(b); });
+  return order;
+}
+
+/// Records of all scenarios from those that were solved.
+template <Indenter Tool>
+std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels,
+                                     const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
+  std::vector<ScenarioRecord> records;
+  for (std::size_t k = 0; k < scenarios.size(); ++k)
+    records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
+  return records;
+}
+
+/// Meshes of different places give the same unloaded response up to their facets. That difference would hide small
+/// changes: changes are taken on one mesh and added to the common mean. `watts` names the mean power or its standard
+/// error.
+inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses,
+                                            const std::vector<double> Response::*watts, int channels) {
+  std::vector<double> mean(std::size_t(channels), 0.0);
+  for (const Response& r : responses)
+    for (std::size_t b = 0; b < mean.size(); ++b)
+      mean[b] += (r.*watts)[b] / (r.ledger.emitted * double(responses.size()));
+  return mean;
+}
+
+/// Mirror images of the channels of a body's light.
+template <class Light> ChannelImages channel_images(const Body& body, const Light& light) {
+  if (light.channels(body) == 0) return {std::vector<int>{}, std::vector<int>{}};  // mechanics only
+  return {light.image_channels(body, 0), light.image_channels(body, 1)};
+}
+
+/// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
+template <Indenter Tool> bool images_known(const ContactPlan<Tool>& plan, const ChannelImages& images) {
+  return std::none_of(plan.images.begin(), plan.images.end(),
+                      [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+}
+
+/// Counts the steps of one stage, from any thread.
+class StageReport {
+ public:
+  StageReport(const ProgressReport& progress, std::string stage) : progress_(progress), stage_(std::move(stage)) {}
+  void begin(std::size_t total) {
+    if (progress_) progress_(stage_, 0, int(total));
+  }
+  void step(std::size_t total) {
+    const std::lock_guard lock(mutex_);
+    if (progress_) progress_(stage_, ++done_, int(total));
+  }
+
+ private:
+  const ProgressReport& progress_;
+  std::string stage_;
+  int done_ = 0;
+  std::mutex mutex_;
+};
+
+}  // namespace detail
+
+/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
+/// that fails is a status in its record.
+template <class P, Indenter Tool, Executor E>
+Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
+                              const E& executor, const ProgressReport& progress = {}) {
+  const Stopwatch clock;
+  const ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  Pressed<PadOf<P>, Tool> out;
+  out.scenarios = scenarios;
+  out.plan =
+      plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
+  const ContactPlan<Tool>& plan = out.plan;
+
+  // Meshes: scenarios at one place and angle share one.
+  const std::size_t places = plan.places.size();
+  detail::StageReport meshing(progress, "mesh");
+  meshing.begin(places);
+  const TetMesh coarse = mesh_body(body, pipeline.mesher);
+  out.places.resize(places);
+  std::vector<double> spent(places);
+  executor.for_each(places, [&](std::size_t k) {
+    const Stopwatch watch;
+    std::vector<Scenario<Tool>> here;
+    for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
+    out.places[k] = std::make_unique<PadOf<P>>(pipeline.simulator.prepare(
+        body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
+    spent[k] = watch.seconds();
+    meshing.step(places);
+  });
+
+  // Equilibria.
+  const std::vector<std::size_t> order = detail::longest_first(plan);
+  out.solved.resize(order.size());
+  detail::StageReport pressing(progress, "press");
+  pressing.begin(order.size());
+  executor.for_each(order.size(), [&](std::size_t i) {
+    const auto& s = plan.solves[order[i]];
+    out.solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *out.places[s.place]);
+    pressing.step(order.size());
+  });
+
+  out.seconds.mesh = std::accumulate(spent.begin(), spent.end(), 0.0);
+  for (const auto& s : out.solved) out.seconds.mechanics += s.seconds;
+  out.seconds.total = clock.seconds();
+  return out;
+}
+
+/// Are the mirror images of the channels of `body` known in all planes in which these presses stand for their mirror
+/// images? Only then can `body` be lit in them.
+template <class P, class Pad, Indenter Tool>
+bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
+  return detail::images_known(pressed.plan, detail::channel_images(body, pipeline.tracer));
+}
+
+/// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
+/// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
+/// every executor. Throws InvalidArgument, also unless has_image_channels().
+template <class P, class Pad, Indenter Tool, Executor E>
+Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor,
+                     const ProgressReport& progress = {}) {
+  const Stopwatch clock;
+  const ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  if (!detail::images_known(pressed.plan, images))
+    throw InvalidArgument(
+        "observe: contacts were pressed once with their mirror images, but channels of the light have none");
+  const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
+  Observations out;
+
+  // Light: first for all states, then with more rays for those that decide.
+  Lighting lighting(body, pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
+  const auto trace = [&](const auto& states, int round, std::string stage) {
+    detail::StageReport tracing(progress, std::move(stage));
+    lighting.trace(states, round, executor, [&](std::size_t total) { tracing.step(total); });
+  };
+  if (channels > 0) {
+    trace(lighting.all(), 0, "light");
+    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, channels);
+    out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, channels);
+    const bool scored = all_scored(lighting.records(), pipeline.accept_held);
+    for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
+      const auto undecided = lighting.undecided(
+          detail::expanded(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
+      if (undecided.empty()) break;
+      trace(undecided, round, message("light, ", rays_up_to(round), " times the rays"));
+    }
+  }
+
+  out.scenarios = detail::expanded(pressed.scenarios, images, pressed.plan, lighting.records());
+  for (auto& record : out.scenarios)
+    for (auto& s : record.states) {
+      for (Eigen::Index b = 0; b < s.change.cols(); ++b)
+        s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());
+      s.change_error = standard_error(s.change);
+    }
+  for (const auto& p : pressed.places) {
+    out.nodes = std::max(out.nodes, p->mesh().nodes.size());
+    out.elements = std::max(out.elements, p->mesh().tets.size());
+  }
+  out.ledger = lighting.ledger;
+  out.seconds = pressed.seconds;
+  out.seconds.optics = lighting.seconds;
+  out.seconds.total += clock.seconds();
+  return out;
+}
+
+/// Presses and lights a body in every scenario.
+template <class P, Indenter Tool, Executor E>
+Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
+                     const E& executor, const ProgressReport& progress = {}) {
+  return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/lab/observe_pad.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_OBSERVE_PAD_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_OBSERVE_PAD_HPP
+
+namespace lumo {
+
+/// Where and how hard a pad is pressed for the virtual lab.
+struct PadGrid {
+  double diameter_m = 10.0_mm;
+  std::vector<double> load_N{1.0, 2.0, 5.0, 10.0, 15.0, 20.0};
+  double spacing_m = 1.0_mm;  ///< of the places; those at y < 0 are mirror images
+  int places = 27;            ///< 0, 1, …, 26 mm
+  double tilt_rad = 4.0_deg;  ///< of an approach from the side, from which follows what small angles do
+  std::vector<double> tilt_place_m{0.0, 22.0_mm};
+};
+
+/// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as
+/// `sight` says. The pipeline's tracer must have `sight` for its readout; `body` must be symmetric. Throws
+/// InvalidArgument, MeshError, and PressFailure when a press does not converge.
+template <class P, Executor E>
+PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline,
+                         const E& executor, const ProgressReport& progress = {}) {
+  if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
+  require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
+  require_positive("spacing of the virtual lab's places", grid.spacing_m, "m");
+  require_in_range("tilt of the virtual lab", grid.tilt_rad, 0.001, 0.5, "rad");
+  std::vector<Scenario<Sphere>> scenarios;
+  for (int k = 0; k < grid.places; ++k)
+    scenarios.push_back({Sphere{grid.diameter_m}, 0.0, grid.spacing_m * k, grid.load_N});
+  for (const double y : grid.tilt_place_m)
+    scenarios.push_back({Sphere{grid.diameter_m}, grid.tilt_rad, y, grid.load_N});
+  const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
+  for (const ScenarioRecord& s : seen.scenarios)
+    if (s.status != Status::converged)
+      throw PressFailure(message("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m,
+                                 " mm (", to_string(s.status), ")"));
+
+  const Eigen::Index bins = sight.bins, loads = Eigen::Index(grid.load_N.size());
+  PadResponses r;
+  r.diameter_m = grid.diameter_m;
+  const std::vector<double> at = sight.positions_m();
+  r.position_m = Eigen::Map<const Eigen::VectorXd>(at.data(), bins);
+  const Eigen::Map<const Eigen::VectorXd> rest(seen.unloaded_response.data(), 2 * bins);
+  r.unloaded = 0.5 * (rest.head(bins) + rest.tail(bins));
+  r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
+  r.load_N = Eigen::Map<const Eigen::VectorXd>(grid.load_N.data(), loads);
+  r.place_m.resize(grid.places);
+  r.depth_m.resize(loads, grid.places);
+  r.tilt_place_m = Eigen::Map<const Eigen::VectorXd>(grid.tilt_place_m.data(), Eigen::Index(grid.tilt_place_m.size()));
+  r.error = Eigen::VectorXd::Zero(loads);
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    const bool straight = k < std::size_t(grid.places);
+    Eigen::MatrixXd part(bins, loads);
+    for (Eigen::Index l = 0; l < loads; ++l) {
+      const StateRecord& s = seen.scenarios[k].states[std::size_t(l)];
+      const Eigen::MatrixXd right = s.change.leftCols(bins), left = s.change.rightCols(bins),
+                            wanted = straight ? Eigen::MatrixXd(0.5 * (right + left))
+                                              : Eigen::MatrixXd(0.5 * (right - left) / grid.tilt_rad);
+      part.col(l) = wanted.colwise().mean().transpose();
+      if (!straight) continue;
+      double squares = 0.0;
+      for (const double e : standard_error(wanted)) squares += e * e;
+      r.error[l] += squares / double(bins * grid.places);
+      r.depth_m(l, Eigen::Index(k)) = s.depth_m;
+    }
+    // At y = 0 the pad is its own mirror image; only the rays are not.
+    if (scenarios[k].y_m == 0.0) part = (0.5 * (part + part.colwise().reverse())).eval();
+    (straight ? r.change : r.tilt).push_back(std::move(part));
+    if (straight) r.place_m[Eigen::Index(k)] = scenarios[k].y_m;
+  }
+  r.error = r.error.cwiseSqrt().eval();
+  return r;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/files.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_FILES_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_FILES_HPP
+
+namespace lumo {
+
+/// Bytes of a regular file; nullopt for anything else.
+inline std::optional<std::uintmax_t> file_size(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  return error ? std::nullopt : std::optional(size);
+}
+
+/// All bytes of a regular file; nullopt if there is none, it cannot be read, or it has more than `most` bytes. (A pipe
+/// would wait, a folder reads as empty.)
+inline std::optional<std::string> read_whole(const std::string& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
+  const auto size = file_size(path);
+  if (!size || *size > most) return std::nullopt;
+  std::ifstream in(path, std::ios::binary);
+  if (!in) return std::nullopt;
+  std::string bytes(std::size_t(*size), '\0');
+  in.read(bytes.data(), std::streamsize(bytes.size()));
+  if (in.bad()) return std::nullopt;
+  bytes.resize(std::size_t(in.gcount()));
+  return bytes;
+}
+
+/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one
+/// is replaced. Throws InputError of one line, and leaves what was there.
+inline void write_whole(const std::string& path, std::string_view bytes) {
+  // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
+  const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
+  errno = 0;
+  std::ofstream out(part, std::ios::binary);
+  out.write(bytes.data(), std::streamsize(bytes.size()));
+  out.close();
+  if (out && std::rename(part.c_str(), path.c_str()) == 0) return;
+  const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
+  std::remove(part.c_str());
+  throw InputError(message(path, ": cannot be written: ", why));
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/lab/pad_file.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_PAD_FILE_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_PAD_FILE_HPP
+
+namespace lumo {
+
+// Responses of a pad as a text file: a line that names the format, the key of what was computed, blocks "name rows
+// columns" with their numbers row by row, and a last line with a checksum of all before it.
+
+inline constexpr std::string_view pad_file_head = "lumo-pad-responses 1\n";
+
+inline std::uint64_t checksum(std::string_view text) {
+  std::uint64_t sum = text.size();
+  for (const char c : text) sum = mix64(sum ^ std::uint64_t(static_cast<unsigned char>(c))) + 0x9e3779b97f4a7c15ull;
+  return sum;
+}
+
+inline void append_block(std::string& to, const char* name, const Eigen::MatrixXd& m) {
+  to += message(name, ' ', m.rows(), ' ', m.cols(), '\n');
+  char buffer[32];
+  for (Eigen::Index i = 0; i < m.rows(); ++i)
+    for (Eigen::Index j = 0; j < m.cols(); ++j) {
+      const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, m(i, j));
+      to.append(buffer, end);
+      to += j + 1 < m.cols() ? ' ' : '\n';
+    }
+}
+
+/// Reads blocks in the order in which they were written. Throws InputError.
+class BlockReader {
+ public:
+  BlockReader(std::string_view text, std::string name) : left_(text), name_(std::move(name)) {}
+
+  std::string_view line() {
+    const auto end = left_.find('\n');
+    if (end == std::string_view::npos) fail("ends too early");
+    const std::string_view l = left_.substr(0, end);
+    left_.remove_prefix(end + 1);
+    return l;
+  }
+  Eigen::MatrixXd block(std::string_view wanted) {
+    const std::string_view head = line();
+    const auto first = head.find(' '), second = head.find(' ', first + 1);
+    long rows = -1, columns = -1;
+    if (first == std::string_view::npos || second == std::string_view::npos || head.substr(0, first) != wanted)
+      fail("a block is missing");
+    std::from_chars(head.data() + first + 1, head.data() + second, rows);
+    std::from_chars(head.data() + second + 1, head.data() + head.size(), columns);
+    if (rows < 0 || columns < 0 || rows > 100000 || columns > 10000 || rows * columns > 4000000)
+      fail("a block has no sensible size");
+    Eigen::MatrixXd m(rows, columns);
+    for (long i = 0; i < rows && columns > 0; ++i) {
+      const std::string_view l = line();
+      const char* at = l.data();
+      for (long j = 0; j < columns; ++j) {
+        const auto [end, error] = std::from_chars(at, l.data() + l.size(), m(i, j));
+        if (error != std::errc{}) fail("a number is damaged");
+        at = end + (end < l.data() + l.size());
+      }
+    }
+    return m;
+  }
+  Eigen::VectorXd column(std::string_view wanted) {
+    const Eigen::MatrixXd m = block(wanted);
+    if (m.cols() != 1) fail("a block has more than one column");
+    return m.col(0);
+  }
+  [[noreturn]] void fail(const char* why) const { throw InputError(message(name_, ": ", why)); }
+
+ private:
+  std::string_view left_;
+  std::string name_;
+};
+
+/// `key` names in one line what was computed and how; a reader must ask for the same.
+inline std::string to_text(const PadResponses& r, const std::string& key) {
+  std::string t(pad_file_head);
+  t += "key " + key + "\nmaterial " + r.material + '\n';
+  const auto add = [&](const char* name, const Eigen::MatrixXd& m) { append_block(t, name, m); };
+  add("theta_mm", Eigen::Map<const Eigen::VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
+  add("diameter_m", Eigen::MatrixXd::Constant(1, 1, r.diameter_m));
+  add("position_m", r.position_m);
+  add("unloaded", r.unloaded);
+  add("place_m", r.place_m);
+  add("load_N", r.load_N);
+  add("depth_m", r.depth_m);
+  for (const auto& m : r.change) add("change", m);
+  add("tilt_place_m", r.tilt_place_m);
+  for (const auto& m : r.tilt) add("tilt", m);
+  add("error", r.error);
+  return t + message("checksum ", checksum(t), '\n');
+}
+
+/// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name`
+/// stands in the message.
+inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key,
+                                            const std::string& name) {
+  BlockReader reader(text, name);
+  if (!text.starts_with(pad_file_head)) reader.fail("holds no responses of a pad");
+  const auto last = text.rfind("checksum ");
+  if (last == std::string_view::npos || text.substr(last) != message("checksum ", checksum(text.substr(0, last)), '\n'))
+    reader.fail("is damaged, its checksum is wrong");
+  reader.line();
+  const std::string_view made_for = reader.line();
+  if (key && made_for != "key " + *key) reader.fail("was made for another pad or with other settings");
+  PadResponses r;
+  const std::string_view material = reader.line();
+  r.material = material.substr(std::min<std::size_t>(material.size(), 9));
+  const Eigen::VectorXd theta = reader.column("theta_mm");
+  r.theta_mm.assign(theta.begin(), theta.end());
+  const Eigen::MatrixXd diameter = reader.block("diameter_m");
+  if (diameter.size() != 1) reader.fail("the diameter is missing");
+  r.diameter_m = diameter(0, 0);
+  r.position_m = reader.column("position_m");
+  r.unloaded = reader.column("unloaded");
+  r.place_m = reader.column("place_m");
+  r.load_N = reader.column("load_N");
+  r.depth_m = reader.block("depth_m");
+  for (Eigen::Index k = 0; k < r.place_m.size(); ++k) r.change.push_back(reader.block("change"));
+  r.tilt_place_m = reader.column("tilt_place_m");
+  for (Eigen::Index k = 0; k < r.tilt_place_m.size(); ++k) r.tilt.push_back(reader.block("tilt"));
+  r.error = reader.column("error");
+  validate(r, name);
+  return r;
+}
+
+/// nullopt if there is no such file. Throws InputError for one that cannot be used.
+inline std::optional<PadResponses> read_pad_responses(const std::string& path,
+                                                      const std::optional<std::string>& key = {}) {
+  if (std::error_code unseen; !std::filesystem::exists(path, unseen)) return std::nullopt;
+  const auto text = read_whole(path);
+  if (!text) throw InputError(message(path, ": cannot be read"));
+  return pad_responses_from_text(*text, key, path);
+}
+
+/// The whole file or none. Throws InputError.
+inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) {
+  write_whole(path, to_text(r, key));
+}
+
+}  // namespace lumo
 
 #endif
 
@@ -7939,24 +10233,28 @@ struct Frame {
 
 namespace lumo {
 
-/// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel noise, gamma, 8 bits.
-/// The light of a bin fills the height of the visible side evenly (the responses do not tell more). LEDs are spots behind the side: in the pad's middle, as deep as
-/// refraction lets them seem, so that their pitch looks smaller than the side's.
+/// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel
+/// noise, gamma, 8 bits. The light of a bin fills the height of the visible side evenly (the responses hold no
+/// more). LEDs are spots behind the side: in the pad's middle, as deep as refraction lets them seem, so that their
+/// pitch looks smaller than the side's.
 class SidePainter {
  public:
-  /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
+  /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the
+  /// window.
   SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed);
 
-  /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
-  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
+  /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the
+  /// window's middle.
+  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
+                     RandomStream draws) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
 
  private:
   struct Pixel {
-    int bin;            ///< left one of the two that it lies between; −1: no light of the side
-    float share;        ///< of the right one
+    int bin;      ///< left one of the two that it lies between; −1: no light of the side
+    float share;  ///< of the right one
     float side, spot, vignette, gain, room;
   };
 
@@ -7964,33 +10262,39 @@ class SidePainter {
   std::vector<Pixel> pixels_;
 };
 
-inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed) : view_(view) {
+inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m,
+                                std::uint64_t seed)
+    : view_(view) {
   const CameraRig& camera = view_.camera();
   const SideGeometry& side = view_.side();
   for (const double y : {-side.half_length_m, side.half_length_m})
     for (const double z : {side.low_m, side.high_m})
       if (!view_.shows(y, z)) {
         const Eigen::Vector2d corner = view_.pixel(y, z);
-        throw InvalidArgument(message("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(), "), outside the window of ", camera.width, " x ", camera.height, " px"));
+        throw InvalidArgument(message("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(),
+                                      "), outside the window of ", camera.width, " x ", camera.height, " px"));
       }
-  const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px, blur = camera.blur_px * scale;
+  const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px,
+               blur = camera.blur_px * scale;
   const auto edge = [&](double distance) { return 0.5 * std::erfc(-distance / (std::sqrt(2.0) * blur)); };
   const Eigen::Index bins = position_m.size();
   pixels_.resize(std::size_t(camera.width) * std::size_t(camera.height));
-  Draws sensitivity(seed, 101);
+  RandomStream sensitivity(seed, 101);
   for (int v = 0; v < camera.height; ++v)
     for (int u = 0; u < camera.width; ++u) {
       Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
       const Eigen::Vector2d off = view_.off_axis(u, v);
       const Eigen::Vector3d at = view_.on_side(u, v);
-      const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) * edge(at.z() - side.low_m) * edge(side.high_m - at.z());
+      const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) *
+                           edge(at.z() - side.low_m) * edge(side.high_m - at.z());
       const double place_in_bins = std::clamp((at.y() - position_m[0]) / spacing, 0.0, double(bins - 1) - 1e-9);
       p.bin = cover > 1e-4 ? int(place_in_bins) : -1;
       p.share = float(place_in_bins - std::floor(place_in_bins));
       p.side = float(cover);
       double spot = 0.0;
       for (const double y : side.lamp_m) {
-        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Eigen::Vector2d(u, v) - view_.lamp_pixel(y)).norm() / sigma;
+        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px),
+                     d = (Eigen::Vector2d(u, v) - view_.lamp_pixel(y)).norm() / sigma;
         spot += light.spot_DN * std::exp(-0.5 * d * d);
       }
       p.spot = float(spot);
@@ -8001,7 +10305,8 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, c
     }
 }
 
-inline sense::Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
+inline sense::Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
+                                       RandomStream draws) const {
   const CameraRig& camera = view_.camera();
   sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {
@@ -8033,38 +10338,39 @@ struct LoadStep {
   double load_N = 0.0;
   double ramp_s = 0.3;
   double hold_s = 1.0;
-  std::string kind = "hold";  ///< of the hold's segment
+  sense::SegmentKind kind = sense::SegmentKind::hold;  ///< of the hold's segment
   int cycle = -1;
 };
 
 /// One contact from first touch to leaving.
 struct LabContact {
   int place = 0;
-  double y_m = 0.0;          ///< of the jig
+  double y_m = 0.0;  ///< of the jig
   int repetition = 0;
   std::vector<LoadStep> steps;
-  double angle_rad = 0.0;    ///< of approach, small
-  double rest_s = 1.0;       ///< without contact before it
-  int view = 0;              ///< of LabPlan::views
+  double angle_rad = 0.0;  ///< of approach, small
+  double rest_s = 1.0;     ///< without contact before it
+  int view = 0;            ///< of LabPlan::views
 };
 
 /// A camera's place and the room's and lamps' light, as an experiment sets them on purpose.
 struct LabView {
   CameraPlace place;
-  double room = 1.0;         ///< ambient light, times the rig's
-  double lamps = 1.0;        ///< 0: off
+  double room = 1.0;   ///< ambient light, times the rig's
+  double lamps = 1.0;  ///< 0: off
 };
 
 /// What is done in one log.
 struct LabPlan {
   std::string title;
-  double free_run_s = 0.0;   ///< the joint sweeps without contact, to get to know its friction and weight
+  double free_run_s = 0.0;  ///< the joint sweeps without contact, to get to know its friction and weight
   std::vector<LabContact> contacts;
   std::vector<LabView> views{LabView{}};
 };
 
 inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3, 15e-3, 25e-3};
-/// Places 1, 3 and 5 of those, numbered along the finger without gaps in their own logs, where they are each other's neighbours.
+/// Places 1, 3 and 5 of those, numbered along the finger without gaps in their own logs, where they are each other's
+/// neighbours.
 inline constexpr std::array<double, 3> lab_odd_places_m{lab_places_m[0], lab_places_m[2], lab_places_m[4]};
 
 inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, double ramp_s, double hold_s) {
@@ -8073,16 +10379,19 @@ inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, doubl
   return steps;
 }
 
-/// Six places 10 mm apart, `repetitions` independent re-contacts each, 2, 5, 10, 15 N held 1 s, unloaded in between (paper, re-contact evaluation).
+/// Six places 10 mm apart, `repetitions` independent re-contacts each, 2, 5, 10, 15 N held 1 s, unloaded in between
+/// (paper, re-contact evaluation).
 inline LabPlan recontact_plan(int repetitions = 5) {
   require_in_range("repetitions", repetitions, 1, 1000, "");
   LabPlan plan{"re-contacts at six places", 0.0, {}};
   for (int r = 0; r < repetitions; ++r)
-    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, lab_places_m[std::size_t(p)], r, lab_holds({2, 5, 10, 15}, 0.3, 1.0)});
+    for (int p = 0; p < 6; ++p)
+      plan.contacts.push_back({p, lab_places_m[std::size_t(p)], r, lab_holds({2, 5, 10, 15}, 0.3, 1.0)});
   return plan;
 }
 
-/// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics (paper, contact cycling).
+/// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics
+/// (paper, contact cycling).
 inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
@@ -8091,7 +10400,7 @@ inline LabPlan cycle_plan(int runs = 3) {
       const double y = lab_odd_places_m[std::size_t(p)];
       LabContact c{p, y, r, {}};
       for (int k = 0; k < 5; ++k)
-        for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, "cycle", k});
+        for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, sense::SegmentKind::cycle, k});
       plan.contacts.push_back(std::move(c));
       // The same contact anew: one hold at each load, for W_recontact and D_neighbor of these runs.
       plan.contacts.push_back({p, y, r, lab_holds({2, 5, 10, 15}, 0.3, 0.5)});
@@ -8099,19 +10408,25 @@ inline LabPlan cycle_plan(int runs = 3) {
   return plan;
 }
 
-/// Places 1, 3 and 5 up to 20 N under other camera heights and pitches, other room light, and with the LEDs off (paper, imaging variation).
+/// Places 1, 3 and 5 up to 20 N under other camera heights and pitches, other room light, and with the LEDs off (paper,
+/// imaging variation).
 inline LabPlan imaging_plan() {
   LabPlan plan{"imaging variation", 0.0, {}, {}};
-  plan.views = {{}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
+  plan.views = {{},        {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}},
+                {{}, 4.0}, {{}, 1.0, 0.0}};
   for (int v = 0; v < int(plan.views.size()); ++v)
-    for (int p = 0; p < 3; ++p) plan.contacts.push_back({p, lab_odd_places_m[std::size_t(p)], v, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
+    for (int p = 0; p < 3; ++p)
+      plan.contacts.push_back(
+          {p, lab_odd_places_m[std::size_t(p)], v, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
   return plan;
 }
 
-/// An unloaded sweep of the joint, then six sequences of 2, 5, 10, 15, 20 N, one for each place (paper, force estimation).
+/// An unloaded sweep of the joint, then six sequences of 2, 5, 10, 15, 20 N, one for each place (paper, force
+/// estimation).
 inline LabPlan force_plan() {
   LabPlan plan{"location and force at six places", 9.0, {}};
-  for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, lab_places_m[std::size_t(p)], 0, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.9), 0.0, 1.5});
+  for (int p = 0; p < 6; ++p)
+    plan.contacts.push_back({p, lab_places_m[std::size_t(p)], 0, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.9), 0.0, 1.5});
   return plan;
 }
 
@@ -8125,8 +10440,9 @@ inline LabPlan force_plan() {
 
 namespace lumo {
 
-/// What load would, in equilibrium, give the deformation that a pad has now: it lags behind the load on it (Prony series; generalised Maxwell body).
-/// With the equilibrium modulus for unit, load = e + Σ w_k h_k, where h_k' = e' − h_k/τ_k and w_k = part_k/(1 − Σ part).
+/// What load would, in equilibrium, give the deformation that a pad has now: it lags behind the load on it (Prony
+/// series; generalised Maxwell body). With the equilibrium modulus for unit, load = e + Σ w_k h_k, where h_k' = e' −
+/// h_k/τ_k and w_k = part_k/(1 − Σ part).
 class Relaxation {
  public:
   explicit Relaxation(const SiliconeRig& rig) : time_s_(rig.time_s) {
@@ -8135,7 +10451,8 @@ class Relaxation {
     for (std::size_t k = 0; k < weight_.size(); ++k) weight_[k] = rig.part[k] / rest;
   }
 
-  /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches are exact. Returns e, never below 0.
+  /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches
+  /// are exact. Returns e, never below 0.
   double step(double load_N, double dt_s) {
     double lag = 0.0, whole = 1.0;
     std::array<double, 3> keep{}, gain{};
@@ -8146,7 +10463,8 @@ class Relaxation {
       whole += weight_[k] * gain[k];
     }
     const double next = std::max(0.0, (load_N - lag) / whole);
-    for (std::size_t k = 0; k < weight_.size(); ++k) branch_[k] = keep[k] * branch_[k] + gain[k] * (next - equivalent_N_);
+    for (std::size_t k = 0; k < weight_.size(); ++k)
+      branch_[k] = keep[k] * branch_[k] + gain[k] * (next - equivalent_N_);
     return equivalent_N_ = next;
   }
   double equivalent_N() const { return equivalent_N_; }
@@ -8184,1001 +10502,13 @@ enum class StreamState {
 namespace lumo::sense {
 
 /// A source of frames: live, a video, a folder of images.
-/// Laws: `next` gives each frame once, in the order of taking, and nothing when there is none now; it does not wait for a frame longer than the model
-/// says; the pixels stay valid until the next call; while the state is not `open`, there is no frame.
+/// Laws: `next` gives each frame once, in the order of taking, and nullopt if there is none now; it waits no longer
+/// than the model states; the pixels stay valid until the next call; there is no frame unless the state is `open`.
 template <class C>
 concept Camera = requires(C& camera, const C& view) {
   { camera.next() } -> std::same_as<std::optional<Frame>>;
   { view.state() } -> std::same_as<StreamState>;
 };
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/csv.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_CSV_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_CSV_HPP
-
-namespace lumo::sense {
-
-/// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields. No quotes, no empty lines but at the
-/// end, no comments; fields may have spaces around them, lines may end in CR LF. Every fault is an InputError of one line with file, line and column.
-class CsvReader {
- public:
-  static constexpr std::size_t max_line = 65536, max_columns = 256;
-
-  /// Reads the header. `name` stands in messages.
-  CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
-    if (!read_line()) throw InputError(message(name_, ": is empty, must begin with a line of column names"));
-    if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
-    split();
-    for (const std::string_view f : fields_) {
-      if (f.empty()) throw InputError(message(name_, ":1: column ", columns_.size() + 1, " has no name"));
-      for (const std::string& c : columns_)
-        if (c == f) throw InputError(message(name_, ":1: column '", printable(f), "' is there twice"));
-      columns_.emplace_back(f);
-    }
-  }
-
-  const std::vector<std::string>& columns() const { return columns_; }
-  /// Place of a column, or −1.
-  int find(std::string_view column) const {
-    for (std::size_t i = 0; i < columns_.size(); ++i)
-      if (columns_[i] == column) return int(i);
-    return -1;
-  }
-  /// Place of a column that must be there.
-  int require(std::string_view column) const {
-    if (const int i = find(column); i >= 0) return i;
-    throw InputError(message(name_, ":1: column '", column, "' is missing"));
-  }
-  /// Throws for the first column that is none of those known.
-  template <class Known>
-  void require_known(Known known) const {
-    for (const std::string& c : columns_)
-      if (!known(std::string_view(c))) throw InputError(message(name_, ":1: column '", printable(c), "' is not known"));
-  }
-
-  /// Goes to the next row; false at the end of the file.
-  bool next() {
-    if (!read_line()) return false;
-    if (line_text_.find_first_not_of(" \t") == std::string::npos) {
-      while (read_line())
-        if (line_text_.find_first_not_of(" \t") != std::string::npos) throw InputError(message(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
-      return false;
-    }
-    split();
-    if (fields_.size() != columns_.size()) throw InputError(message(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
-    return true;
-  }
-  std::string_view text(int column) const { return fields_[std::size_t(column)]; }
-  /// A finite number.
-  double number(int column) const {
-    const std::string_view f = message(column);
-    double v = 0.0;
-    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
-    if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
-    return v;
-  }
-  std::int64_t integer(int column) const {
-    const std::string_view f = message(column);
-    std::int64_t v = 0;
-    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
-    if (error != std::errc() || end != f.data() + f.size()) fail(column, "is no whole number of 64 bits");
-    return v;
-  }
-  long line() const { return line_; }
-  const std::string& name() const { return name_; }
-  /// Throws the error of a field: file, line, column, what it says, what is wrong.
-               [[noreturn]] void fail(int column, std::string_view why) const {
-    throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '", printable(message(column)), "' ", why));
-  }
-
- private:
-  bool read_line() {
-    line_text_.clear();
-    ++line_;
-    for (int c = in_.get(); c != std::istream::traits_type::eof(); c = in_.get()) {
-      if (c == '\n') {
-        if (line_text_.ends_with('\r')) line_text_.pop_back();
-        return true;
-      }
-      if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
-      line_text_ += char(c);
-      if (line_text_.size() > max_line) throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
-    }
-    if (in_.bad()) throw InputError(message(name_, ":", line_, ": cannot be read"));
-    return !line_text_.empty();
-  }
-
-  void split() {
-    fields_.clear();
-    const std::string_view all = line_text_;
-    if (const auto quote = all.find('"'); quote != std::string_view::npos)
-      throw InputError(message(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
-    for (std::size_t from = 0;;) {
-      const std::size_t to = std::min(all.find(',', from), all.size());
-      std::string_view f = all.substr(from, to - from);
-      while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
-      while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
-      fields_.push_back(f);
-      if (fields_.size() > max_columns) throw InputError(message(name_, ":", line_, ": has more than ", max_columns, " fields"));
-      if (to == all.size()) return;
-      from = to + 1;
-    }
-  }
-
-  std::istream& in_;
-  std::string name_, line_text_;
-  std::vector<std::string> columns_;
-  std::vector<std::string_view> fields_;
-  long line_ = 0;
-};
-
-/// The shortest text that reads back as the same number. Throws InvalidArgument for what is not finite.
-inline std::string csv_number(double v) {
-  if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
-  char buffer[32];
-  const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, v);
-  return {buffer, end};
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/alignment.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_ALIGNMENT_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_ALIGNMENT_HPP
-
-namespace lumo::sense {
-
-/// Stamps lie within ±this [ns], 146 years, so that the difference of any two is one of 64 bits.
-inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
-
-/// From one clock to another: to = from + offset + drift · (from − origin).
-struct ClockMap {
-  std::int64_t origin_ns = 0;
-  double offset_s = 0.0;
-  double drift = 0.0;         ///< seconds per second
-  double residual_s = 0.0;    ///< RMS of what a fit left; 0 where it was given, not fitted
-  bool operator==(const ClockMap&) const = default;
-
-  /// Ends at the limit of stamps.
-  std::int64_t operator()(std::int64_t from_ns) const {
-    constexpr double limit = double(stamp_limit_ns);
-    const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
-    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
-  }
-
-  /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
-  static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
-    if (from_ns.empty() || from_ns.size() != to_ns.size())
-      throw InvalidArgument(message("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
-    for (std::size_t i = 0; i < from_ns.size(); ++i)
-      for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
-        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) throw InvalidArgument(message("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
-    ClockMap map;
-    map.origin_ns = from_ns[from_ns.size() / 2];
-    const double n = double(from_ns.size());
-    double sum_t = 0.0, sum_d = 0.0, sum_tt = 0.0, sum_td = 0.0;
-    for (std::size_t i = 0; i < from_ns.size(); ++i) {
-      const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
-      sum_t += t, sum_d += d, sum_tt += t * t, sum_td += t * d;
-    }
-    const double det = n * sum_tt - sum_t * sum_t;
-    map.drift = det > 1e-9 * n * n ? (n * sum_td - sum_t * sum_d) / det : 0.0;
-    map.offset_s = (sum_d - map.drift * sum_t) / n;
-    double squares = 0.0;
-    for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
-    map.residual_s = std::sqrt(squares / n);
-    return map;
-  }
-};
-
-/// A recorded quantity of some channels over time, and what linear interpolation makes of it.
-class TimeSeries {
- public:
-  /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
-  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
-    if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
-    for (std::size_t i = 1; i < stamp_.size(); ++i)
-      if (stamp_[i] <= stamp_[i - 1])  // of ascending stamps the ends tell of all
-        throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
-    if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
-      throw InvalidArgument(message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
-  }
-
-  /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
-  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
-    const Eigen::MatrixXd& value = value_;
-    const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
-    if (after == stamp_.end()) return std::nullopt;
-    const auto j = Eigen::Index(after - stamp_.begin());
-    if (*after == stamp_ns) return Eigen::VectorXd(value.col(j));
-    if (after == stamp_.begin()) return std::nullopt;
-    const double gap = double(*after - *(after - 1));
-    if (1e-9 * gap > max_gap_s) return std::nullopt;
-    const double share = double(stamp_ns - *(after - 1)) / gap;
-    return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
-  }
-
-  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
-  /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
-  Eigen::VectorXd interpolation_residual() const {
-    const Eigen::MatrixXd& value = value_;
-    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value.rows());
-    for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
-      const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
-      const auto k = Eigen::Index(i);
-      squares += (value.col(k) - (1.0 - share) * value.col(k - 1) - share * value.col(k + 1)).cwiseAbs2();
-    }
-    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
-  }
-  double largest_gap_s() const {
-    std::int64_t gap = 0;
-    for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
-    return 1e-9 * double(gap);
-  }
-  std::size_t size() const { return stamp_.size(); }
-
- private:
-  std::vector<std::int64_t> stamp_;
-  Eigen::MatrixXd value_;
-};
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/devices/joint_sample.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_JOINT_SAMPLE_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_JOINT_SAMPLE_HPP
-
-namespace lumo::sense {
-
-/// A finger or hand has at most this many joints; vectors of joints need no heap.
-inline constexpr int max_joints = 8;
-
-using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
-
-/// What a motor driver's effort is. A current becomes a torque by the torque model's constants.
-enum class Effort { current_A, torque_Nm };
-
-/// State of all joints at one time.
-struct JointSample {
-  std::int64_t stamp_ns = 0;  ///< on the clock that the session names
-  JointVector position_rad;
-  JointVector velocity_rad_per_s;
-  JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
-  Effort unit = Effort::current_A;
-  bool saturated = false;  ///< the driver says that a value stands at the end of its range: it may be more
-};
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/tables.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_TABLES_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_TABLES_HPP
-
-namespace lumo::sense {
-
-// A log is a folder (docs/log_format.md):
-//   session.json        what was done, with what (support/json.hpp reads it)
-//   frames.csv          stamp_ns | time_s, file, exposure_s, gain       file: path below frames/; the column is absent where there is a video
-//   frames/…            8-bit images, colour or grey; or video.* instead
-//   joint.csv           stamp_ns | time_s, position_rad_0, velocity_rad_per_s_0, current_A_0 | torque_Nm_0, position_rad_1, …
-//   wrench.csv          stamp_ns | time_s, force_x_N, force_y_N, force_z_N[, torque_x_Nm, torque_y_Nm, torque_z_Nm]
-//   marker.csv          stamp_ns | time_s, displacement_m
-//   photodiode.csv      stamp_ns | time_s, signal_V_0, signal_V_1, …
-// All but session.json may be absent. Stamps ascend strictly. Columns may stand in any order; unknown ones are errors.
-
-/// A row of frames.csv.
-struct FrameRecord {
-  std::int64_t stamp_ns = 0;
-  std::string file;         ///< below frames/; empty in a video's table
-  double exposure_s = 0.0;  ///< 0: not known
-  double gain = 0.0;        ///< 0: not known
-};
-
-/// Name of a log's picture by its number: 000042.png.
-inline std::string frame_file(std::size_t number, std::string_view ending = ".png") {
-  const std::string digits = std::to_string(number);
-  return std::string(digits.size() < 6 ? 6 - digits.size() : 0, '0') + digits + std::string(ending);
-}
-
-/// What a force/torque sensor says: the object on the finger, in the finger's frame, about its origin.
-struct WrenchSample {
-  std::int64_t stamp_ns = 0;
-  Vec3d force_N{0.0, 0.0, 0.0};
-  Vec3d torque_Nm{0.0, 0.0, 0.0};
-  double normal_force_N() const { return -force_N.z(); }  ///< positive where the finger is pressed
-};
-
-struct MarkerSample {
-  std::int64_t stamp_ns = 0;
-  double displacement_m = 0.0;
-};
-
-/// The time column of a log's table, as integer nanoseconds; strictly ascending.
-class StampColumn {
- public:
-  explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
-    if (seconds_) column_ = csv.find("time_s");
-    if (column_ < 0) throw InputError(message(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
-    if (!seconds_ && csv.find("time_s") >= 0) throw InputError(message(csv.name(), ":1: has both 'stamp_ns' and 'time_s'"));
-  }
-  std::int64_t read(const CsvReader& csv) {
-    std::int64_t stamp = 0;
-    if (seconds_) {
-      const double s = csv.number(column_);
-      if (std::abs(s) > 1e-9 * double(stamp_limit_ns)) csv.fail(column_, "s is beyond the range of stamps");
-      stamp = std::llround(s * 1e9);
-    } else {
-      stamp = csv.integer(column_);
-      if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) csv.fail(column_, "is beyond the range of stamps");
-    }
-    if (last_ && stamp <= *last_) csv.fail(column_, "does not exceed the stamp before it");
-    last_ = stamp;
-    return stamp;
-  }
-
- private:
-  int column_;
-  bool seconds_;
-  std::optional<std::int64_t> last_;
-};
-
-/// A path below a log's frames/ that a table can hold.
-inline bool is_below_frames(std::string_view file) {
-  const bool plain = std::none_of(file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
-  return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' && file.find("..") == std::string_view::npos &&
-         file.find('\\') == std::string_view::npos;
-}
-
-/// Text of a stamp to be written. Throws InvalidArgument for one that StampColumn would refuse.
-inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
-  if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
-    throw InvalidArgument(message("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns", last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
-  last = stamp_ns;
-  return std::to_string(stamp_ns);
-}
-
-inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s"; }
-
-/// Column of a name with a joint's (diode's) number behind it.
-inline std::string numbered(const char* name, int i) { return std::string(name) + '_' + std::to_string(i); }
-
-/// Opens a file for reading. Throws InputError.
-inline std::ifstream open_text(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw InputError(message(path, ": cannot be opened"));
-  return in;
-}
-
-/// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
-inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
-  CsvReader csv(in, name);
-  csv.require_known([&](std::string_view c) { return is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
-  StampColumn stamp(csv);
-  const int file = video ? -1 : csv.require("file"), exposure = csv.find("exposure_s"), gain = csv.find("gain");
-  std::vector<FrameRecord> list;
-  while (csv.next()) {
-    FrameRecord f{stamp.read(csv), "", 0.0, 0.0};
-    if (file >= 0) {
-      f.file = csv.text(file);
-      if (!is_below_frames(f.file)) csv.fail(file, "is no path below frames/");
-    }
-    if (exposure >= 0 && (f.exposure_s = csv.number(exposure)) < 0.0) csv.fail(exposure, "s is negative");
-    if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
-    list.push_back(std::move(f));
-  }
-  return list;
-}
-
-/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque.
-inline std::vector<JointSample> read_joint_log(std::istream& in, const std::string& name) {
-  CsvReader csv(in, name);
-  StampColumn stamp(csv);
-  int joints = 0;
-  while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
-  if (joints == 0) csv.require("position_rad_0");
-  const Effort unit = csv.find("current_A_0") >= 0 ? Effort::current_A : Effort::torque_Nm;
-  const char* effort_name = unit == Effort::current_A ? "current_A" : "torque_Nm";
-  std::vector<int> position, velocity, effort;
-  for (int j = 0; j < joints; ++j) {
-    position.push_back(csv.require(numbered("position_rad", j)));
-    velocity.push_back(csv.require(numbered("velocity_rad_per_s", j)));
-    effort.push_back(csv.require(numbered(effort_name, j)));
-  }
-  csv.require_known([&](std::string_view c) {
-    bool known = is_time(c);
-    for (int j = 0; j < joints; ++j)
-      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name}) known = known || c == numbered(column, j);
-    return known;
-  });
-  std::vector<JointSample> list;
-  while (csv.next()) {
-    JointSample s{stamp.read(csv), JointVector(joints), JointVector(joints), JointVector(joints), unit};
-    for (int j = 0; j < joints; ++j) {
-      s.position_rad[j] = csv.number(position[std::size_t(j)]);
-      s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
-      s.effort[j] = csv.number(effort[std::size_t(j)]);
-    }
-    list.push_back(std::move(s));
-  }
-  return list;
-}
-
-/// Reads wrench.csv; torques may be absent altogether.
-inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::string& name) {
-  static constexpr const char* forces[] = {"force_x_N", "force_y_N", "force_z_N"};
-  static constexpr const char* torques[] = {"torque_x_Nm", "torque_y_Nm", "torque_z_Nm"};
-  CsvReader csv(in, name);
-  StampColumn stamp(csv);
-  bool with_torque = false;
-  for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
-  int column[6] = {};
-  for (int k = 0; k < 3; ++k) column[k] = csv.require(forces[k]), column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
-  csv.require_known([&](std::string_view c) {
-    bool known = is_time(c);
-    for (int k = 0; k < 3; ++k) known = known || c == forces[k] || c == torques[k];
-    return known;
-  });
-  std::vector<WrenchSample> list;
-  while (csv.next()) {
-    WrenchSample w;
-    w.stamp_ns = stamp.read(csv);
-    for (int k = 0; k < 3; ++k) {
-      w.force_N[k] = csv.number(column[k]);
-      if (with_torque) w.torque_Nm[k] = csv.number(column[3 + k]);
-    }
-    list.push_back(w);
-  }
-  return list;
-}
-
-/// Reads marker.csv.
-inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::string& name) {
-  CsvReader csv(in, name);
-  StampColumn stamp(csv);
-  const int place = csv.require("displacement_m");
-  csv.require_known([](std::string_view c) { return is_time(c) || c == "displacement_m"; });
-  std::vector<MarkerSample> list;
-  while (csv.next()) {
-    const std::int64_t at = stamp.read(csv);
-    list.push_back({at, csv.number(place)});
-  }
-  return list;
-}
-
-inline std::string frame_header(bool video) { return video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n"; }
-
-inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std::int64_t>& last) {
-  if (!video && !is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
-  if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(message("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
-  return stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
-}
-
-inline std::string joint_header(int joints, Effort unit) {
-  std::string t = "stamp_ns";
-  for (int j = 0; j < joints; ++j)
-    for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + numbered(column, j);
-  return t + '\n';
-}
-
-inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
-  std::string t = stamp_text(s.stamp_ns, last);
-  for (Eigen::Index j = 0; j < s.effort.size(); ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
-  return t + '\n';
-}
-
-/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse.
-inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
-  std::string t = frame_header(video);
-  std::optional<std::int64_t> last;
-  for (const FrameRecord& f : frames) t += frame_row(f, video, last);
-  return t;
-}
-
-inline std::string joint_log_text(const std::vector<JointSample>& samples) {
-  if (samples.empty()) return joint_header(1, Effort::current_A);
-  const auto joints = samples.front().effort.size();
-  const Effort unit = samples.front().unit;
-  std::string t = joint_header(int(joints), unit);
-  std::optional<std::int64_t> last;
-  for (const JointSample& s : samples) {
-    if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)
-      throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
-    t += joint_row(s, last);
-  }
-  return t;
-}
-
-inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
-  std::string t = "stamp_ns,force_x_N,force_y_N,force_z_N,torque_x_Nm,torque_y_Nm,torque_z_Nm\n";
-  std::optional<std::int64_t> last;
-  for (const WrenchSample& w : samples) {
-    t += stamp_text(w.stamp_ns, last);
-    for (const Vec3d& v : {w.force_N, w.torque_Nm})
-      for (int k = 0; k < 3; ++k) t += ',' + csv_number(v[k]);
-    t += '\n';
-  }
-  return t;
-}
-
-inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
-  std::string t = "stamp_ns,displacement_m\n";
-  std::optional<std::int64_t> last;
-  for (const MarkerSample& m : samples) t += stamp_text(m.stamp_ns, last) + ',' + csv_number(m.displacement_m) + '\n';
-  return t;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/hand/hand_link.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_HAND_HAND_LINK_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_HAND_HAND_LINK_HPP
-
-namespace lumo::sense {
-
-/// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
-struct HandLink {
-  std::string name;
-  std::vector<int> joints;              ///< that move it, by their numbers in the joint samples
-  Eigen::Matrix2Xd hole_m;              ///< centres (y, z) of its mounting holes, at least two
-  double hole_radius_m = 1.5_mm;
-  bool z_clockwise = false;             ///< in the image z lies clockwise of y (image rows run down)
-  double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
-  double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
-};
-
-/// Throws InvalidArgument for a link that makes no sense.
-inline void validate(const HandLink& l) {
-  if (l.joints.empty()) throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
-  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite()) throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(), " mounting holes, must have at least 2, at finite places"));
-  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
-    for (Eigen::Index j = 0; j < k; ++j)
-      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j)); !(apart >= 1.0_mm && apart <= 10.0))
-        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
-  require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
-  require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
-  require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
-}
-
-/// How a link's plane lies in the image: turned, shifted and scaled.
-struct LinkMap {
-  Eigen::Vector2d origin_px{0.0, 0.0};
-  Eigen::Vector2d along_px_per_m{1.0, 0.0};   ///< of y
-  bool z_clockwise = false;
-  double residual_px = 0.0;                                    ///< RMS of what the fit leaves
-  double contrast_DN = 0.0;                                    ///< of the palest hole that it was found by
-
-  Eigen::Vector2d pixel(double y_m, double z_m) const {
-    const double side = z_clockwise ? 1.0 : -1.0;
-    const Eigen::Vector2d across(-side * along_px_per_m.y(), side * along_px_per_m.x());
-    const Eigen::Vector2d& along = along_px_per_m;
-    return origin_px + y_m * along + z_m * across;
-  }
-  double px_per_m() const { return std::hypot(along_px_per_m.x(), along_px_per_m.y()); }
-
-  /// Least squares over points of the link (2 × n, n ≥ 2) and where they are seen. Throws InvalidArgument for fewer, or points that coincide.
-  static LinkMap fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix2Xd& pixel, bool z_clockwise);
-};
-
-inline LinkMap LinkMap::fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix2Xd& pixel, bool z_clockwise) {
-  using Complex = std::complex<double>;
-  const Eigen::Index n = point_m.cols();
-  if (n < 2 || pixel.cols() != n) throw InvalidArgument(message("link map has ", n, " points and ", pixel.cols(), " pixels, must have at least 2 of each"));
-  const auto point = [&](Eigen::Index k) { return Complex(point_m(0, k), z_clockwise ? point_m(1, k) : -point_m(1, k)); };
-  const auto seen = [&](Eigen::Index k) { return Complex(pixel(0, k), pixel(1, k)); };
-  Complex middle = 0.0, middle_px = 0.0, turn = 0.0;
-  for (Eigen::Index k = 0; k < n; ++k) middle += point(k) / double(n), middle_px += seen(k) / double(n);
-  double spread = 0.0;
-  for (Eigen::Index k = 0; k < n; ++k) {
-    turn += std::conj(point(k) - middle) * (seen(k) - middle_px);
-    spread += std::norm(point(k) - middle);
-  }
-  if (!(spread > 0.0)) throw InvalidArgument("link map: all points lie in one place");
-  turn /= spread;
-  const Complex origin = middle_px - turn * middle;
-  LinkMap map{{origin.real(), origin.imag()}, {turn.real(), turn.imag()}, z_clockwise, 0.0, 0.0};
-  double left = 0.0;
-  for (Eigen::Index k = 0; k < n; ++k) left += std::norm(origin + turn * point(k) - seen(k));
-  map.residual_px = std::sqrt(left / double(n));
-  return map;
-}
-
-/// How well holes must be seen.
-struct HoleSearch {
-  double reach_m = 8.0_mm;         ///< how far from where it is expected a hole may be
-  double min_contrast = 10.0;      ///< how much darker than its rim [DN]
-  double max_residual_m = 0.4_mm;  ///< RMS of the holes' places after the fit
-  double max_scale_change = 0.05;  ///< relative to the guess; two holes tell nothing else of a mistake
-};
-
-namespace detail {
-
-struct Hole {
-  Eigen::Vector2d center;
-  double contrast;
-};
-
-/// The dark disc of a radius that stands out most from its rim, within `reach` of a pixel; nothing where there is none that is dark enough.
-inline std::optional<Hole> find_hole(const ImageView& image, const Eigen::Vector2d& expected, double radius, double reach, double min_contrast) {
-  const double inner = std::max(0.8, 0.75 * radius), rim = 1.35 * radius, outer = rim + std::max(1.5, 0.6 * radius);
-  if (!(outer > 0.0 && 2.0 * outer < std::min(image.width, image.height) && expected.allFinite() && expected.norm() < 1e6 && reach < 1e6)) return std::nullopt;
-  // Means of the disc and of the rim's eight sectors: a hole is darker than all of them, an edge or a gap is not.
-  struct Near {
-    int x, y;
-    std::size_t part;   ///< sector, or 8: the disc
-  };
-  std::vector<Near> near;
-  std::array<int, 9> count{};
-  for (int y = -int(outer); y <= int(outer); ++y)
-    for (int x = -int(outer); x <= int(outer); ++x) {
-      const double d = std::hypot(x, y);
-      if (d > outer || (d > inner && d < rim)) continue;
-      near.push_back({x, y, d <= inner ? 8 : std::size_t(std::min(7.0, (std::atan2(y, x) / pi + 1.0) * 4.0))});
-      ++count[near.back().part];
-    }
-  const auto look = [&](int cx, int cy) {
-    std::array<int, 9> sum{};
-    for (const Near& n : near) sum[n.part] += image.green(cx + n.x, cy + n.y);
-    double around = 255.0;
-    for (std::size_t k = 0; k < 8; ++k)
-      if (count[k] > 0) around = std::min(around, double(sum[k]) / count[k]);
-    return std::pair(double(sum[8]) / count[8], around);
-  };
-  const int whole = std::max(1, int(std::ceil(reach))), u = int(std::lround(expected.x())), v = int(std::lround(expected.y())), edge = int(std::ceil(outer));
-  double best = min_contrast;
-  std::optional<Eigen::Vector2d> place;
-  for (int cy = std::max(v - whole, edge); cy <= std::min(v + whole, image.height - 1 - edge); ++cy)
-    for (int cx = std::max(u - whole, edge); cx <= std::min(u + whole, image.width - 1 - edge); ++cx) {
-      if (std::hypot(cx - u, cy - v) > reach) continue;
-      const auto [disc, around] = look(cx, cy);
-      if (around - disc > best) best = around - disc, place = Eigen::Vector2d(cx, cy);
-    }
-  if (!place) return std::nullopt;
-  for (int pass = 0; pass < 4; ++pass) {   // centroid of the darkness, each time about the last one
-    if (place->x() < outer || place->y() < outer || place->x() > image.width - 1 - outer || place->y() > image.height - 1 - outer) return std::nullopt;
-    const double light = look(int(std::lround(place->x())), int(std::lround(place->y()))).second;
-    Eigen::Vector2d moment = Eigen::Vector2d::Zero();
-    double weight = 0.0;
-    for (int y = int(std::ceil(place->y() - rim)); y <= int(std::floor(place->y() + rim)); ++y)
-      for (int x = int(std::ceil(place->x() - rim)); x <= int(std::floor(place->x() + rim)); ++x) {
-        const double w = std::hypot(x - place->x(), y - place->y()) > rim ? 0.0 : std::max(0.0, light - image.green(x, y));
-        moment += w * Eigen::Vector2d(x, y);
-        weight += w;
-      }
-    if (!(weight > 0.0)) return std::nullopt;
-    *place = moment / weight;
-  }
-  return Hole{*place, best};
-}
-
-}  // namespace detail
-
-/// Finds the link by its mounting holes, about where `guess` expects them. Nothing where one is not seen, or where they do not fit the link.
-inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
-  if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
-  const double scale = guess.px_per_m();
-  const Eigen::Index n = link.hole_m.cols();
-  Eigen::Matrix2Xd seen(2, n);
-  double contrast = 255.0;
-  for (Eigen::Index k = 0; k < n; ++k) {
-    const Eigen::Vector2d expected = guess.pixel(link.hole_m(0, k), link.hole_m(1, k));
-    const auto hole = detail::find_hole(image, expected, link.hole_radius_m * scale, search.reach_m * scale, search.min_contrast);
-    if (!hole) return std::nullopt;
-    seen.col(k) = hole->center;
-    contrast = std::min(contrast, hole->contrast);
-  }
-  for (Eigen::Index k = 1; k < n; ++k)
-    for (Eigen::Index j = 0; j < k; ++j)
-      if ((seen.col(k) - seen.col(j)).norm() < link.hole_radius_m * scale) return std::nullopt;   // one hole taken for two
-  LinkMap map = LinkMap::fit(link.hole_m, seen, link.z_clockwise);
-  map.contrast_DN = contrast;
-  if (map.residual_px > search.max_residual_m * scale || std::abs(map.px_per_m() / scale - 1.0) > search.max_scale_change) return std::nullopt;
-  return map;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/core/golden_section.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
-
-namespace lumo {
-
-/// Where a function of one number is least between a and b, if it has one minimum there: `steps` sections, each of which leaves 0.618 of the stretch.
-/// Source: Kiefer 1953.
-template <class Function>
-double golden_section(Function function, double a, double b, int steps) {
-  constexpr double golden = 0.61803398874989484820;
-  for (int k = 0; k < steps; ++k) {
-    const double c = b - golden * (b - a), d = a + golden * (b - a);
-    if (function(c) <= function(d))
-      b = d;
-    else
-      a = c;
-  }
-  return 0.5 * (a + b);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/sense/joints/identification.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_IDENTIFICATION_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_IDENTIFICATION_HPP
-
-namespace lumo::sense {
-
-/// Parameters from a linear least-squares problem, with what the data do not tell.
-struct Identification {
-  Eigen::VectorXd value;       ///< of least norm in units of the scales: nothing is added along null directions
-  Eigen::MatrixXd covariance;  ///< along the identified directions only
-  Eigen::Index rank = 0;
-  Eigen::MatrixXd null_space;  ///< parameters × (parameters − rank), unit columns in units of the scales: may be added at will
-  double residual = 0.0;       ///< RMS of what the fit leaves
-
-  Eigen::Index unknowns() const { return value.size(); }
-  bool complete() const { return rank == unknowns(); }
-};
-
-/// Solves a x ≈ b for equal, independent errors. `scale` makes parameters of unlike units comparable (a typical size of each). Singular values below
-/// `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of b; where it is 0, that of the residual is taken. `known` > 0: nor do
-/// directions whose standard deviation exceeds that many scales, for of those the data tell less than was known before.
-/// Throws InvalidArgument for shapes that do not fit or numbers that are not finite.
-inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale, double sigma = 0.0, double tolerance = 1e-6,
-                               double known = 0.0) {
-  const Eigen::Index n = a.cols();
-  if (n < 1 || a.rows() != b.size() || scale.size() != n)
-    throw InvalidArgument(message("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(), " observations and ", scale.size(), " scales"));
-  if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all()) throw InvalidArgument("identification: numbers must be finite, scales positive");
-  Identification r;
-  const Eigen::MatrixXd scaled = a * scale.asDiagonal();
-  if (a.rows() == 0 || scaled.cwiseAbs().maxCoeff() == 0.0) {
-    r.value = Eigen::VectorXd::Zero(n);
-    r.covariance = Eigen::MatrixXd::Zero(n, n);
-    r.null_space = Eigen::MatrixXd::Identity(n, n);
-    r.residual = b.size() ? b.norm() / std::sqrt(double(b.size())) : 0.0;
-    return r;
-  }
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeThinU | Eigen::ComputeFullV);
-  const Eigen::VectorXd& s = svd.singularValues();
-  r.rank = (s.array() > tolerance * s[0]).count();
-  const Eigen::VectorXd projection = svd.matrixU().transpose() * b;
-  const auto deviation = [&] {
-    const double left = std::max(b.squaredNorm() - projection.head(r.rank).squaredNorm(), 0.0);
-    return sigma > 0.0 ? sigma : b.size() > r.rank ? std::sqrt(left / double(b.size() - r.rank)) : 0.0;
-  };
-  while (known > 0.0 && r.rank > 0 && deviation() > known * s[r.rank - 1]) --r.rank;
-  const Eigen::MatrixXd v = svd.matrixV().leftCols(r.rank);
-  const Eigen::VectorXd inverse = s.head(r.rank).cwiseInverse();
-  r.value = scale.asDiagonal() * (v * inverse.cwiseProduct(projection.head(r.rank)));
-  r.null_space = svd.matrixV().rightCols(n - r.rank);
-  const double left = (a * r.value - b).squaredNorm();
-  r.residual = std::sqrt(left / double(b.size()));
-  const double variance = sigma > 0.0 ? sigma * sigma : b.size() > r.rank ? left / double(b.size() - r.rank) : 0.0;
-  const Eigen::MatrixXd half = scale.asDiagonal() * v * inverse.asDiagonal();
-  r.covariance = variance * half * half.transpose();
-  return r;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/joints/torque_model.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_TORQUE_MODEL_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_TORQUE_MODEL_HPP
-
-namespace lumo::sense {
-
-/// One joint without contact: what the motor spends on friction, weight and offset. Friction is Coulomb's, Stribeck's rise towards standstill and a
-/// viscous part (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994); weight is that of one rigid link, gravity_sin · sin q + gravity_cos · cos q.
-struct TorqueModel {
-  double torque_constant_Nm_per_A = 1.0;  ///< at the joint, gear included; not seen by an unloaded run
-  double coulomb_Nm = 0.0;
-  double stribeck_Nm = 0.0;             ///< by which friction at standstill exceeds Coulomb's
-  double viscous_Nm_s_per_rad = 0.0;
-  double bias_Nm = 0.0;
-  double gravity_sin_Nm = 0.0, gravity_cos_Nm = 0.0;
-  double stribeck_velocity_rad_per_s = 0.1;
-  double rest_velocity_rad_per_s = 0.02;  ///< below, the joint may stand, and the sign of friction is not known
-  double noise_Nm = 0.01;                 ///< of one sample
-
-  /// Torque of the motor [N·m] from its effort.
-  double motor_torque(double effort, Effort unit) const { return unit == Effort::current_A ? torque_constant_Nm_per_A * effort : effort; }
-  double friction(double velocity) const { return std::tanh(velocity / rest_velocity_rad_per_s) * magnitude(velocity) + viscous_Nm_s_per_rad * velocity; }
-  double unloaded(double position, double velocity) const {
-    return friction(velocity) + bias_Nm + gravity_sin_Nm * std::sin(position) + gravity_cos_Nm * std::cos(position);
-  }
-  /// What friction at standstill leaves open [N·m]: uniform between its two signs.
-  double stiction_sigma(double velocity) const {
-    const double t = std::tanh(velocity / rest_velocity_rad_per_s);
-    return (1.0 - t * t) * magnitude(velocity) / std::sqrt(3.0);
-  }
-
- private:
-  double magnitude(double velocity) const { return coulomb_Nm + stribeck_Nm * std::exp(-std::pow(velocity / stribeck_velocity_rad_per_s, 2)); }
-};
-
-/// Throws InvalidArgument for numbers that make no sense.
-inline void validate(const TorqueModel& m) {
-  if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
-    throw InvalidArgument(message("torque constant is ", m.torque_constant_Nm_per_A, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
-  for (const double v : {m.coulomb_Nm, m.stribeck_Nm, m.bias_Nm, m.gravity_sin_Nm, m.gravity_cos_Nm})
-    require_in_range("friction, offset or weight of a torque model", v, -1e3, 1e3, "N·m");
-  require_in_range("viscous friction", m.viscous_Nm_s_per_rad, -1e3, 1e3, "N·m·s/rad");
-  require_in_range("Stribeck velocity", m.stribeck_velocity_rad_per_s, 1e-9, 1e6, "rad/s");
-  require_in_range("velocity below which a joint may stand", m.rest_velocity_rad_per_s, 1e-9, 1e6, "rad/s");
-  require_in_range("noise of the torque", m.noise_Nm, 0.0, 1e3, "N·m");
-}
-
-/// A torque model from an unloaded run, and what that run could not tell.
-struct TorqueIdentification {
-  static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm", "viscous_Nm_s_per_rad", "bias_Nm", "gravity_sin_Nm", "gravity_cos_Nm"};
-  TorqueModel model;     ///< what is not identified stays 0 along the null directions
-  Identification linear;  ///< of `names`, in this order
-};
-
-/// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a run does not tell. The Stribeck
-/// velocity is searched for by sections; all else is linear. Throws InvalidArgument for no samples or numbers that are not finite.
-inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
-  std::vector<double> q, v, t;
-  for (const JointSample& s : samples) {
-    if (joint < 0 || joint >= s.effort.size() || joint >= s.position_rad.size() || joint >= s.velocity_rad_per_s.size())
-      throw InvalidArgument(message("unloaded run has no joint ", joint));
-    q.push_back(s.position_rad[joint]), v.push_back(s.velocity_rad_per_s[joint]), t.push_back(start.motor_torque(s.effort[joint], s.unit));
-  }
-  if (t.empty()) throw InvalidArgument("unloaded run has no samples");
-  const auto n = Eigen::Index(t.size());
-  const Eigen::VectorXd torque = Eigen::Map<const Eigen::VectorXd>(t.data(), n);
-  const auto fit = [&](double stribeck_velocity) {
-    Eigen::MatrixXd a(n, 6);
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const double w = v[std::size_t(i)], sign = std::tanh(w / start.rest_velocity_rad_per_s);
-      a.row(i) << sign, sign * std::exp(-std::pow(w / stribeck_velocity, 2)), w, 1.0, std::sin(q[std::size_t(i)]), std::cos(q[std::size_t(i)]);
-    }
-    // Parameters are of some 50 mN·m; what the run does not tell to half of that stays out, or noise would speak where the run did not go.
-    return identify(a, torque, Eigen::VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
-  };
-  // Golden sections in the logarithm, after a coarse look: the residual has one minimum near its smallest coarse value.
-  double fastest = 0.0;
-  for (const double w : v) fastest = std::max(fastest, std::abs(w));
-  const double low = std::log(std::max(1.5 * start.rest_velocity_rad_per_s, 1e-6)), high = std::max(low + 1e-3, std::log(std::max(fastest, 1e-6)));
-  constexpr int looks = 13;
-  int least = 0;
-  double smallest = 1e300;
-  for (int k = 0; k < looks; ++k)
-    if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9)) smallest = r, least = k;
-  const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
-  const double best = std::exp(golden_section([&](double at) { return fit(std::exp(at)).residual; }, a, b, 24));
-  TorqueIdentification result{start, fit(best)};
-  const Eigen::VectorXd& x = result.linear.value;
-  TorqueModel& m = result.model;
-  m.stribeck_velocity_rad_per_s = best;
-  m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4], m.gravity_cos_Nm = x[5];
-  m.noise_Nm = result.linear.residual;
-  return result;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/session.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
-
-namespace lumo::sense {
-
-/// A stretch of a log whose circumstances were known to whoever made it: what decoders learn from and metrics compare. Estimators do not read it.
-struct Segment {
-  std::int64_t from_ns = 0, to_ns = 0;
-  std::string kind = "hold";  ///< "unloaded", "approach", "hold", "cycle", "retract" or anything else
-  int place = -1;             ///< number of the tested place, from 0; −1: none
-  double y_mm = 0.0;          ///< of that place
-  int repetition = -1;        ///< re-contact or run, from 0; −1: none
-  int cycle = -1;             ///< within maintained contact
-  double load_N = 0.0;
-  double angle_deg = 0.0;
-  double diameter_mm = 0.0;   ///< of the indenter; 0: not said
-  bool operator==(const Segment&) const = default;
-};
-
-/// A link of a hand, and where its holes are in the first picture, about, as somebody pointed at them.
-struct SessionLink {
-  HandLink link;
-  Eigen::Matrix2Xd hole_px;   ///< as many as link.hole_m has
-};
-
-/// What session.json says.
-struct Session {
-  std::string title;
-  std::string clock = "monotonic";  ///< on which frames are stamped
-  std::string material;             ///< of the pad
-  std::vector<double> theta_mm;     ///< its design; may be empty
-  std::string video;                ///< file name beside session.json; empty: frames/
-  int led_count = 5;
-  double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
-  double led_depth_m = 0.0;            ///< of the LEDs behind the side that the camera sees, in silicone
-  double camera_distance_m = 0.0;      ///< from that side to the camera's lens; 0: not known, which leaves the parallax of the LEDs as it is
-  Eigen::Vector2d distal{1.0, 0.0};    ///< direction of the tip in the image
-  double joint_to_origin_m = 0.05;     ///< from the axis of the last joint to the finger's origin
-  std::vector<double> joint_to_joint_m;  ///< from each joint's axis to the next one's, along the finger; empty: one joint
-  std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
-  double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
-  ClockMap joint_clock, wrench_clock;  ///< onto the frames' clock
-  std::vector<SessionLink> links;      ///< of a hand; empty for one finger
-  std::vector<Segment> segments;
-};
-
-/// How much closer together the LEDs appear than the same length on the side before them: perspective on their apparent depth, which is the true one over the
-/// refractive index of silicone (1.41).
-inline double led_parallax(const Session& s) { return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / 1.41) : 1.0; }
-
-/// Throws InputError for what makes no sense; `name` stands in the message.
-inline void validate(const Session& s, const std::string& name) {
-  const auto require = [&](bool good, const std::string& what) {
-    if (!good) throw InputError(message(name, ": ", what));
-  };
-  require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
-  require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0, message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
-  require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0, message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
-  require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
-          message("distance of the camera is ", 1e3 * s.camera_distance_m, " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
-  require(led_parallax(s) >= 0.5, message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m, " mm, must lie at most 1.41 times as deep as it is far"));
-  require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
-  require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
-          message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
-  require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..", "video must be a file name beside session.json");
-  require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0, message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
-  require(std::abs(s.joint_to_origin_m) <= 10.0, message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
-  require(s.joint_to_joint_m.size() < std::size_t(max_joints), message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
-  for (const double l : s.joint_to_joint_m) require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
-  for (const double k : s.torque_constant_Nm_per_A)
-    require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3, message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
-  for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
-  for (const double delay : {s.frame_delay_s, s.joint_delay_s}) require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
-  const auto stamp = [&](std::int64_t ns) { require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, message("stamp ", ns, " ns is beyond the range of stamps")); };
-  for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
-    stamp(map.origin_ns);
-    require(std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
-    require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
-    require(map.residual_s >= 0.0 && std::isfinite(map.residual_s), message("residual of a clock is ", map.residual_s, " s, must not be negative"));
-  }
-  require(s.links.size() <= 16, message("has ", s.links.size(), " links, must have at most 16"));
-  for (std::size_t i = 0; i < s.links.size(); ++i) {
-    const auto& l = s.links[i];
-    try {
-      validate(l.link);
-    } catch (const InvalidArgument& e) {
-      require(false, message("link ", i, ": ", e.what()));
-    }
-    for (const int j : l.link.joints) require(j >= 0 && j < max_joints, message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
-    require(l.hole_px.cols() == l.link.hole_m.cols(), message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(), " places of them in the picture, must have as many"));
-    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5, message("link ", i, ": places of holes must lie within 1e5 px"));
-    const double px_per_mm = 1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
-    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
-  }
-  for (std::size_t i = 0; i < s.segments.size(); ++i) {
-    const Segment& g = s.segments[i];
-    stamp(g.from_ns), stamp(g.to_ns);
-    require(g.to_ns >= g.from_ns, message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
-    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm}) require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
-  }
-}
 
 }  // namespace lumo::sense
 
@@ -9190,12 +10520,12 @@ inline void validate(const Session& s, const std::string& name) {
 
 namespace lumo {
 
-/// What was really so at a frame. For whoever compares estimates with it, never for who makes them.
+/// What was really so at a frame: for comparisons with estimates, never for their making.
 struct TruthSample {
   std::int64_t stamp_ns = 0;
-  int contact = -1;            ///< number in the plan; −1: none
+  int contact = -1;  ///< number in the plan; −1: none
   double y_m = 0.0, force_N = 0.0, tilt_rad = 0.0;
-  double equivalent_N = 0.0;   ///< load that in equilibrium gives the deformation there is
+  double equivalent_N = 0.0;  ///< load that in equilibrium gives the deformation there is
   double depth_m = 0.0;
 };
 
@@ -9204,19 +10534,22 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
   std::string t = "stamp_ns,contact,y_mm,force_N,tilt_deg,equivalent_N,depth_mm\n";
   for (const TruthSample& s : truth) {
     t += std::to_string(s.stamp_ns) + ',' + std::to_string(s.contact);
-    for (const double v : {1e3 * s.y_m, s.force_N, s.tilt_rad * 180.0 / pi, s.equivalent_N, 1e3 * s.depth_m}) t += ',' + sense::csv_number(v);
+    for (const double v : {1e3 * s.y_m, s.force_N, s.tilt_rad * 180.0 / pi, s.equivalent_N, 1e3 * s.depth_m})
+      t += ',' + sense::csv_number(v);
     t += '\n';
   }
   return t;
 }
 
-/// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes from computed responses only. A pure function
-/// of responses, plan, seed and `noise`, which multiplies every σ of the rig.
+/// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. All light comes
+/// from computed responses. A pure function of responses, plan, seed and `noise`, which multiplies every σ of the
+/// rig.
 class VirtualRig {
  public:
-
-  /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
-  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
+  /// `light` stays the caller's. Throws InvalidArgument for numbers out of range, or loads and places beyond
+  /// those computed.
+  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {},
+             SideGeometry side = {});
 
   const sense::Session& session() const { return session_; }
   const std::vector<sense::FrameRecord>& frames() const { return frames_; }
@@ -9230,6 +10563,12 @@ class VirtualRig {
   sense::Image image(std::size_t k) const;
 
  private:
+  // Times of every plan; assumed.
+  static constexpr double settle_s = 0.5, margin_s = 0.02;  ///< cut from an unloaded stretch's start (at most) and end
+  static constexpr double settling_share = 0.2;             ///< of a hold, cut from its start: the pad creeps
+  static constexpr double release_s = 0.2, last_rest_s = 1.0, first_frame_s = 0.01;
+  static constexpr int most_trials = 1000;  ///< to place the camera so that it shows the side
+
   struct Contact {
     double y_m, tilt_rad, stick_Nm;
     std::vector<double> load_N;  ///< of each step, as it came out
@@ -9246,7 +10585,9 @@ class VirtualRig {
 
   void draw_contacts();
   void lay_out_time();
-  void add_segment(double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); }
+  void add_segment(double from_s, double to_s, sense::SegmentKind kind) {
+    session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
+  }
   void deform();
   void record_joints();
   void record_forces();
@@ -9262,11 +10603,11 @@ class VirtualRig {
   sense::Session session_;
   std::vector<Contact> contacts_;
   std::vector<Phase> phases_;
-  std::vector<Sampled> sampled_;   ///< at the joint's rate
+  std::vector<Sampled> sampled_;  ///< at the joint's rate
   std::vector<SidePainter> painters_;
   std::vector<sense::FrameRecord> frames_;
   std::vector<TruthSample> truth_;
-  std::vector<int> view_;          ///< of each frame
+  std::vector<int> view_;                ///< of each frame
   std::vector<double> lamps_, room_DN_;  ///< at each frame
   std::vector<sense::JointSample> joints_;
   std::vector<sense::WrenchSample> wrenches_;
@@ -9285,7 +10626,9 @@ class VirtualCamera {
     const sense::FrameRecord& f = rig_->frames()[next_];
     return sense::Frame{image_.view(), f.stamp_ns, f.exposure_s, f.gain, std::int64_t(next_++)};
   }
-  sense::StreamState state() const { return next_ == rig_->frames().size() ? sense::StreamState::ended : sense::StreamState::open; }
+  sense::StreamState state() const {
+    return next_ == rig_->frames().size() ? sense::StreamState::ended : sense::StreamState::open;
+  }
 
  private:
   const VirtualRig* rig_;
@@ -9295,7 +10638,8 @@ class VirtualCamera {
 
 static_assert(sense::Camera<VirtualCamera>);
 
-inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
+inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig,
+                              SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -9316,7 +10660,8 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
   session_.material = r.material;
   session_.theta_mm = r.theta_mm;
   session_.joint_to_origin_m = rig_.motor.joint_to_origin_m;
-  session_.led_depth_m = side_.half_width_m, session_.camera_distance_m = rig_.camera.distance_m;
+  session_.led_depth_m = side_.half_width_m;
+  session_.camera_distance_m = rig_.camera.distance_m;
   session_.torque_constant_Nm_per_A.assign(std::size_t(rig_.motor.joints), rig_.motor.torque_constant_Nm_per_A);
   if (rig_.motor.joints == 2) session_.joint_to_joint_m = {rig_.motor.joint_to_joint_m};
   draw_contacts();
@@ -9328,42 +10673,45 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
 }
 
 inline void VirtualRig::draw_contacts() {
-  Draws draws(seed_, 1);
+  RandomStream draws(seed_, 1);
   const double reach = light_->reach_m();
   for (const LabContact& c : plan_.contacts) {
-    const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
+    const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(),
+                 tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
     contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
-    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
+    for (const LoadStep& s : c.steps)
+      contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()),
+                                                 s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
 inline void VirtualRig::lay_out_time() {
   double t = plan_.free_run_s;
-  if (t > 0.0) add_segment(0.0, t, "free");
+  if (t > 0.0) add_segment(0.0, t, sense::SegmentKind::free);
   for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
     const LabContact& c = plan_.contacts[i];
     phases_.push_back({t, t + c.rest_s, 0.0, 0.0, -1});
-    const double from = t + std::min(0.5, 0.5 * c.rest_s), to = t + c.rest_s - 0.02;
-    add_segment(from, to, "unloaded");
-    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, "dark");
+    const double from = t + std::min(settle_s, 0.5 * c.rest_s), to = t + c.rest_s - margin_s;
+    add_segment(from, to, sense::SegmentKind::unloaded);
+    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, sense::SegmentKind::dark);
     t += c.rest_s;
     double load = 0.0;
     for (std::size_t k = 0; k < c.steps.size(); ++k) {
       const LoadStep& s = c.steps[k];
       phases_.push_back({t, t + s.ramp_s, load, contacts_[i].load_N[k], int(i)});
-      t += s.ramp_s, load = contacts_[i].load_N[k];
+      t += s.ramp_s;
+      load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
-      sense::Segment g;
-      g.from_ns = lab_stamp(t + 0.2 * s.hold_s), g.to_ns = lab_stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
-      g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
-      session_.segments.push_back(g);
+      session_.segments.push_back({lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place,
+                                   1e3 * c.y_m, c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi,
+                                   1e3 * light_->responses().diameter_m});
       t += s.hold_s;
     }
-    phases_.push_back({t, t + 0.2, load, 0.0, int(i)});
-    t += 0.2;
+    phases_.push_back({t, t + release_s, load, 0.0, int(i)});
+    t += release_s;
   }
-  phases_.push_back({t, t + 1.0, 0.0, 0.0, -1});
-  end_s_ = t + 1.0;
+  phases_.push_back({t, t + last_rest_s, 0.0, 0.0, -1});
+  end_s_ = t + last_rest_s;
 }
 
 inline void VirtualRig::deform() {
@@ -9392,23 +10740,28 @@ inline auto VirtualRig::at(double t_s) const -> Sampled {
   const Sampled &a = sampled_[i], &b = sampled_[j];
   const double share = index - double(i);
   if (a.contact != b.contact) return share < 0.5 ? a : b;
-  return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
+  return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N),
+          a.contact};
 }
 
 /// Joint by joint: what sticks and errs is each one's own.
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
   const double dt = 1.0 / m.hz;
-  for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints), sense::JointVector(m.joints), sense::Effort::current_A});
+  for (std::size_t i = 0; i < sampled_.size(); ++i)
+    joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints),
+                       sense::JointVector(m.joints), sense::Effort::current_A});
   for (int joint = 0; joint < m.joints; ++joint) {
     const bool last_joint = joint + 1 == m.joints;
     const std::uint64_t stream = last_joint ? 2 : 60;
-    Draws once(seed_, stream), draws(seed_, stream + 1), stick(seed_, stream + 2), own(seed_, stream + 3);
-    const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()), bias = noise_ * m.bias_Nm * once.normal();
+    RandomStream once(seed_, stream), draws(seed_, stream + 1), stick(seed_, stream + 2), own(seed_, stream + 3);
+    const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()),
+                 bias = noise_ * m.bias_Nm * once.normal();
     // Both hold the same angle, so that the pad's link is turned against the one before it.
     const double before = last_joint ? 0.0 : m.joint_to_joint_m * std::cos(m.hold_rad);
-    std::vector<double> sticks;   // under each contact
-    for (const Contact& c : contacts_) sticks.push_back(last_joint ? c.stick_Nm : noise_ * m.stiction_Nm * own.normal());
+    std::vector<double> sticks;  // under each contact
+    for (const Contact& c : contacts_)
+      sticks.push_back(last_joint ? c.stick_Nm : noise_ * m.stiction_Nm * own.normal());
     double rest_stick = 0.0, last_load = 0.0;
     int last = -1;
     bool moving = false;
@@ -9417,16 +10770,21 @@ inline void VirtualRig::record_joints() {
       const Sampled& s = sampled_[i];
       if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
       last = s.contact;
-      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m, load = s.load_N * arm;
-      double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt, friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
+      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m,
+                   load = s.load_N * arm;
+      double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt,
+             friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
       if (i == 0) v = 0.0;
       last_load = load;
-      if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of what sticks
-        const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
-        q = m.hold_rad - way * swing * std::cos(pi * phase), v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
+      if (t < plan_.free_run_s) {
+        const auto& [beat, sweep, swing, rest_velocity] = m.free_run;
+        const double k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0),
+                     way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
+        q = m.hold_rad - way * swing * std::cos(pi * phase);
+        v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
         if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
         moving = phase < 1.0;
-        friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
+        friction = moving ? m.coulomb_Nm * std::tanh(v / rest_velocity) + m.viscous_Nm_s_per_rad * v : rest_stick;
       }
       const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
       sense::JointSample& sample = joints_[i];
@@ -9439,7 +10797,7 @@ inline void VirtualRig::record_joints() {
 
 inline void VirtualRig::record_forces() {
   const ContactRig& c = rig_.contact;
-  Draws draws(seed_, 5);
+  RandomStream draws(seed_, 5);
   const double bias = noise_ * c.sensor_bias_N * draws.normal();
   for (double t = 0.0; t < end_s_; t += 1.0 / c.sensor_hz) {
     const Sampled s = at(t);
@@ -9455,22 +10813,30 @@ inline void VirtualRig::record_forces() {
 inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
-  Draws once(seed_, 6), jitter(seed_, 7);
-  // Whoever places it by hand looks at the picture, and places it again where the pad does not lie in it.
+  RandomStream once(seed_, 6), jitter(seed_, 7);
+  // Placed by hand: where the picture does not show the whole pad, the camera is placed again.
   std::vector<SideCamera> cameras;
-  for (int trial = 0; trial == 0 || (trial < 1000 && !std::all_of(cameras.begin(), cameras.end(), [](const SideCamera& view) { return view.shows_side(); })); ++trial) {
-    const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
+  for (int trial = 0;
+       trial == 0 || (trial < most_trials && !std::all_of(cameras.begin(), cameras.end(),
+                                                          [](const SideCamera& view) { return view.shows_side(); }));
+       ++trial) {
+    const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(),
+                          noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
                           noise_ * c.aim_sigma_m * once.normal()};
     cameras.clear();
     for (const LabView& v : plan_.views)
-      cameras.emplace_back(c, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m});
+      cameras.emplace_back(
+          c, side_,
+          CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad,
+                      set.along_m + v.place.along_m, set.height_m + v.place.height_m});
   }
   for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
   LampNoise lamps(l, seed_, 8);
-  SlowNoise room(Draws(seed_, 9), l.ambient_drift_s);
-  const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s, averaged = half > 0.0 ? std::sin(half) / half : 1.0;
+  SlowNoise room(RandomStream(seed_, 9), l.ambient_drift_s);
+  const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s,
+               averaged = half > 0.0 ? std::sin(half) / half : 1.0;
   int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
-  for (double t = 0.01; t < end_s_; t += 1.0 / c.frames_per_s) {
+  for (double t = first_frame_s; t < end_s_; t += 1.0 / c.frames_per_s) {
     const Sampled s = at(t);
     // The next contact's view is set while nothing touches.
     for (const Phase& p : phases_)
@@ -9481,13 +10847,21 @@ inline void VirtualRig::record_frames() {
     TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
-      truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N, truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
+      truth = {truth.stamp_ns,
+               s.contact,
+               now.y_m,
+               s.load_N,
+               now.tilt_rad,
+               s.equivalent_N,
+               light_->depth_m(now.y_m, s.equivalent_N)};
     }
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
     view_.push_back(view);
     lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
-    room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN * (1.0 + noise_ * (l.ambient_drift * room.at(t) + l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
+    room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN *
+                       (1.0 + noise_ * (l.ambient_drift * room.at(t) +
+                                        l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
   }
 }
 
@@ -9496,517 +10870,8 @@ inline sense::Image VirtualRig::image(std::size_t k) const {
   Eigen::VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
   light *= per_DN_ * lamps_[k];
-  return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
+  return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, RandomStream(seed_, 1000 + k));
 }
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/hand_plan.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_HAND_PLAN_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_HAND_PLAN_HPP
-
-namespace lumo {
-
-using HandJoints = std::array<double, 4>;            ///< proximal and distal of the left finger, then of the right; bending inwards is positive [rad]
-
-/// Something that presses on a link: 0 and 1 are the left finger's, from proximal to distal, 2 and 3 the right one's.
-struct HandTouch {
-  int link;
-  double y_m, load_N;
-};
-
-/// A grasp: what the hand looks like while it holds, and what presses where.
-struct HandGrasp {
-  HandJoints joints_rad;
-  std::vector<HandTouch> touches;
-};
-
-/// The joints sweep their workspace without contact, then grasp after grasp is closed, held and opened.
-struct HandPlan {
-  std::string title = "grasps of a hand with two fingers";
-  int sweep_steps = 6;              ///< of each joint, there and back
-  double low_rad = 0.0, high_rad = 0.4;   ///< of the sweep; the fingers then do not meet
-  double speed_rad_per_s = 0.5;
-  double close_s = 0.4, hold_s = 0.8;
-  std::vector<HandGrasp> grasps;
-};
-
-/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where `step_m` is not 0, at its nearest multiple.
-inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
-  require_in_range("number of grasps", count, 1, 1000, "");
-  require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
-  HandPlan plan;
-  Draws draws(seed, 40);
-  for (int g = 0; g < count; ++g) {
-    HandGrasp grasp;
-    for (double& q : grasp.joints_rad) q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
-    const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
-    for (int k = 0; k < links; ++k) {
-      const double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
-      grasp.touches.push_back({(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
-    }
-    std::sort(grasp.touches.begin(), grasp.touches.end(), [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
-    plan.grasps.push_back(std::move(grasp));
-  }
-  return plan;
-}
-
-/// What really pressed on the hand at a frame.
-struct HandTruth {
-  std::int64_t stamp_ns = 0;
-  HandJoints joints_rad{};
-  std::vector<HandTouch> touches;   ///< with the loads of this moment
-};
-
-/// truth.csv of a hand: stamp_ns, link, y_mm, force_N; a row for each touch of each frame.
-inline std::string truth_text(const std::vector<HandTruth>& truth) {
-  std::string t = "stamp_ns,link,y_mm,force_N\n";
-  for (const HandTruth& s : truth)
-    for (const HandTouch& c : s.touches) t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + sense::csv_number(1e3 * c.y_m) + ',' + sense::csv_number(c.load_N) + '\n';
-  return t;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/hand_lab.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_HAND_LAB_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_HAND_LAB_HPP
-
-namespace lumo {
-
-/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed. The distance
-/// of the fingers and the range of their joints were changed once after the first pictures, in which the fingers ran into each other; all else was fixed before.
-struct HandRig {
-  int width = 640, height = 480;                     ///< of the picture [px]
-  double scale_m_per_px = 0.55_mm;
-  double link_m = 68.0_mm;                           ///< from joint to joint, and from the last joint to the tip
-  double base_x_m = 92.0_mm, base_y_m = 120.0_mm;    ///< of the first joints: ± across the picture's middle, and below it
-  double carrier_m = 8.0_mm;                         ///< how far the carrier's side reaches behind the pad
-  double carrier_DN = 90.0, hole_DN = 14.0, ground_DN = 8.0;
-  std::array<double, 2> hole_y_m{-22.0_mm, 22.0_mm};
-  double hole_z_m = -4.0_mm, hole_radius_m = 1.8_mm;
-  double joint_sigma_rad = 0.002;                    ///< σ of a joint's reading
-};
-
-/// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry the same pad, whose light comes from
-/// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
-class HandLab {
- public:
-
-  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which a link leaves the picture.
-  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
-
-  const sense::Session& session() const { return session_; }
-  const std::vector<sense::FrameRecord>& frames() const { return frames_; }
-  const std::vector<sense::JointSample>& joints() const { return joints_; }
-  const std::vector<HandTruth>& truth() const { return truth_; }
-  const HandPlan& plan() const { return plan_; }
-  /// Picture k; the same whenever it is asked for.
-  sense::Image image(std::size_t k) const;
-  /// Where a link really is in the image.
-  sense::LinkMap map(int link, const HandJoints& joints) const;
-
- private:
-  struct Key {
-    double t_s;
-    HandJoints joints;
-    int grasp;        ///< whose touches there are, −1: none
-    double share;     ///< of their loads
-  };
-  void move_to(const HandJoints& joints) {
-    double way = 0.0;
-    for (std::size_t k = 0; k < 4; ++k) way = std::max(way, std::abs(joints[k] - keys_.back().joints[k]));
-    keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + 0.05, joints, -1, 0.0});
-  }
-  HandTruth at(double t_s) const;
-  void require_seen(const HandJoints& joints) const {
-    for (int l = 0; l < 4; ++l)
-      for (const double y : {-side_.half_length_m, side_.half_length_m})
-        for (const double z : {-hand_.carrier_m, side_.high_m}) {
-          const auto p = map(l, joints).pixel(y, z);
-          if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
-            throw InvalidArgument(message("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ", hand_.width, " x ", hand_.height));
-        }
-  }
-
-  const PadLight* light_;
-  HandPlan plan_;
-  std::uint64_t seed_;
-  double noise_, per_DN_ = 1.0;
-  Rig rig_;
-  HandRig hand_;
-  SideGeometry side_;
-  sense::Session session_;
-  std::vector<Key> keys_;
-  std::vector<sense::FrameRecord> frames_;
-  std::vector<sense::JointSample> joints_;
-  std::vector<HandTruth> truth_;
-  std::vector<double> lamps_, room_DN_;
-};
-
-inline auto HandLab::map(int link, const HandJoints& joints) const -> sense::LinkMap {
-  const bool right = link >= 2;
-  const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
-  Eigen::Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
-  double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];   // image rows run down: −90° points up
-  if (link % 2 == 1) {
-    at += length * Eigen::Vector2d(std::cos(turn), std::sin(turn));
-    turn += inwards * joints[std::size_t(link)];
-  }
-  const Eigen::Vector2d along(std::cos(turn), std::sin(turn));
-  sense::LinkMap m;
-  m.origin_px = at + 0.5 * length * along;
-  m.along_px_per_m = along / hand_.scale_m_per_px;
-  m.z_clockwise = !right;   // the pads face each other
-  return m;
-}
-
-inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
-    : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), hand_(hand), side_(std::move(side)) {
-  validate(rig_);
-  require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
-  require_in_range("steps of the hand's sweep", plan_.sweep_steps, 2, 100, "");
-  require_positive("speed of the hand's joints", plan_.speed_rad_per_s, "rad/s");
-  for (const HandGrasp& g : plan_.grasps) {
-    require_seen(g.joints_rad);
-    for (const HandTouch& c : g.touches) {
-      require_in_range("link of a touch", c.link, 0, 3, "");
-      require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
-      require_in_range("load of a touch", c.load_N, 0.0, rig_.specimen.bears_N(light.max_load_N()), "N");
-    }
-  }
-  const PadResponses& r = light.responses();
-  per_DN_ = light.scale_to(rig_.camera.level_DN);
-
-  // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
-  const auto node = [&](int k) { return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1); };
-  keys_.push_back({0.0, {plan_.low_rad, plan_.low_rad, plan_.low_rad, plan_.low_rad}, -1, 0.0});
-  keys_.push_back({0.5, keys_.back().joints, -1, 0.0});
-  for (int i = 0; i < plan_.sweep_steps; ++i)
-    for (int j = 0; j < plan_.sweep_steps; ++j) {
-      const double a = node(i), b = node(i % 2 == 0 ? j : plan_.sweep_steps - 1 - j);
-      move_to({a, b, a, b});
-    }
-  for (int l = 0; l < 4; ++l) {
-    const bool right = l >= 2;
-    sense::SessionLink s;
-    s.link.name = std::string(right ? "right" : "left") + (l % 2 == 0 ? " proximal" : " distal");
-    s.link.joints = l % 2 == 0 ? std::vector<int>{l} : std::vector<int>{l - 1, l};
-    s.link.hole_m.resize(2, 2), s.hole_px.resize(2, 2);
-    s.link.hole_radius_m = hand_.hole_radius_m, s.link.z_clockwise = !right;
-    s.link.z_low_m = side_.low_m + 1.0_mm, s.link.z_high_m = side_.high_m - 1.0_mm;
-    for (int k = 0; k < 2; ++k) {
-      s.link.hole_m.col(k) << hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m;
-      s.hole_px.col(k) = map(l, keys_.front().joints).pixel(hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m).array().round();
-    }
-    session_.links.push_back(std::move(s));
-  }
-  const double free_s = keys_.back().t_s;
-  struct Held {
-    double from_s, to_s;
-  };
-  std::vector<Held> held;
-  for (int g = 0; g < int(plan_.grasps.size()); ++g) {
-    const HandGrasp& grasp = plan_.grasps[std::size_t(g)];
-    move_to(grasp.joints_rad);
-    double t = keys_.back().t_s;
-    keys_.push_back({t + 0.3, grasp.joints_rad, -1, 0.0});
-    t += 0.3;
-    keys_.push_back({t, grasp.joints_rad, g, 0.0});
-    keys_.push_back({t + plan_.close_s, grasp.joints_rad, g, 1.0});
-    keys_.push_back({t + plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 1.0});
-    keys_.push_back({t + 2.0 * plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 0.0});
-    held.push_back({t + plan_.close_s, t + plan_.close_s + plan_.hold_s});
-  }
-  const double end_s = keys_.back().t_s;
-
-  session_.title = plan_.title;
-  session_.clock = "virtual";
-  session_.material = r.material;
-  session_.theta_mm = r.theta_mm;
-  session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
-  const auto segment = [&](double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); };
-  segment(0.0, free_s, "free");
-  for (const auto& [from, to] : held) segment(from, to, "hold");
-
-  const CameraRig& c = rig_.camera;
-  const LightRig& l = rig_.light;
-  LampNoise lamps(l, seed_, 48);
-  SlowNoise room(Draws(seed_, 49), l.ambient_drift_s);
-  Draws jitter(seed_, 51), read(seed_, 52);
-  for (double t = 0.01; t < end_s; t += 1.0 / c.frames_per_s) {
-    HandTruth truth = at(t);
-    truth.stamp_ns = lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
-    frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
-    truth_.push_back(std::move(truth));
-    lamps_.push_back(rig_.specimen.lamps * (1.0 + noise_ * lamps.at(t)));
-    room_DN_.push_back(l.ambient_DN * (1.0 + noise_ * l.ambient_drift * room.at(t)));
-  }
-  HandJoints before = keys_.front().joints;
-  for (double t = 0.0; t < end_s; t += 1.0 / rig_.motor.hz) {
-    const HandTruth now = at(t);
-    sense::JointSample s{lab_stamp(t), sense::JointVector(4), sense::JointVector(4), sense::JointVector::Zero(4), sense::Effort::current_A};
-    for (int k = 0; k < 4; ++k) {
-      s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
-      s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * rig_.motor.hz;
-    }
-    before = now.joints_rad;
-    joints_.push_back(std::move(s));
-  }
-}
-
-inline auto HandLab::at(double t_s) const -> HandTruth {
-  std::size_t k = 0;
-  while (k + 2 < keys_.size() && keys_[k + 1].t_s <= t_s) ++k;
-  const Key &a = keys_[k], &b = keys_[k + 1];
-  const double share = b.t_s > a.t_s ? std::clamp((t_s - a.t_s) / (b.t_s - a.t_s), 0.0, 1.0) : 1.0;
-  HandTruth truth;
-  for (std::size_t j = 0; j < 4; ++j) truth.joints_rad[j] = a.joints[j] + share * (b.joints[j] - a.joints[j]);
-  const double load = a.share + share * (b.share - a.share);
-  if (a.grasp >= 0 && a.grasp == b.grasp && load > 0.0)
-    for (HandTouch c : plan_.grasps[std::size_t(a.grasp)].touches) c.load_N *= load, truth.touches.push_back(c);
-  return truth;
-}
-
-inline sense::Image HandLab::image(std::size_t k) const {
-  struct Seen {
-    sense::LinkMap map;
-    double c, s;      ///< cosine and sine of its turn
-    Eigen::VectorXd light;
-  };
-  const HandTruth& truth = truth_.at(k);
-  std::vector<Seen> links;
-  for (int l = 0; l < 4; ++l) {
-    Eigen::VectorXd light = light_->responses().unloaded;
-    for (const HandTouch& c : truth.touches)
-      if (c.link == l) light += light_->change(c.y_m, c.load_N / rig_.specimen.stiffness, 0.0);
-    const sense::LinkMap m = map(l, truth.joints_rad);
-    const double scale = m.px_per_m();
-    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
-  }
-  const Eigen::VectorXd& position = light_->responses().position_m;
-  const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];
-  const auto edge = [&](double distance) { return std::clamp(0.5 + 0.5 * distance / (1.5 * blur), 0.0, 1.0); };
-  sense::Image image = sense::Image::black(hand_.width, hand_.height, sense::PixelFormat::grey);
-  Draws draws(seed_, 100000 + k), sensitivity(seed_, 53);
-  for (int v = 0; v < hand_.height; ++v) {
-    std::uint8_t* row = image.row(v);
-    const double row_offset = noise_ * rig_.camera.row_DN * draws.normal();
-    for (int u = 0; u < hand_.width; ++u) {
-      double signal = hand_.ground_DN;
-      for (const Seen& l : links) {
-        const double du = (u - l.map.origin_px.x()) * hand_.scale_m_per_px, dv = (v - l.map.origin_px.y()) * hand_.scale_m_per_px, side = l.map.z_clockwise ? 1.0 : -1.0;
-        const double y = du * l.c + dv * l.s, z = side * (-du * l.s + dv * l.c), end = side_.half_length_m - std::abs(y);
-        if (end < -3.0 * blur || z < -hand_.carrier_m - 3.0 * blur || z > side_.high_m + 3.0 * blur) continue;
-        const double carrier = edge(end) * edge(side_.low_m - z) * edge(z + hand_.carrier_m), pad = edge(end) * edge(z - side_.low_m) * edge(side_.high_m - z);
-        double hole = 0.0;
-        for (const double at : hand_.hole_y_m) hole = std::max(hole, edge(hand_.hole_radius_m - std::hypot(y - at, z - hand_.hole_z_m)));
-        const double behind = std::max(carrier, pad);
-        signal = (1.0 - behind) * signal + carrier * (hole * hand_.hole_DN + (1.0 - hole) * hand_.carrier_DN) + pad * room;
-        if (pad > 0.0) {
-          const double place = std::clamp((y - position[0]) / spacing, 0.0, double(position.size() - 1) - 1e-9);
-          const auto bin = Eigen::Index(place);
-          signal += pad * ((1.0 - (place - double(bin))) * l.light[bin] + (place - double(bin)) * l.light[bin + 1]);
-          for (const double at : side_.lamp_m) {
-            const double d = std::hypot(y - at, z - side_.lamp_height_m) / rig_.light.spot_sigma_m;
-            if (d < 5.0) signal += pad * lamps_[k] * rig_.light.spot_DN * std::exp(-0.5 * d * d);
-          }
-        }
-      }
-      signal *= 1.0 + noise_ * rig_.camera.pixel_gain * sensitivity.normal();
-      row[u] = sensed(rig_.camera, signal, noise_, draws.normal(), row_offset);
-    }
-  }
-  return image;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/read_whole.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_READ_WHOLE_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_READ_WHOLE_HPP
-
-namespace lumo {
-
-/// Bytes of a regular file; nothing where there is none. By the system's call: `<filesystem>` would add a twentieth to what it costs to include lumo.
-inline std::optional<std::uintmax_t> file_size(const std::string& path) {
-  struct stat found;
-  if (::stat(path.c_str(), &found) != 0 || (found.st_mode & S_IFMT) != S_IFREG) return std::nullopt;
-  return std::uintmax_t(found.st_size);
-}
-
-/// All bytes of a regular file; nothing where there is none, it cannot be read, or has more than `most` bytes. (A pipe would wait, a folder reads as empty.)
-inline std::optional<std::string> read_whole(const std::string& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
-  const auto size = file_size(path);
-  if (!size || *size > most) return std::nullopt;
-  std::ifstream in(path, std::ios::binary);
-  if (!in) return std::nullopt;
-  std::string bytes(std::size_t(*size), '\0');
-  in.read(bytes.data(), std::streamsize(bytes.size()));
-  if (in.bad()) return std::nullopt;
-  bytes.resize(std::size_t(in.gcount()));
-  return bytes;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/write_whole.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_WRITE_WHOLE_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_WRITE_WHOLE_HPP
-
-namespace lumo {
-
-/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one is replaced. Throws InputError of one
-/// line, and leaves what was there.
-inline void write_whole(const std::string& path, std::string_view bytes) {
-  // Two programs, or threads, may write the same file at once; the time and a place on the stack tell them apart.
-  const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
-  errno = 0;
-  std::ofstream out(part, std::ios::binary);
-  out.write(bytes.data(), std::streamsize(bytes.size()));
-  out.close();
-  if (out && std::rename(part.c_str(), path.c_str()) == 0) return;
-  const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
-  std::remove(part.c_str());
-  throw InputError(message(path, ": cannot be written: ", why));
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/pad_file.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_PAD_FILE_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_PAD_FILE_HPP
-
-namespace lumo {
-
-// Responses of a pad as a text file: a line that names the format, the key of what was computed, blocks "name rows columns" with their numbers row by row, and
-// a last line with a checksum of all before it.
-
-inline constexpr std::string_view pad_file_head = "lumo-pad-responses 1\n";
-
-inline std::uint64_t checksum(std::string_view text) {
-  std::uint64_t sum = text.size();
-  for (const char c : text) sum = mix64(sum ^ std::uint64_t(static_cast<unsigned char>(c))) + 0x9e3779b97f4a7c15ull;
-  return sum;
-}
-
-inline void append_block(std::string& to, const char* name, const Eigen::MatrixXd& m) {
-  to += message(name, ' ', m.rows(), ' ', m.cols(), '\n');
-  char buffer[32];
-  for (Eigen::Index i = 0; i < m.rows(); ++i)
-    for (Eigen::Index j = 0; j < m.cols(); ++j) {
-      const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, m(i, j));
-      to.append(buffer, end);
-      to += j + 1 < m.cols() ? ' ' : '\n';
-    }
-}
-
-/// Reads blocks in the order in which they were written. Throws InputError.
-class BlockReader {
- public:
-  BlockReader(std::string_view text, std::string name) : left_(text), name_(std::move(name)) {}
-
-  std::string_view line() {
-    const auto end = left_.find('\n');
-    if (end == std::string_view::npos) fail("ends too early");
-    const std::string_view l = left_.substr(0, end);
-    left_.remove_prefix(end + 1);
-    return l;
-  }
-  Eigen::MatrixXd block(std::string_view wanted) {
-    const std::string_view head = line();
-    const auto first = head.find(' '), second = head.find(' ', first + 1);
-    long rows = -1, columns = -1;
-    if (first == std::string_view::npos || second == std::string_view::npos || head.substr(0, first) != wanted) fail("a block is missing");
-    std::from_chars(head.data() + first + 1, head.data() + second, rows);
-    std::from_chars(head.data() + second + 1, head.data() + head.size(), columns);
-    if (rows < 0 || columns < 0 || rows > 100000 || columns > 10000 || rows * columns > 4000000) fail("a block has no sensible size");
-    Eigen::MatrixXd m(rows, columns);
-    for (long i = 0; i < rows && columns > 0; ++i) {
-      const std::string_view l = line();
-      const char* at = l.data();
-      for (long j = 0; j < columns; ++j) {
-        const auto [end, error] = std::from_chars(at, l.data() + l.size(), m(i, j));
-        if (error != std::errc{}) fail("a number is damaged");
-        at = end + (end < l.data() + l.size());
-      }
-    }
-    return m;
-  }
-  Eigen::VectorXd column(std::string_view wanted) {
-    const Eigen::MatrixXd m = block(wanted);
-    if (m.cols() != 1) fail("a block has more than one column");
-    return m.col(0);
-  }
-  [[noreturn]] void fail(const char* why) const { throw InputError(message(name_, ": ", why)); }
-
- private:
-  std::string_view left_;
-  std::string name_;
-};
-
-/// `key` says in one line what was computed and how; whoever reads the file must ask for the same.
-inline std::string to_text(const PadResponses& r, const std::string& key) {
-  std::string t(pad_file_head);
-  t += "key " + key + "\nmaterial " + r.material + '\n';
-  const auto add = [&](const char* name, const Eigen::MatrixXd& m) { append_block(t, name, m); };
-  add("theta_mm", Eigen::Map<const Eigen::VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
-  add("diameter_m", Eigen::MatrixXd::Constant(1, 1, r.diameter_m));
-  add("position_m", r.position_m), add("unloaded", r.unloaded), add("place_m", r.place_m), add("load_N", r.load_N), add("depth_m", r.depth_m);
-  for (const auto& m : r.change) add("change", m);
-  add("tilt_place_m", r.tilt_place_m);
-  for (const auto& m : r.tilt) add("tilt", m);
-  add("error", r.error);
-  return t + message("checksum ", checksum(t), '\n');
-}
-
-/// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name` stands in the message.
-inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key, const std::string& name) {
-  BlockReader reader(text, name);
-  if (!text.starts_with(pad_file_head)) reader.fail("holds no responses of a pad");
-  const auto last = text.rfind("checksum ");
-  if (last == std::string_view::npos || text.substr(last) != message("checksum ", checksum(text.substr(0, last)), '\n')) reader.fail("is damaged, its checksum is wrong");
-  reader.line();
-  const std::string_view made_for = reader.line();
-  if (key && made_for != "key " + *key) reader.fail("was made for another pad or with other settings");
-  PadResponses r;
-  const std::string_view material = reader.line();
-  r.material = material.substr(std::min<std::size_t>(material.size(), 9));
-  const Eigen::VectorXd theta = reader.column("theta_mm");
-  r.theta_mm.assign(theta.begin(), theta.end());
-  const Eigen::MatrixXd diameter = reader.block("diameter_m");
-  if (diameter.size() != 1) reader.fail("the diameter is missing");
-  r.diameter_m = diameter(0, 0);
-  r.position_m = reader.column("position_m"), r.unloaded = reader.column("unloaded"), r.place_m = reader.column("place_m"), r.load_N = reader.column("load_N");
-  r.depth_m = reader.block("depth_m");
-  for (Eigen::Index k = 0; k < r.place_m.size(); ++k) r.change.push_back(reader.block("change"));
-  r.tilt_place_m = reader.column("tilt_place_m");
-  for (Eigen::Index k = 0; k < r.tilt_place_m.size(); ++k) r.tilt.push_back(reader.block("tilt"));
-  r.error = reader.column("error");
-  validate(r, name);
-  return r;
-}
-
-/// Nothing when there is no such file. Throws InputError for one that cannot be used.
-inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
-  if (struct stat found; ::stat(path.c_str(), &found) != 0) return std::nullopt;
-  const auto text = read_whole(path);
-  if (!text) throw InputError(message(path, ": cannot be read"));
-  return pad_responses_from_text(*text, key, path);
-}
-
-/// The whole file or none. Throws InputError.
-inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) { write_whole(path, to_text(r, key)); }
 
 }  // namespace lumo
 
@@ -10016,6 +10881,7 @@ inline void write_pad_responses(const std::string& path, const PadResponses& r, 
 #ifndef SINGLE_INCLUDE_LUMO_LAB_HPP
 #define SINGLE_INCLUDE_LUMO_LAB_HPP
 
-// The virtual lab: a pad, a camera, a motor and an indenter that write the same recordings as a real rig. Needs Eigen only.
+// The virtual lab: a pad, a camera, a motor and an indenter that write the same recordings as a real rig. Needs Eigen
+// only.
 
 #endif

@@ -37,9 +37,9 @@ std::vector<double> cheap_outputs(const Design& x) {
           std::exp(-0.05 * ((x[0] - 2.0) * (x[0] - 2.0) + (x[1] - 8.0) * (x[1] - 8.0))) + 1.0 / x[2]};
 }
 
-Verdict cheap(const Design& x) { return {cheap_outputs(x), false, "", std::string(500, 'r'), "took some time"}; }
+TrialResult cheap(const Design& x) { return {cheap_outputs(x), false, "", std::string(500, 'r'), "took some time"}; }
 
-const auto unwatched = [](const auto&, int, const Verdict&) {};
+const auto unwatched = [](const auto&, int, const TrialResult&) {};
 
 template <class Log> CampaignState<Cheap> state_of(const Log& log, int evaluations) {
   CampaignState<Cheap> state(Cheap(cheap_problem(evaluations)));
@@ -50,17 +50,17 @@ template <class Log> CampaignState<Cheap> state_of(const Log& log, int evaluatio
 }  // namespace
 
 TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result") {
-  MemoryLog log("p");
+  MemoryJournal log("p");
   Cheap alone(cheap_problem(20));
   while (const auto t = alone.ask()) alone.tell(t->id, cheap_outputs(t->x));
   int watched = 0;
-  const OptimizerStatus end =
-      run_campaign(log, Cheap(cheap_problem(20)), cheap, [&](const CampaignState<Cheap>& s, int id, const Verdict& v) {
-        ++watched;
-        CHECK(s.optimizer().told() == watched);
-        CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
-        CHECK(log.record(*s.answered(id)) == v.record);
-      });
+  const OptimizerStatus end = run_campaign(log, Cheap(cheap_problem(20)), cheap,
+                                           [&](const CampaignState<Cheap>& s, int id, const TrialResult& v) {
+                                             ++watched;
+                                             CHECK(s.optimizer().observed() == watched);
+                                             CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
+                                             CHECK(log.record(*s.answered(id)) == v.record);
+                                           });
   CHECK(end == OptimizerStatus::finished);
   CHECK(watched == 20);
   const auto state = state_of(log, 20);
@@ -70,7 +70,7 @@ TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result"
 
   SECTION("and goes on with a larger budget as if it had always been so large") {
     run_campaign(log, Cheap(cheap_problem(26)), cheap, unwatched);
-    MemoryLog whole("p");
+    MemoryJournal whole("p");
     run_campaign(whole, Cheap(cheap_problem(26)), cheap, unwatched);
     const auto a = log.entries(), b = whole.entries();
     REQUIRE(a.size() == b.size());
@@ -79,17 +79,18 @@ TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result"
 }
 
 TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried again, too many stop the campaign") {
-  MemoryLog log("p");
+  MemoryJournal log("p");
   std::map<Design, int> attempts;
   const auto failing = [&](const Design& x) {
     const int n = ++attempts[x];
-    if (std::lround(2.0 * x[0]) % 5 == 2) return Verdict{{}, false, "mesh: no tetrahedra", "what was there", ""};
-    if (std::lround(2.0 * x[1]) % 5 == 2 && n == 1) return Verdict{{}, true, "press d = 10 mm: out of memory", "", ""};
+    if (std::lround(2.0 * x[0]) % 5 == 2) return TrialResult{{}, false, "mesh: no tetrahedra", "what was there", ""};
+    if (std::lround(2.0 * x[1]) % 5 == 2 && n == 1)
+      return TrialResult{{}, true, "press d = 10 mm: out of memory", "", ""};
     return cheap(x);
   };
   run_campaign(log, Cheap(cheap_problem(25)), failing, unwatched);
   const auto state = state_of(log, 25);
-  CHECK(state.optimizer().told() == 25);
+  CHECK(state.optimizer().observed() == 25);
   int final = 0, again = 0;
   for (const Trial& t : state.optimizer().trials()) {
     if (t.state != Trial::State::failed) continue;
@@ -104,10 +105,10 @@ TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried
   CHECK(again > 0);
   for (const auto& [x, n] : attempts) CHECK(n <= 2);
 
-  MemoryLog bad("p");
+  MemoryJournal bad("p");
   int calls = 0;
   const auto mostly_failing = [&](const Design& x) {
-    return ++calls % 3 == 0 ? cheap(x) : Verdict{{}, false, "press: inverted", "", ""};
+    return ++calls % 3 == 0 ? cheap(x) : TrialResult{{}, false, "press: inverted", "", ""};
   };
   CHECK_THROWS_AS(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched), CampaignError);
   CHECK(calls == 7);  // 5 of 7 failed
@@ -120,14 +121,14 @@ TEST_CASE("Outputs that no optimiser takes are a failure of the design, and the 
   const double nan = std::nan("");
   for (const auto& outputs : std::vector<std::vector<double>>{{1.0, nan}, {1.0}, {1.0, 2.0, 3.0}, {1e200, 1.0}}) {
     const TemporaryFolder folder;
-    SqliteLog log(folder / "store", "p");
+    SqliteJournal log(folder / "store", "p");
     int calls = 0;
     const auto once_bad = [&](const Design& x) {
-      return ++calls == 3 ? Verdict{outputs, false, "", "what was there", ""} : cheap(x);
+      return ++calls == 3 ? TrialResult{outputs, false, "", "what was there", ""} : cheap(x);
     };
     std::string seen;
     CHECK(run_campaign(log, Cheap(cheap_problem(12)), once_bad,
-                       [&](const auto&, int, const Verdict& v) { seen += v.why; }) == OptimizerStatus::finished);
+                       [&](const auto&, int, const TrialResult& v) { seen += v.why; }) == OptimizerStatus::finished);
     log.verify();
     const auto state = state_of(log, 12);
     const Trial& bad = state.optimizer().trials()[2];
@@ -141,28 +142,28 @@ TEST_CASE("Outputs that no optimiser takes are a failure of the design, and the 
 }
 
 TEST_CASE("A campaign that the machine's failures stopped goes on where they have ended") {
-  MemoryLog log("p");
-  const auto no_memory = [](const Design&) { return Verdict{{}, true, "mesh: out of memory", "", ""}; };
+  MemoryJournal log("p");
+  const auto no_memory = [](const Design&) { return TrialResult{{}, true, "mesh: out of memory", "", ""}; };
   for (int run = 1; run <= 6; ++run) {  // ten designs use up their tries
     CHECK_THROWS_WITH(run_campaign(log, Cheap(cheap_problem(12)), no_memory, unwatched),
                       Catch::Contains("5 of 5 evaluations failed"));
     CHECK(log.entries().size() == std::size_t(1 + 2 * 5 * run));
   }
   CHECK(run_campaign(log, Cheap(cheap_problem(12)), cheap, unwatched) == OptimizerStatus::finished);
-  CHECK(state_of(log, 12).optimizer().told() == 12);
+  CHECK(state_of(log, 12).optimizer().observed() == 12);
 }
 
 namespace {
 
 /// A log into which another process writes the answer to a trial just before this one's claim succeeds: it has ended
 /// since.
-struct OvertakenLog : MemoryLog {
-  using MemoryLog::MemoryLog;
+struct OvertakenJournal : MemoryJournal {
+  using MemoryJournal::MemoryJournal;
   bool answered = false;
   bool claim(std::int64_t number) {
     if (!std::exchange(answered, true))
       append([](const auto&) { return std::optional(tell_entry(0, cheap_outputs({1.0, 1.0, 1.0}))); });
-    return MemoryLog::claim(number);
+    return MemoryJournal::claim(number);
   }
 };
 
@@ -172,15 +173,15 @@ TEST_CASE("What another process answered in the meantime is neither evaluated ag
   std::map<Design, int> attempts;
   std::set<int> watched;
   const auto counted = [&](const Design& x) { return ++attempts[x], cheap(x); };
-  const auto watch = [&](const auto&, int id, const Verdict&) { CHECK(watched.insert(id).second); };
-  OvertakenLog log("p");
+  const auto watch = [&](const auto&, int id, const TrialResult&) { CHECK(watched.insert(id).second); };
+  OvertakenJournal log("p");
   log.append([](const auto&) { return std::optional(ask_entry(0, {1.0, 1.0, 1.0})); });
   run_campaign(log, Cheap(cheap_problem(12)), counted, watch);
   CHECK(attempts.count({1.0, 1.0, 1.0}) == 0);
   CHECK(watched.count(0) == 0);
   CHECK(watched.size() == 11);
 
-  MemoryLog slow("p");  // the answer comes while the design is evaluated
+  MemoryJournal slow("p");  // the answer comes while the design is evaluated
   watched.clear();
   const auto overtaken = [&](const Design& x) {
     if (x == Design{1.0, 1.0, 1.0})
@@ -197,13 +198,15 @@ TEST_CASE("Entries that no campaign wrote are refused") {
                                                                             {"tell", "0 1 1"},
                                                                             {"fail", "0 maybe x"},
                                                                             {"fail", "x final y"},
-                                                                            {"told", "0 1"},
+                                                                            {"problem", "0 1"},
                                                                             {"ask", "7 1 1 1"},
                                                                             {"ask", "0 1 1 nan"},
                                                                             {"ask", "-1 1 1 1"},
                                                                             {"ask", ""}}) {
-    MemoryLog log("p");
-    log.append([&](const auto&) { return std::optional(LogEntry{0, entry.first, entry.second, "", ""}); });
+    MemoryJournal log("p");
+    log.append([&](const auto&) {
+      return std::optional(JournalEntry{0, journal_kind(entry.first).value(), entry.second, "", ""});
+    });
     INFO(entry.first << ' ' << entry.second);
     CHECK_THROWS_AS(state_of(log, 20), StoreError);
   }
@@ -217,7 +220,7 @@ int kill_and_resume(const std::string& store, const std::string& journal, int ki
   std::uniform_real_distribution<double> moment(0.0, 0.2);
   for (int killed = 0;; ++killed) {
     const pid_t pid = start_child([&] {
-      SqliteLog log(store, "p");
+      SqliteJournal log(store, "p");
       run_campaign(
           log, Cheap(cheap_problem(160)),
           [&](const Design& x) {
@@ -241,7 +244,7 @@ int kill_and_resume(const std::string& store, const std::string& journal, int ki
 
 void killed_campaigns(int kills) {
   const TemporaryFolder folder;
-  SqliteLog whole(folder / "whole", "p");
+  SqliteJournal whole(folder / "whole", "p");
   run_campaign(whole, Cheap(cheap_problem(160)), cheap, unwatched);
   std::mt19937 random(11);
   for (int n = 0, run = 0; n < kills; ++run) {
@@ -249,11 +252,11 @@ void killed_campaigns(int kills) {
                       journal = folder / ("journal" + std::to_string(run));
     const int here = kill_and_resume(store, journal, kills - n, random);
     n += here;
-    const SqliteLog log(store);
+    const SqliteJournal log(store);
     log.verify();
     CHECK(log.digest() == whole.digest());
     const auto state = state_of(log, 160);
-    CHECK(state.optimizer().told() == 160);
+    CHECK(state.optimizer().observed() == 160);
     std::ifstream in(journal);
     std::multiset<std::string> evaluated;
     for (std::string line; std::getline(in, line);) evaluated.insert(line);
@@ -272,16 +275,16 @@ TEST_CASE("1000 kills at random moments", "[long]") { killed_campaigns(1000); }
 TEST_CASE("Three processes on one store, of which some are killed: each design once") {
   const TemporaryFolder folder;
   const std::string store = folder / "store", journal = folder / "journal";
-  { SqliteLog log(store, "p"); }
+  { SqliteJournal log(store, "p"); }
   const auto start = [&] {
     return start_child([&] {
-      SqliteLog log(store, "p");
+      SqliteJournal log(store, "p");
       CampaignConfig config;
       config.poll_s = 0.01;
       run_campaign(
           log, Cheap(cheap_problem(40)),
           [&](const Design& x) {
-            std::ofstream(journal, std::ios::app) << trial_text(int(getpid()), x) + '\n';  // in one write
+            std::ofstream(journal, std::ios::app) << ask_entry(int(getpid()), x).content + '\n';  // in one write
             std::this_thread::sleep_for(std::chrono::milliseconds(5));
             return cheap(x);
           },
@@ -306,10 +309,10 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
     CHECK(WIFEXITED(status));
     CHECK(WEXITSTATUS(status) == 0);
   }
-  const SqliteLog log(store);
+  const SqliteJournal log(store);
   log.verify();
   const auto state = state_of(log, 40);
-  CHECK(state.optimizer().told() == 40);
+  CHECK(state.optimizer().observed() == 40);
   CHECK(state.optimizer().pending() == 0);
   std::set<Design> designs;
   for (const Trial& t : state.optimizer().trials()) designs.insert(t.x);

@@ -19,14 +19,14 @@ namespace fs = std::filesystem;
 namespace {
 
 /// What entry k of the test campaign must be.
-LogEntry entry(std::size_t k) {
-  return {std::int64_t(k), "done", "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)),
-          "took " + std::string(60, char('0' + k % 10)) + " s"};
+JournalEntry entry(std::size_t k) {
+  return {std::int64_t(k), JournalEntry::Kind::tell, "x = " + std::to_string(k * k),
+          std::string(700, char('a' + k % 26)), "took " + std::string(60, char('0' + k % 10)) + " s"};
 }
 
 /// Adds entries until there are `count` after the problem.
 template <class Log> void fill(Log& log, std::size_t count) {
-  while (log.append([&](const std::vector<LogEntry>& list) -> std::optional<LogEntry> {
+  while (log.append([&](const std::vector<JournalEntry>& list) -> std::optional<JournalEntry> {
     if (list.size() > count) return std::nullopt;
     return entry(list.size());
   })) {
@@ -54,18 +54,18 @@ int in_child(const std::function<void()>& work) {
 
 }  // namespace
 
-TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryLog, SqliteLog) {
+TEMPLATE_TEST_CASE("A journal gives back what was put in, in order", "", MemoryJournal, SqliteJournal) {
   const TemporaryFolder folder;
   TestType log = [&] {
-    if constexpr (std::is_same_v<TestType, MemoryLog>)
-      return MemoryLog("problem 1");
+    if constexpr (std::is_same_v<TestType, MemoryJournal>)
+      return MemoryJournal("problem 1");
     else
-      return SqliteLog(folder / "store", "problem 1");
+      return SqliteJournal(folder / "store", "problem 1");
   }();
   fill(log, 5);
   const auto list = log.entries();
   REQUIRE(list.size() == 6);
-  CHECK(list[0].kind == "problem");
+  CHECK(list[0].kind == JournalEntry::Kind::problem);
   CHECK(list[0].content == "problem 1");
   for (std::size_t k = 1; k < list.size(); ++k) {
     CHECK(list[k].number == std::int64_t(k));
@@ -77,51 +77,51 @@ TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryLog, 
 
 TEST_CASE("A store is the same whether it was opened once or often, and notes do not enter its digest") {
   const TemporaryFolder folder;
-  SqliteLog once(folder / "once", "p");
+  SqliteJournal once(folder / "once", "p");
   fill(once, 8);
   for (std::size_t k = 1; k <= 8; ++k) {
-    SqliteLog again(folder / "often", "p");
+    SqliteJournal again(folder / "often", "p");
     again.append([&](const auto&) {
-      LogEntry e = entry(k);
+      JournalEntry e = entry(k);
       e.notes = "took " + std::to_string(std::rand()) + " s";
       return std::optional(e);
     });
   }
-  const SqliteLog often(folder / "often");
+  const SqliteJournal often(folder / "often");
   CHECK(once.digest() == often.digest());
   CHECK(once.digest() == once.digest(8));
-  CHECK(once.digest(0) == SqliteLog(folder / "empty", "p").digest());  // of the problem alone
-  CHECK(once.digest(0) != SqliteLog(folder / "other", "q").digest());
+  CHECK(once.digest(0) == SqliteJournal(folder / "empty", "p").digest());  // of the problem alone
+  CHECK(once.digest(0) != SqliteJournal(folder / "other", "q").digest());
   often.verify();
 }
 
 TEST_CASE("A store refuses another problem and says what differs, and what is no store is refused, too") {
   const TemporaryFolder folder;
-  { SqliteLog log(folder / "store", "material DS\nensemble flat\nseed 1"); }
+  { SqliteJournal log(folder / "store", "material DS\nensemble flat\nseed 1"); }
   try {
-    SqliteLog log(folder / "store", "material DS\nensemble curved\nseed 1");
+    SqliteJournal log(folder / "store", "material DS\nensemble curved\nseed 1");
     FAIL("opened");
   } catch (const StoreError& e) {
     CHECK(e.reason() == StoreError::Reason::different);
     CHECK(std::string(e.what()).find("ensemble flat") != std::string::npos);
     CHECK(std::string(e.what()).find("ensemble curved") != std::string::npos);
   }
-  CHECK(reason_of([&] { SqliteLog log(folder / "missing"); }) == StoreError::Reason::unusable);
-  CHECK(reason_of([&] { SqliteLog log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
+  CHECK(reason_of([&] { SqliteJournal log(folder / "missing"); }) == StoreError::Reason::unusable);
+  CHECK(reason_of([&] { SqliteJournal log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
   folder.write("text",
                "this is a diary and no store, and long enough to look like a file with a header of some kind, which it "
                "does not have");
-  CHECK(reason_of([&] { SqliteLog log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
+  CHECK(reason_of([&] { SqliteJournal log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
   CHECK(folder.read("text").starts_with("this is a diary"));
 }
 
 TEST_CASE("Flipped bits and cut files are found, or do no harm") {
   const TemporaryFolder folder;
   {
-    SqliteLog log(folder / "store", "p");
+    SqliteJournal log(folder / "store", "p");
     fill(log, 40);
   }
-  const std::string good = folder.read("store"), digest = SqliteLog(folder / "store").digest();
+  const std::string good = folder.read("store"), digest = SqliteJournal(folder / "store").digest();
   std::mt19937 random(7);
   int found = 0;
   for (int trial = 0; trial < 1000; ++trial) {
@@ -132,7 +132,7 @@ TEST_CASE("Flipped bits and cut files are found, or do no harm") {
       bad[random() % bad.size()] ^= char(1 << random() % 8);
     folder.write("bad", bad);
     try {
-      const SqliteLog log(folder / "bad");
+      const SqliteJournal log(folder / "bad");
       const auto list = log.entries();
       REQUIRE(list.size() == 41);
       for (std::size_t k = 1; k < list.size(); ++k) {
@@ -150,7 +150,7 @@ TEST_CASE("Flipped bits and cut files are found, or do no harm") {
 TEST_CASE("A flipped bit in notes, which no digest covers, leaves the log as it is") {
   const TemporaryFolder folder;
   {
-    SqliteLog log(folder / "store", "p");
+    SqliteJournal log(folder / "store", "p");
     fill(log, 3);
   }
   std::string bad = folder.read("store");
@@ -158,17 +158,17 @@ TEST_CASE("A flipped bit in notes, which no digest covers, leaves the log as it 
   REQUIRE(at != std::string::npos);
   bad[at + 10] ^= char(0x80);
   folder.write("bad", bad);
-  const SqliteLog log(folder / "bad");
+  const SqliteJournal log(folder / "bad");
   log.verify();
   CHECK(log.entries()[2].notes != entry(2).notes);
   CHECK(log.entries()[2].content == entry(2).content);
-  CHECK(log.digest() == SqliteLog(folder / "store").digest());
+  CHECK(log.digest() == SqliteJournal(folder / "store").digest());
 }
 
 TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read is named") {
   const TemporaryFolder folder;
   {
-    SqliteLog log(folder / "store", "p");
+    SqliteJournal log(folder / "store", "p");
     fill(log, 40);
   }
   const std::string good = folder.read("store");
@@ -178,7 +178,7 @@ TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read
     if (good[from] != 0x0d) continue;  // no leaf of a table
     const auto holds = [&](std::size_t k) {
       return good.substr(from, page)
-                 .find(k == 0 ? "problemp" : "done" + entry(k).content + entry(k).record.substr(0, 20)) !=
+                 .find(k == 0 ? "problemp" : "tell" + entry(k).content + entry(k).record.substr(0, 20)) !=
              std::string::npos;
     };
     std::size_t first = 0;
@@ -188,7 +188,7 @@ TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read
     std::fill_n(bad.begin() + std::ptrdiff_t(from), page, '\0');
     folder.write("bad", bad);
     try {
-      const SqliteLog log(folder / "bad");
+      const SqliteJournal log(folder / "bad");
       FAIL("opened");
     } catch (const StoreError& e) {
       INFO(e.what());
@@ -204,14 +204,14 @@ TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read
 TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
   const TemporaryFolder folder;
   const std::size_t count = 60;
-  SqliteLog whole(folder / "whole", "p");
+  SqliteJournal whole(folder / "whole", "p");
   fill(whole, count);
   std::mt19937 random(3);
   int kills = 0;
   for (;;) {
     const pid_t pid = fork();
     if (pid == 0) {
-      SqliteLog log(folder / "store", "p");
+      SqliteJournal log(folder / "store", "p");
       fill(log, count);
       _exit(0);
     }
@@ -223,7 +223,7 @@ TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
     if (WIFEXITED(status)) break;
   }
   CHECK(kills > 0);
-  const SqliteLog log(folder / "store");
+  const SqliteJournal log(folder / "store");
   CHECK(log.entries().size() == count + 1);
   CHECK(log.digest() == whole.digest());
   log.verify();
@@ -232,7 +232,7 @@ TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
 TEST_CASE("A store is read although its writer was killed in the middle of a write") {
   const TemporaryFolder folder;
   {
-    SqliteLog log(folder / "store", "p");
+    SqliteJournal log(folder / "store", "p");
     fill(log, 3);
   }
   sqlite3* writer = nullptr;
@@ -244,20 +244,20 @@ TEST_CASE("A store is read although its writer was killed in the middle of a wri
                   std::string(folder / "killed") + suffix);  // as a kill leaves them
   CHECK(fs::file_size(folder / "killed") > 200'000);
   sqlite3_close(writer);
-  const auto list = SqliteLog(folder / "killed").entries();
+  const auto list = SqliteJournal(folder / "killed").entries();
   REQUIRE(list.size() == 4);
-  CHECK(SqliteLog(folder / "killed").record(3) == entry(3).record);
+  CHECK(SqliteJournal(folder / "killed").record(3) == entry(3).record);
 }
 
 TEST_CASE("Three processes on one store add each entry once, and living ones keep what they claimed") {
   const TemporaryFolder folder;
-  { SqliteLog log(folder / "store", "p"); }
+  { SqliteJournal log(folder / "store", "p"); }
   std::vector<pid_t> children;
   for (int k = 0; k < 3; ++k) {
     const pid_t pid = fork();
     if (pid == 0) {
       try {
-        SqliteLog log(folder / "store", "p");
+        SqliteJournal log(folder / "store", "p");
         fill(log, 50);
         _exit(0);
       } catch (...) {
@@ -271,11 +271,11 @@ TEST_CASE("Three processes on one store add each entry once, and living ones kee
     waitpid(pid, &status, 0);
     CHECK(status == 0);
   }
-  SqliteLog log(folder / "store", "p");
+  SqliteJournal log(folder / "store", "p");
   CHECK(log.entries().size() == 51);
   CHECK(log.claim(1));
   CHECK(in_child([&] {
-          SqliteLog other(folder / "store", "p");
+          SqliteJournal other(folder / "store", "p");
           if (other.claim(1)) throw 1;  // this process lives
           if (!other.claim(2)) throw 2;
         }) == 0);
@@ -294,9 +294,9 @@ int little_room(sqlite3* db, const char**, const struct sqlite3_api_routines*) {
 
 TEST_CASE("A full disk is an error, and the store stays valid") {
   const TemporaryFolder folder;
-  { SqliteLog log(folder / "store", "p"); }
+  { SqliteJournal log(folder / "store", "p"); }
   const auto fails_for = [&](StoreError::Reason reason) {  // in a child of its own, which alone has the limit
-    SqliteLog full(folder / "store", "p");
+    SqliteJournal full(folder / "store", "p");
     try {
       fill(full, 1000);
     } catch (const StoreError& e) {
@@ -307,7 +307,7 @@ TEST_CASE("A full disk is an error, and the store stays valid") {
     throw 2;
   };
   {
-    SqliteLog log(folder / "store", "p");
+    SqliteJournal log(folder / "store", "p");
     fill(log, 3);
   }
   CHECK(in_child([&] {
@@ -320,20 +320,20 @@ TEST_CASE("A full disk is an error, and the store stays valid") {
           if (setrlimit(RLIMIT_FSIZE, &limit) != 0) throw 1;
           fails_for(StoreError::Reason::unusable);
         }) == 0);
-  SqliteLog again(folder / "store");
+  SqliteJournal again(folder / "store");
   again.verify();
   const std::size_t kept = again.entries().size();
   CHECK(kept > 4);
   CHECK(kept < 1001);
   fill(again, kept);  // and goes on once there is room
-  SqliteLog whole(folder / "whole", "p");
+  SqliteJournal whole(folder / "whole", "p");
   fill(whole, kept);
   CHECK(again.digest() == whole.digest());
 }
 
 TEST_CASE("A store is not used after a fork") {
   const TemporaryFolder folder;
-  SqliteLog log(folder / "store", "p");
+  SqliteJournal log(folder / "store", "p");
   fill(log, 2);
   const std::vector<std::function<void()>> members = {[&] { log.entries(); }, [&] { log.record(1); },
                                                       [&] { log.claim(1); },  [&] { log.digest(); },

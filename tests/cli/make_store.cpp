@@ -74,8 +74,8 @@ Evaluation made_up(const Design& x, const lumo::Ensemble& ensemble) {
   return e;
 }
 
-Verdict verdict(const Design& x, const CampaignProblem& problem, bool fails) {
-  Verdict v;
+TrialResult verdict(const Design& x, const CampaignProblem& problem, bool fails) {
+  TrialResult v;
   Json record = {{"theta_mm", numbers(x)}, {"material", problem.material}, {"ensemble", name(problem.ensemble)}};
   // What a page must show as it stands, and not obey.
   if (fails)
@@ -102,7 +102,7 @@ Verdict verdict(const Design& x, const CampaignProblem& problem, bool fails) {
   return v;
 }
 
-void run(SqliteLog& log, const CampaignProblem& problem, int evaluations) {
+void run(SqliteJournal& log, const CampaignProblem& problem, int evaluations) {
   int trial = 0;
   const auto evaluate = [&](const Design& x) {
     const bool fails = evaluations == 0 || trial == 6;
@@ -118,10 +118,10 @@ void run(SqliteLog& log, const CampaignProblem& problem, int evaluations) {
   }
 }
 
-void keep(SqliteLog& log, const CampaignProblem& problem, const Design& x) {
+void keep(SqliteJournal& log, const CampaignProblem& problem, const Design& x) {
   log.append([&](const auto&) { return std::optional(lumo::ask_entry(0, x)); });
-  const Verdict v = verdict(x, problem, false);
-  LogEntry entry = lumo::tell_entry(0, v.outputs);
+  const TrialResult v = verdict(x, problem, false);
+  JournalEntry entry = lumo::tell_entry(0, v.outputs);
   entry.record = v.record;
   entry.notes = v.notes;
   log.append([&](const auto&) { return std::optional(entry); });
@@ -141,7 +141,7 @@ int main(int argc, char** argv) {
     const std::string version = "\"results\": ";
     const std::size_t at = text.find(version) + version.size();
     if (argc == 6) text.replace(at, text.find(',', at) - at, argv[5]);
-    SqliteLog log(argv[1], text);
+    SqliteJournal log(argv[1], text);
     const std::string wanted = argv[4];
     if (wanted.find(',') == std::string::npos) {
       run(log, problem, std::atoi(argv[4]));

@@ -1,29 +1,27 @@
 #include "catch.hpp"
 
-#include "lumo/core/byte_order.hpp"
-#include "lumo/core/read_whole.hpp"
-#include "lumo/drawing/colour.hpp"
-#include "temporary_folder.hpp"
+#include "lumo/core/bytes.hpp"
 
-#include <sys/stat.h>
-
-#include <cstdint>
-#include <string>
+#include <string_view>
+#include <vector>
 
 using namespace lumo;
 
-TEST_CASE("a file is read whole, and nothing is read of what is none, or is too large", "[core]") {
-  const TemporaryFolder folder;
-  const std::string bytes("\0a\r\n\xff", 5);
-  CHECK(read_whole(folder.write("file", bytes)) == bytes);
-  CHECK(read_whole(folder.write("empty", "")) == "");
-  CHECK(read_whole(folder / "file", 5) == bytes);
-  CHECK_FALSE(read_whole(folder / "file", 4));
-  CHECK_FALSE(read_whole(folder / "nothing"));
-  CHECK_FALSE(read_whole(folder.path));
-  REQUIRE(::mkfifo((folder / "pipe").c_str(), 0600) == 0);
-  CHECK_FALSE(read_whole(folder / "pipe"));  // and does not wait for a writer
+namespace {
+
+std::span<const std::uint8_t> bytes_of(std::string_view s) {
+  return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()};
 }
+
+/// Bit by bit: the division itself.
+std::uint32_t divided(std::span<const std::uint8_t> bytes) {
+  std::uint32_t s = 0xFFFFFFFFu;
+  for (const std::uint8_t b : bytes)
+    for (int bit = 0; bit < 8; ++bit) s = ((s ^ (b >> bit)) & 1) != 0 ? s >> 1 ^ 0xEDB88320u : s >> 1;
+  return ~s;
+}
+
+}  // namespace
 
 TEST_CASE("numbers have their first byte at either end", "[core]") {
   const unsigned char bytes[] = {0x01, 0x80, 0xff, 0x04, 0x05, 0x06, 0x07, 0xf8};
@@ -36,7 +34,20 @@ TEST_CASE("numbers have their first byte at either end", "[core]") {
   CHECK(number_at<std::uint16_t>(signed_bytes, ByteOrder::little) == 0x01ff);
 }
 
-TEST_CASE("colours are written with two digits each", "[core]") {
-  CHECK(hex_colour({0, 15, 255}) == "#000fff");
-  CHECK(hex_colour({16, 160, 171}) == "#10a0ab");
+TEST_CASE("the checksum is the published one, and the division's remainder for any length and cut", "[crc32]") {
+  CHECK(Crc32::of(bytes_of("123456789")) == 0xCBF43926u);  // the check value of the catalogues
+  CHECK(Crc32::of(bytes_of("")) == 0u);
+  CHECK(Crc32::of(bytes_of("The quick brown fox jumps over the lazy dog")) == 0x414FA339u);
+  std::vector<std::uint8_t> bytes;
+  for (unsigned k = 0; k < 60; ++k) {
+    const std::uint32_t whole = divided(bytes);
+    CHECK(Crc32::of(bytes) == whole);
+    for (std::size_t cut = 0; cut <= bytes.size(); cut += 7) {
+      Crc32 crc;
+      crc.add(std::span(bytes).first(cut));
+      crc.add(std::span(bytes).subspan(cut));
+      CHECK(crc.value() == whole);
+    }
+    bytes.push_back(std::uint8_t(97 * k * k + 31));
+  }
 }

@@ -40,7 +40,7 @@ TEST_CASE("a message is one line with what, value, limit and unit") {
   CHECK(text.find('\n') == std::string::npos);
 }
 
-TEST_CASE("an infeasible design tells by how much") {
+TEST_CASE("an infeasible design reports by how much") {
   const lumo::InfeasibleDesign e("thickness", 4.5, 5.0, "mm", "too thin");
   CHECK(e.excess() == 0.5);
   CHECK(e.constraint() == "thickness");

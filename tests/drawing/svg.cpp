@@ -63,3 +63,8 @@ TEST_CASE("colours between stops meet them") {
   CHECK(colour_between(stops, 0.5) == "#64c832");
   CHECK(colour_between(stops, 1.0) == "#ffffff");
 }
+
+TEST_CASE("colours are written with two digits each", "[core]") {
+  CHECK(hex_colour({0, 15, 255}) == "#000fff");
+  CHECK(hex_colour({16, 160, 171}) == "#10a0ab");
+}

@@ -3,8 +3,8 @@
 
 #include "lumo/geometry/surface_file.hpp"
 #include "lumo/lab/pad_file.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/recording/tables.hpp"
 #include "lumo/support/json.hpp"
 
 #include <cmath>
@@ -32,7 +32,7 @@ template <class Read, class Write> void check_table(const std::string& text, Rea
 }
 
 void check_surface(const char* kind, const std::string& text) {
-  const TriangleSurface s = surface_of(kind, text, "surface", 1e-3);
+  const TriangleSurface s = parse_surface(kind, text, "surface", 1e-3);
   for (const auto& t : s.triangles)
     for (const int v : t)
       if (v < 0 || std::size_t(v) >= s.vertices.size()) fuzz::finding("a triangle without a vertex");

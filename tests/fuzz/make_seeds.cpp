@@ -1,10 +1,10 @@
 // Writes good files for the fuzzer to start from: make_seeds FOLDER makes FOLDER/text and FOLDER/mcap.
 #include "lab/plain_pad.hpp"
-#include "sense/full_log.hpp"
+#include "sense/recording/full_log.hpp"
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
+#include "lumo/sense/recording/tables.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/lz4.hpp"
 #include "lumo/support/zstd.hpp"
@@ -19,7 +19,7 @@ using namespace lumo::sense;
 
 namespace {
 
-template <class Codec> std::string mcap_of(const RecordedLog& log, bool raw, Codec codec) {
+template <class Codec> std::string mcap_of(const Recording& log, bool raw, Codec codec) {
   std::ostringstream out;
   Image image = Image::black(4, 3, PixelFormat::bgr);
   write_mcap_log(
@@ -66,7 +66,7 @@ int main(int count, char** words) {
   const auto write = [&](const std::string& name, char which, const std::string& text) {
     write_whole(folder + "/" + name, which + text);
   };
-  const RecordedLog log = full_log(Effort::current_A);
+  const Recording log = full_log(Effort::current_A);
   write("text/session", 's', to_json(log.session));
   write("text/frames", 'f', frame_log_text(log.frames));
   write("text/joints", 'j', joint_log_text(log.joints));

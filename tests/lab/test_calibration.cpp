@@ -32,8 +32,10 @@ TEST_CASE("stiffness of a specimen comes back from its press curve, with an inte
       rig.silicone = still;
       const VirtualRig lab(light, press_plan(), seed, 1.0, rig);
       std::vector<double> depth, force;
-      for (std::size_t k = 0; k < lab.markers().size() && 1e-9 * double(lab.markers()[k].stamp_ns) < 10.0; k += 5)
-        depth.push_back(lab.markers()[k].displacement_m), force.push_back(-lab.wrenches()[k].force_N.z() - 0.0);
+      for (std::size_t k = 0; k < lab.markers().size() && 1e-9 * double(lab.markers()[k].stamp_ns) < 10.0; k += 5) {
+        depth.push_back(lab.markers()[k].displacement_m);
+        force.push_back(-lab.wrenches()[k].force_N.z() - 0.0);
+      }
       const StiffnessFit fit = fit_stiffness(depth, force, [&](double d) { return std::max(0.0, d) * 5000.0 / truth; });
       CHECK(fit.factor.value == Approx(truth).epsilon(0.03));
       held += fit.factor.low <= truth && truth <= fit.factor.high;
@@ -70,9 +72,10 @@ TEST_CASE("camera gain and lamp level come back from unloaded pictures", "[lab]"
       const bool off = lab.truth()[k].contact < 0 && t > 12.0;
       if (t < 2.9 || off) {
         const Image image = lab.image(k);
-        if (t < 2.9)
-          transfer.add(image.view()), lit.add(image.view());
-        else
+        if (t < 2.9) {
+          transfer.add(image.view());
+          lit.add(image.view());
+        } else
           dark.add(image.view());
       }
     }
@@ -88,7 +91,7 @@ TEST_CASE("camera gain and lamp level come back from unloaded pictures", "[lab]"
   }
 }
 
-TEST_CASE("calibrations say what the data do not tell", "[lab]") {
+TEST_CASE("calibrations report what the data leave open", "[lab]") {
   const auto nominal = [](double d) { return std::max(0.0, 5000.0 * d); };
   const std::vector<double> none{0.0, -1e-3, -2e-3, -3e-3}, zero(4, 0.0), one{1e-3, 1e-3, 1e-3, 1e-3}, five(4, 5.0);
   CHECK_THROWS_AS(fit_stiffness(none, zero, nominal), InvalidArgument);

@@ -2,22 +2,21 @@
 
 #include "lab/plain_pad.hpp"
 #include "lumo/lab/hand_lab.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 
 #include <algorithm>
 
 using namespace lumo;
 using namespace lumo::sense;
 
-TEST_CASE("a virtual hand is seen where its joints put it, and tells the same twice", "[lab]") {
+TEST_CASE("a virtual hand is seen where its joints put it, and is the same twice", "[lab]") {
   const PadLight light(plain_pad());
   const HandLab lab(light, hand_plan(3, 2), 3);
   REQUIRE(lab.session().links.size() == 4);
   const Image image = lab.image(0);
   for (int l = 0; l < 4; ++l) {
     const SessionLink& s = lab.session().links[std::size_t(l)];
-    const auto found = register_link(image.view(), s.link,
-                                     LinkMap::fit<Eigen::Matrix2Xd>(s.link.hole_m, s.hole_px, s.link.z_clockwise));
+    const auto found = register_link(image.view(), s.link, LinkMap::fit(s.link.hole_m, s.hole_px, s.link.z_clockwise));
     REQUIRE(found);
     CHECK((found->origin_px - lab.map(l, lab.truth()[0].joints_rad).origin_px).norm() < 0.3);
   }
@@ -35,14 +34,13 @@ TEST_CASE("a virtual hand is seen where its joints put it, and tells the same tw
   CHECK_THROWS_AS(HandLab(light, far), InvalidArgument);
 }
 
-TEST_CASE("grasps of a virtual hand: what presses is found on its link and place, and nothing where nothing does",
-          "[lab]") {
+TEST_CASE("grasps of a virtual hand: what presses is found on its link and place, and no more", "[lab]") {
   const PadLight light(plain_pad());
   Rig rig;
   rig.camera.frames_per_s = 15.0;
   HandPlan plan = hand_plan(1, 5);
   plan.sweep_steps = 5;
-  const HandLab lab(light, plan, 1, 1.0, rig);
+  const HandLab lab(light, plan, 1, 1.0, {.rig = rig});
   HandObserver hand = hand_observer(lab.session());
   const std::int64_t free_ns = lab.session().segments.front().to_ns;
   int touched = 0, found = 0, false_alarms = 0, unloaded = 0, seen = 0, links = 0;
@@ -57,14 +55,20 @@ TEST_CASE("grasps of a virtual hand: what presses is found on its link and place
       continue;
     }
     const HandEstimate e = hand.observe(truth.stamp_ns, q, image.view());
-    for (const bool s : e.seen) seen += s, ++links;
+    for (const bool s : e.seen) {
+      seen += s;
+      ++links;
+    }
     for (const HandTouch& t : truth.touches) {
       if (t.load_N < 5.0) continue;
       ++touched;
       const auto hit = std::find_if(e.contacts.begin(), e.contacts.end(), [&](const HandContact& c) {
         return c.link == t.link && std::abs(c.y_m - t.y_m) < 8.0_mm;
       });
-      if (hit != e.contacts.end()) ++found, worst = std::max(worst, std::abs(hit->y_m - t.y_m));
+      if (hit != e.contacts.end()) {
+        ++found;
+        worst = std::max(worst, std::abs(hit->y_m - t.y_m));
+      }
     }
     unloaded += truth.touches.empty();
     if (truth.touches.empty()) false_alarms += !e.contacts.empty();

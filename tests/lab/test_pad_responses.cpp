@@ -29,7 +29,10 @@ TEST_CASE("responses in between: exact at what was computed, mirrored below 0, n
 
 TEST_CASE("between loads the response never overshoots", "[lab]") {
   PadResponses r = plain_pad();
-  for (auto& m : r.change) m.col(1) = 0.2 * m.col(0), m.col(2) = 1.1 * m.col(0);  // down, then up again
+  for (auto& m : r.change) {
+    m.col(1) = 0.2 * m.col(0);
+    m.col(2) = 1.1 * m.col(0);
+  }  // down, then up again
   const PadLight light(r);
   double last = 0.0;
   for (double load = 0.0; load <= 5.0; load += 0.1) {
@@ -55,7 +58,7 @@ TEST_CASE("a tilt moves with the contact and changes its sign with the angle", "
   CHECK(std::abs(light.responses().position_m[top] - 9e-3) < 0.6e-3);
 }
 
-TEST_CASE("responses as a file: read back to the bit, and every damage is told in one line", "[lab]") {
+TEST_CASE("responses as a file: read back to the bit, and every damage is reported in one line", "[lab]") {
   const PadResponses r = plain_pad();
   const TemporaryFolder folder;
   const std::string text = to_text(r, "a key"), path = folder / "pad";

@@ -15,7 +15,7 @@ using namespace lumo;
 
 namespace {
 
-using FastSimulator = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+using FastSimulator = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
 
 TriangleSurface round_mesh(double radius, int around) {  // rings of latitude between two poles
   TriangleSurface s;

@@ -16,7 +16,7 @@ template struct lumo::Simulator<NeoHookean, SDFContact>;
 
 namespace {
 
-using FastSimulator = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+using FastSimulator = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
 
 /// Grid lines that grow from 0 to 1, the first step `first` times the mean.
 std::vector<double> graded(int n, double power) {
@@ -96,8 +96,8 @@ TEST_CASE("the independent residual notices what a solver would have to hide") {
   const MechanicalState state = sim.press(f.body, f.mesh, s).front();
   const Touch touch = first_touch(f.body, f.mesh, s);
   const auto residual = [&](const std::vector<Vec3d>& u, double depth, double load) {
-    return out_of_balance(f.body, f.mesh, sim.material, sim.contact, sim.element, s.indenter,
-                          touch.origin + depth * s.direction(), s.direction(), load, u);
+    const Moving<Sphere> tool{&s.indenter, touch.origin + depth * s.direction(), s.direction()};
+    return out_of_balance(f.body, f.mesh, PressPhysics{sim.material, sim.contact, sim.element}, tool, {load, u});
   };
   CHECK(residual(state.displacement, state.depth_m, 2.0) < 2e-6);
   CHECK(residual(state.displacement, state.depth_m, 2.001) == Approx(1e-3).epsilon(0.01));
@@ -114,7 +114,8 @@ TEST_CASE("the independent residual notices what a solver would have to hide") {
 TEST_CASE("what is pressed onto the carrier comes to rest there, and the independent residual knows of it") {
   // A plate held at its sides, 0.2 mm above a rigid floor.
   auto [body, mesh] = test::symmetric_block({6e-3, 6e-3, 2e-3}, test::even(6), test::even(6), test::even(2));
-  body.patches[0].bonded = false, body.patches[0].meets_carrier = true;
+  body.patches[0].bonded = false;
+  body.patches[0].meets_carrier = true;
   body.patches[2].bonded = true;
   const Body floating = body;
   body.carrier = {{{0, 0, -2.2e-3}, {20e-3, 20e-3, 2e-3}}};
@@ -133,8 +134,9 @@ TEST_CASE("what is pressed onto the carrier comes to rest there, and the indepen
   CHECK(resting.depth_m < 0.9 * hanging.depth_m);
   const Touch touch = first_touch(body, mesh, s);
   const auto residual = [&, &mesh = mesh](const Body& with) {
-    return out_of_balance(with, mesh, sim.material, sim.contact, sim.element, s.indenter,
-                          touch.origin + resting.depth_m * s.direction(), s.direction(), 2.0, resting.displacement);
+    const Moving<Sphere> tool{&s.indenter, touch.origin + resting.depth_m * s.direction(), s.direction()};
+    return out_of_balance(with, mesh, PressPhysics{sim.material, sim.contact, sim.element}, tool,
+                          {2.0, resting.displacement});
   };
   CHECK(residual(body) < 2e-6);
   CHECK(residual(floating) > 0.01);  // without the floor its push is missing
@@ -180,7 +182,7 @@ TEST_CASE(
   CHECK(sim.press(f.body, f.mesh, direct).front().depth_m == Approx(up[3].depth_m).epsilon(1e-6));
 
   using Model = SectorModel<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
-  const Model model(f.body, f.mesh, {true, true}, sim.material, sim.contact, sim.element);
+  const Model model(f.body, f.mesh, {true, true}, {sim.material, sim.contact, sim.element});
   QuasiStaticRun<Model, Sphere> path(model, s, first_touch(f.body, f.mesh, s), {});
   for (double load : s.loads_N) REQUIRE(path.solve(0.25 * load) == Status::converged);
   for (int k = 3; k >= 0; --k) {
@@ -216,8 +218,10 @@ TEST_CASE("linear tetrahedra are offered, and lock") {
   std::vector<Vec3d> nodes;
   const auto renumber = [&](int& n) {
     if (n < 0) return;
-    if (number[std::size_t(n)] < 0)
-      number[std::size_t(n)] = int(corners++), nodes.push_back(linear.nodes[std::size_t(n)]);
+    if (number[std::size_t(n)] < 0) {
+      number[std::size_t(n)] = int(corners++);
+      nodes.push_back(linear.nodes[std::size_t(n)]);
+    }
     n = number[std::size_t(n)];
   };
   for (auto& t : linear.tets)
@@ -226,8 +230,9 @@ TEST_CASE("linear tetrahedra are offered, and lock") {
     for (int& n : face.nodes) renumber(n);
   linear.nodes = nodes;
   linear.symmetry = {};
-  linear.mirror_x.clear(), linear.mirror_y.clear();
-  const Simulator<NeoHookean, SDFContact, LinearTet, Cholmod> sim;
+  linear.mirror_x.clear();
+  linear.mirror_y.clear();
+  const Simulator<NeoHookean, SDFContact, LinearTet, QuasiStatic<Cholmod>> sim;
   const MechanicalState state = sim.press(f.body, linear, s).front();
   CHECK(state.status == Status::converged);
   CHECK(state.depth_m < 0.85 * quadratic);

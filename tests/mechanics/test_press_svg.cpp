@@ -77,7 +77,7 @@ TEST_CASE("a swept mesh presses like an unstructured one") {
   const Body body = finger(baseline_design(), card);
   const Scenario<Sphere> scenario{.indenter = {20e-3}, .loads_N = {2.0, 10.0}};
   const Focus focus{.finest = 0.8e-3, .growth = 0.3};
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const auto pressed = [&](const auto& mesher) {
     const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario}, mesher, focus);

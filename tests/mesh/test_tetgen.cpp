@@ -333,7 +333,7 @@ TEST_CASE("TetGen may be given anything: its process dies alone", "[mesh][tetgen
   CHECK(open_files(pid) == helper_files);
 }
 
-TEST_CASE("crashes, hangs and hunger are told apart", "[mesh][tetgen]") {
+TEST_CASE("crashes, hangs and lack of memory are reported each as what it is", "[mesh][tetgen]") {
   const MeshInput body = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
   const auto reason = [&](ForkServer::Work work, double time_limit_s = 60.0) {
     TetgenMesher mesher = with(work);

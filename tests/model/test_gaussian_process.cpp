@@ -189,7 +189,7 @@ TEST_CASE("jitter is as small as it can be and bounded", "[gaussian process]") {
   CHECK_FALSE(jittered_factor(singular));
 }
 
-TEST_CASE("what makes no sense is refused", "[gaussian process]") {
+TEST_CASE("broken data are refused", "[gaussian process]") {
   TrainingData data = wave(5);
   data.y[2] = std::nan("");
   CHECK_THROWS_AS(GaussianProcess<>::fit(data), InvalidArgument);

@@ -68,7 +68,7 @@ TEST_CASE("A point shines evenly on a box: solid angles of its faces", "[emitter
   }
 }
 
-TEST_CASE("A lobe table: exact inversion, normalised, and what makes no sense is refused", "[emitter]") {
+TEST_CASE("A lobe table: exact inversion, normalised, and broken tables are refused", "[emitter]") {
   const LobeTable lambert({0.0, pi / 2}, {1.0, 0.0});  // linear in the cosine: Lambert's law
   for (double u : {0.01, 0.3, 0.77, 0.99}) CHECK(lambert.cosine(u) == Approx(std::sqrt(1.0 - u)));
   CHECK(lambert.density(0.6) == Approx(0.6 / pi));

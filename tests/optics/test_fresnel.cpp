@@ -38,9 +38,9 @@ TEST_CASE("Fresnel: reciprocity, bounds, Snell's law", "[fresnel]") {
   const double n = 1.4348;
   const Vec3d up = Vec3d::UnitZ();
   for (double c = 0.02; c <= 1.0; c += 0.02) {
-    const FresnelSplit in = fresnel(c, 1.0 / n);
+    const FresnelSplit<double> in = fresnel(c, 1.0 / n);
     CHECK((in.reflectance >= 0.0 && in.reflectance <= 1.0));
-    const FresnelSplit back = fresnel(in.cosine_behind, n);
+    const FresnelSplit<double> back = fresnel(in.cosine_behind, n);
     CHECK(back.reflectance == Approx(in.reflectance).epsilon(1e-9));
     CHECK(back.cosine_behind == Approx(c).epsilon(1e-9));
     const Vec3d d(std::sqrt(1.0 - c * c), 0.0, -c);
@@ -51,6 +51,38 @@ TEST_CASE("Fresnel: reciprocity, bounds, Snell's law", "[fresnel]") {
     const Vec3d r = reflect(d, up);
     CHECK((r - Vec3d(d.x(), 0.0, -d.z())).norm() < 1e-12);
   }
+}
+
+namespace {
+
+/// A number with its derivative, as far as the laws of this file need one.
+struct Sloped {
+  double value, slope;
+  Sloped(double v, double s = 0.0) : value(v), slope(s) {}
+  friend Sloped operator+(Sloped a, Sloped b) { return {a.value + b.value, a.slope + b.slope}; }
+  friend Sloped operator-(Sloped a, Sloped b) { return {a.value - b.value, a.slope - b.slope}; }
+  friend Sloped operator*(Sloped a, Sloped b) { return {a.value * b.value, a.slope * b.value + a.value * b.slope}; }
+  friend Sloped operator/(Sloped a, Sloped b) {
+    return {a.value / b.value, (a.slope * b.value - a.value * b.slope) / (b.value * b.value)};
+  }
+  friend bool operator<(Sloped a, Sloped b) { return a.value < b.value; }
+  friend Sloped sqrt(Sloped a) { return {std::sqrt(a.value), 0.5 * a.slope / std::sqrt(a.value)}; }
+  friend Sloped exp(Sloped a) { return {std::exp(a.value), a.slope * std::exp(a.value)}; }
+};
+
+}  // namespace
+
+TEST_CASE("Fresnel and Beer–Lambert take dual numbers: their derivatives are those of differences", "[fresnel]") {
+  const double n = 1.4348, h = 1e-6;
+  for (double c = 0.1; c < 0.95; c += 0.1) {
+    const FresnelSplit<Sloped> split = fresnel(Sloped(c, 1.0), 1.0 / n);
+    const FresnelSplit<double> up = fresnel(c + h, 1.0 / n), down = fresnel(c - h, 1.0 / n);
+    CHECK(split.reflectance.value == fresnel(c, 1.0 / n).reflectance);
+    CHECK(split.reflectance.slope == Approx((up.reflectance - down.reflectance) / (2 * h)).margin(1e-8));
+    CHECK(split.cosine_behind.slope == Approx((up.cosine_behind - down.cosine_behind) / (2 * h)).margin(1e-8));
+  }
+  const BeerLambert medium{Medium{n, 100.0}};
+  CHECK(medium.transmittance(Sloped(0.01, 1.0)).slope == Approx(-100.0 * medium.transmittance(0.01)));
 }
 
 TEST_CASE("Beer–Lambert: T(0) = 1, T(a+b) = T(a)T(b), units", "[beer-lambert]") {

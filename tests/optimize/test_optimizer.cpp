@@ -125,7 +125,7 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
     o.tell(t->id, measure(t->x));
   }
   const auto pool = DesignSampler(o.problem().space).fresh(64, 9, {});
-  const Eigen::MatrixXd x = columns(pool, 3);
+  const Eigen::MatrixXd x = design_columns(pool, 3);
   for (const bool noisy : {true, false}) {
     const Eigen::VectorXd exact =
         LogNehvi{.draws = 256, .noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 1)(x);
@@ -142,7 +142,8 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
   }
 }
 
-TEST_CASE("what a design promises is told however far the reference point lies from the outcomes", "[optimizer]") {
+TEST_CASE("the acquisition distinguishes designs however far the reference point lies from the outcomes",
+          "[optimizer]") {
   const double far = 1e11;  // of spreads of the order of 0.3
   Problem p = problem(60);
   p.objectives[0].reference = -far;
@@ -152,7 +153,7 @@ TEST_CASE("what a design promises is told however far the reference point lies f
     const auto t = o.ask();
     o.tell(t->id, measure(t->x));
   }
-  const Eigen::MatrixXd x = columns(DesignSampler(p.space).fresh(64, 9, {}), 3);
+  const Eigen::MatrixXd x = design_columns(DesignSampler(p.space).fresh(64, 9, {}), 3);
   for (const bool noisy : {true, false}) {
     const Eigen::VectorXd promise = QLogNehvi{.noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 2)(x);
     CHECK(promise.allFinite());
@@ -174,7 +175,7 @@ TEST_CASE("failures are never scored, only those of the machine are asked again,
     o.fail(retry->id, true, "killed");
   }
   run(o);
-  CHECK(o.told() == 24);
+  CHECK(o.observed() == 24);
   for (const Trial& t : o.trials())
     if (t.id > 4) CHECK((t.x != bad->x && t.x != unlucky->x));
   CHECK(o.trials()[0].why == "no mesh");
@@ -254,20 +255,20 @@ TEST_CASE("what the machine failed at is tried three times and teaches nothing a
   const auto search = [](bool hungry) {
     Optimizer<> o(problem(16));
     Design starved;
-    std::vector<Design> told;
+    std::vector<Design> answered;
     while (const auto t = o.ask()) {
       if (hungry && starved.empty()) starved = t->x;
       if (t->x == starved) {
         o.fail(t->id, true, "killed");
       } else {
         o.tell(t->id, measure(t->x));
-        told.push_back(t->x);
+        answered.push_back(t->x);
       }
     }
     CHECK(std::count_if(o.trials().begin(), o.trials().end(), [&](const Trial& t) { return t.x == starved; }) ==
           (hungry ? 3 : 0));
-    CHECK(std::find(told.begin(), told.end(), starved) == told.end());
-    return told;
+    CHECK(std::find(answered.begin(), answered.end(), starved) == answered.end());
+    return answered;
   };
   const auto fed = search(false), hungry = search(true);
   REQUIRE(hungry.size() == 16);
@@ -313,7 +314,7 @@ TEST_CASE("an exhausted lattice is a clear end", "[optimizer]") {
   o.tell(held->id, {held->x[0], held->x[1]});
   CHECK_FALSE(o.ask());
   CHECK(o.status() == OptimizerStatus::exhausted);
-  CHECK(o.told() == 6);
+  CHECK(o.observed() == 6);
 }
 
 TEST_CASE("no more is asked than is wanted", "[optimizer]") {
@@ -359,7 +360,7 @@ TEST_CASE("extreme scales, constants and repeats do not break a run", "[optimize
       for (double& v : y) v *= scale;
       o.tell(t->id, y);
     }
-    CHECK(o.told() == 16);
+    CHECK(o.observed() == 16);
     CHECK(std::isfinite(o.hypervolume()));
   }
 }
@@ -376,13 +377,13 @@ TEST_CASE("one or three objectives, Matern and sampled acquisition, composite su
   p.objectives = {{"f", true, -5.0}, {"g", false, 5.0}, {"h", true, -5.0}};
   Optimizer<RbfKernel, LogNehvi, FreshCandidates> three(p, {.acquisition = {.draws = 4}, .source = {.count = 32}});
   while (auto t = three.ask()) three.tell(t->id, {measure(t->x)[0], measure(t->x)[1], t->x[2]});
-  CHECK(three.told() == 14);
+  CHECK(three.observed() == 14);
 
   p.objectives = {{"f", true, -5.0}, {"g", false, 5.0}};
   using Composite = Optimizer<RbfKernel, QLogNehvi, FreshCandidates, MinimumOverTerms>;
   Composite composite(p, {.acquisition = {.draws = 16}, .source = {.count = 32}, .reduction = {{2, 1}}});
   while (auto t = composite.ask()) composite.tell(t->id, {measure(t->x)[0], 0.9 - t->x[2], measure(t->x)[1]});
-  CHECK(composite.told() == 14);
+  CHECK(composite.observed() == 14);
   for (const Outcome& o : composite.front()) {
     const auto& out = composite.trials()[std::size_t(o.id)].outputs;
     CHECK(o.objectives == std::vector<double>{std::min(out[0], out[1]), out[2]});

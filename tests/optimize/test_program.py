@@ -96,11 +96,11 @@ class Protocol(unittest.TestCase):
                 self.assertTrue(2 <= x[0] <= 29 and 1 <= x[1] <= 20 and -1 <= x[2] <= 1)
                 self.assertTrue(x[0] + x[1] <= 20 and -15 <= x[1] - x[0] <= 12)
                 self.assertEqual((x[0] * 2 % 1, x[1] * 2 % 1), (0, 0))
-            told = {tuple(a["x"]): measure(a["x"]) for a in asks}
+            answers = {tuple(a["x"]): measure(a["x"]) for a in asks}
             self.assertEqual(set(last), {"front", "hypervolume"})
             for point in last["front"]:
-                self.assertEqual(point["y"], told[tuple(point["x"])])
-                self.assertFalse(any(y[0] >= point["y"][0] and y[1] <= point["y"][1] and y != point["y"] for y in told.values()))
+                self.assertEqual(point["y"], answers[tuple(point["x"])])
+                self.assertFalse(any(y[0] >= point["y"][0] and y[1] <= point["y"][1] and y != point["y"] for y in answers.values()))
             total, level = 0.0, 2.0   # the staircase by hand
             for f1, f2 in sorted((p["y"] for p in last["front"]), reverse=True):
                 if f1 > -0.06 and f2 < level:
@@ -169,7 +169,7 @@ class Protocol(unittest.TestCase):
             ('{"tell":{"id":2,"y":[1e999,1]}}', ["finite"]), ('{"tell":{"id":2,"y":[null,1]}}', ["null"]), ('{"tell":{"id":2,"y":["1",1]}}', ["finite"]),
             ('{"tell":{"id":2,"y":[1]}}', ["1 values", "2"]), ('{"tell":{"id":2,"y":[1,2,3]}}', ["3 values"]), ('{"tell":{"id":2}}', ["y"]),
             ('{"tell":{"y":[1,2]}}', ["id"]), ('{"tell":{"id":9,"y":[1,2]}}', ["trial 9", "never asked"]), ('{"tell":{"id":-1,"y":[1,2]}}', ["never asked"]),
-            ('{"tell":{"id":1,"y":[1,2]}}', ["trial 1", "told before"]), ('{"tell":{"id":2.5,"y":[1,2]}}', ["whole number"]),
+            ('{"tell":{"id":1,"y":[1,2]}}', ["trial 1", "answered before"]), ('{"tell":{"id":2.5,"y":[1,2]}}', ["whole number"]),
             ('{"tell":{"id":2,"y":[1,2],"z":1}}', ["unknown key", "z"]), ('{"told":{"id":2,"y":[1,2]}}', ["unknown key", "told"]),
             ('{"fail":{"id":2,"retry":"no"}}', ["retry"]), ('{"fail":{"id":2,"why":3}}', ["why"]), ('{"tell":{"id":2,"y":[1,2]},"fail":{"id":2}}', ["tell", "fail"]),
             ('{"tell":{"id":99999999999999999999,"y":[1,2]}}', ["id"]),

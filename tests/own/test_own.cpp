@@ -106,21 +106,21 @@ TEST_CASE("a user's camera gives each picture once, ends, and fails on what is n
     CHECK((frame->stamp_ns == k * 500'000'000 && frame->index == k));
     CHECK(frame->image.green(1, 1) == (k == 0 ? 'e' : 'k'));
   }
-  CHECK(camera.state() == StreamState::open);
-  CHECK((!camera.next() && camera.state() == StreamState::ended));
+  CHECK(camera.state() == sense::StreamState::open);
+  CHECK((!camera.next() && camera.state() == sense::StreamState::ended));
   write(1, "P5\n3 2\n255\nghi");
   own::PgmCamera torn(folder.path.string(), 0.5);
   CHECK(torn.next());
-  CHECK((!torn.next() && torn.state() == StreamState::failed && !torn.next()));
+  CHECK((!torn.next() && torn.state() == sense::StreamState::failed && !torn.next()));
 }
 
 TEST_CASE("a user's actuator gives each sample once, ends, and fails on what is no sample") {
-  std::istringstream message("0 0.1 0.2 0.3\n0.001 0.4 0.5 0.6\n"), broken("0 0.1 0.2 0.3\n0.001 x\n0.002 0 0 0\n");
+  std::istringstream text("0 0.1 0.2 0.3\n0.001 0.4 0.5 0.6\n"), broken("0 0.1 0.2 0.3\n0.001 x\n0.002 0 0 0\n");
   own::TextActuator actuator(text), bad(broken);
   CHECK(actuator.next()->effort[0] == 0.3);
   const auto second = actuator.next();
   CHECK((second->stamp_ns == 1'000'000 && second->position_rad[0] == 0.4 && second->velocity_rad_per_s[0] == 0.5));
-  CHECK((!actuator.next() && actuator.state() == StreamState::ended));
+  CHECK((!actuator.next() && actuator.state() == sense::StreamState::ended));
   CHECK(bad.next());
-  CHECK((!bad.next() && bad.state() == StreamState::failed && !bad.next()));
+  CHECK((!bad.next() && bad.state() == sense::StreamState::failed && !bad.next()));
 }

@@ -8,9 +8,10 @@
 #include "lumo/support/tetgen.hpp"
 
 using CoarseLight = lumo::Tracer<lumo::BeerLambert, lumo::ExitPower, lumo::Embree>;
-using CoarsePipeline =
-    lumo::Pipeline<lumo::TetgenMesher,
-                   lumo::Simulator<lumo::NeoHookean, lumo::SDFContact, lumo::QuadraticTet, lumo::Cholmod>, CoarseLight>;
+using CoarsePipeline = lumo::Pipeline<
+    lumo::TetgenMesher,
+    lumo::Simulator<lumo::NeoHookean, lumo::SDFContact, lumo::QuadraticTet, lumo::QuasiStatic<lumo::Cholmod>>,
+    CoarseLight>;
 
 /// Coarse in every respect: for contracts between stages.
 inline CoarsePipeline coarse_pipeline() {

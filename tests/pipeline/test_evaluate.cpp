@@ -34,18 +34,18 @@ bool same_bits(const Evaluation& a, const Evaluation& b) {
 TEST_CASE("an evaluation is bit-identical for any number of threads, and mirror images are what solving both gives") {
   const FingerDesign design{8, 4, 6, 4, 2};
   const Evaluation one =
-      evaluate(design, dragon_skin(), small_ensemble(), coarse_pipeline(), coarse_finger(), Serial{});
+      evaluate({design, dragon_skin(), coarse_finger()}, small_ensemble(), coarse_pipeline(), Serial{});
   REQUIRE(one.J_contact);
   REQUIRE(one.J_obs);
   CHECK(one.J_contact->value > 0.0);
   CHECK(one.observations.scenarios.size() == 6);
   const Evaluation two =
-      evaluate(design, dragon_skin(), small_ensemble(), coarse_pipeline(), coarse_finger(), TbbExecutor{2});
+      evaluate({design, dragon_skin(), coarse_finger()}, small_ensemble(), coarse_pipeline(), TbbExecutor{2});
   CHECK(same_bits(one, two));
 
   CoarsePipeline both = coarse_pipeline();
   both.mirror_once = false;
-  const Evaluation all = evaluate(design, dragon_skin(), small_ensemble(), both, coarse_finger(), TbbExecutor{2});
+  const Evaluation all = evaluate({design, dragon_skin(), coarse_finger()}, small_ensemble(), both, TbbExecutor{2});
   CHECK(all.J_contact->value == Approx(one.J_contact->value).epsilon(1e-4));
   for (std::size_t k = 0; k < 6; ++k) {
     const ScenarioRecord &a = one.observations.scenarios[k], &b = all.observations.scenarios[k];
@@ -64,11 +64,11 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
   e.angles_rad = {0.0};
   e.loads_N = {1.0, 8.0};
   const FingerDesign design{8, 4, 6, 4, 2};
-  const Evaluation once = evaluate(design, solaris(), e, coarse_pipeline(), coarse_finger(), Serial{});
+  const Evaluation once = evaluate({design, solaris(), coarse_finger()}, e, coarse_pipeline(), Serial{});
   CoarsePipeline p = coarse_pipeline();
   p.rays = {.tolerance = 0.15, .rounds = 48};
-  const Evaluation one = evaluate(design, solaris(), e, p, coarse_finger(), Serial{}),
-                   two = evaluate(design, solaris(), e, p, coarse_finger(), TbbExecutor{2});
+  const Evaluation one = evaluate({design, solaris(), coarse_finger()}, e, p, Serial{}),
+                   two = evaluate({design, solaris(), coarse_finger()}, e, p, TbbExecutor{2});
   REQUIRE(one.J_obs);
   CHECK(same_bits(one, two));
   CHECK_FALSE(undecided_states(once.observed, p.rays.tolerance).empty());
@@ -86,14 +86,14 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
 TEST_CASE("a scenario that fails leaves no score, and says which") {
   CoarsePipeline p = coarse_pipeline();
   p.simulator.solver.config.max_iterations = 1;
-  const Evaluation e = evaluate(baseline_design(), dragon_skin(), small_ensemble(), p, coarse_finger(), Serial{});
+  const Evaluation e = evaluate({baseline_design(), dragon_skin(), coarse_finger()}, small_ensemble(), p, Serial{});
   CHECK_FALSE(e.J_contact);
   CHECK_FALSE(e.J_obs);
   for (const ScenarioRecord& s : e.observations.scenarios) CHECK(s.status == Status::max_iterations);
 }
 
 TEST_CASE("an infeasible design is refused before anything is spent") {
-  CHECK_THROWS_AS(evaluate({2, 1, 8, 5, 0}, dragon_skin(), small_ensemble(), coarse_pipeline(), {}, Serial{}),
+  CHECK_THROWS_AS(evaluate({{2, 1, 8, 5, 0}, dragon_skin()}, small_ensemble(), coarse_pipeline(), Serial{}),
                   InfeasibleDesign);
 }
 
@@ -107,7 +107,7 @@ TEST_CASE(
   const CoarsePipeline p = coarse_pipeline();
   const Body body = finger(design, dragon_skin(), coarse_finger());
   const auto pressed = press(body, e.scenarios(), p, Serial{});
-  const Evaluation whole = evaluate(design, dragon_skin(), e, p, coarse_finger(), Serial{});
+  const Evaluation whole = evaluate({design, dragon_skin(), coarse_finger()}, e, p, Serial{});
   for (int again = 0; again < 2; ++again) {
     const Evaluation lit = score(observe(body, pressed, p, TbbExecutor{2}), p);
     CHECK(lit.J_obs->value == whole.J_obs->value);
@@ -117,11 +117,11 @@ TEST_CASE(
   bright.carrier_albedo = 0.95;
   one_side.readout.one_side = true;
   const Evaluation other = score(observe(finger(design, dragon_skin(), bright), pressed, p, Serial{}), p);
-  CHECK(other.J_obs->value == evaluate(design, dragon_skin(), e, p, bright, Serial{}).J_obs->value);
+  CHECK(other.J_obs->value == evaluate({design, dragon_skin(), bright}, e, p, Serial{}).J_obs->value);
   CHECK(other.J_obs->value != whole.J_obs->value);
   const Body half_seen = finger(design, dragon_skin(), one_side);
-  CHECK(lights(body, pressed, p));
-  CHECK_FALSE(lights(half_seen, pressed, p));  // −15° was not pressed
+  CHECK(has_image_channels(body, pressed, p));
+  CHECK_FALSE(has_image_channels(half_seen, pressed, p));  // −15° was not pressed
   CHECK_THROWS_AS(observe(half_seen, pressed, p, Serial{}), InvalidArgument);
-  CHECK(evaluate(design, dragon_skin(), e, p, one_side, Serial{}).J_obs);
+  CHECK(evaluate({design, dragon_skin(), one_side}, e, p, Serial{}).J_obs);
 }

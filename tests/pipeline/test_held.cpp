@@ -33,17 +33,17 @@ Ensemble two_places() {
 TEST_CASE("held states are observed but not scored, unless the problem accepts them") {
   auto p = held_pipeline();
   CHECK_FALSE(p.accept_held);
-  const Evaluation refused = evaluate(baseline_design(), dragon_skin(), two_places(), p, coarse_finger(), Serial{});
+  const Evaluation refused = evaluate({baseline_design(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
   p.accept_held = true;
-  const Evaluation accepted = evaluate(baseline_design(), dragon_skin(), two_places(), p, coarse_finger(), Serial{});
+  const Evaluation accepted = evaluate({baseline_design(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
 
   CHECK_FALSE(refused.J_contact);
   CHECK_FALSE(refused.J_obs);
-  CHECK_THAT(verdict_of(refused).why, Catch::Contains("press: held at 10 N"));
-  CHECK(verdict_of(refused).outputs.empty());
+  CHECK_THAT(trial_result(refused).why, Catch::Contains("press: held at 10 N"));
+  CHECK(trial_result(refused).outputs.empty());
   REQUIRE(accepted.J_contact);
   REQUIRE(accepted.J_obs);
-  const Verdict v = verdict_of(accepted, true);
+  const TrialResult v = trial_result(accepted, true);
   CHECK(v.why.empty());
   CHECK(v.outputs == std::vector{accepted.J_contact->value, accepted.J_obs->value});
 
@@ -71,9 +71,9 @@ TEST_CASE("a solve that ended otherwise is not scored where held states are") {
   auto p = held_pipeline();
   p.accept_held = true;
   p.simulator.solver.config.max_advance_m = 1e-4;
-  const Evaluation e = evaluate(baseline_design(), dragon_skin(), two_places(), p, coarse_finger(), Serial{});
+  const Evaluation e = evaluate({baseline_design(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
   CHECK_FALSE(e.J_contact);
-  CHECK_THAT(verdict_of(e, true).why, Catch::Contains("press: max_iterations"));
+  CHECK_THAT(trial_result(e, true).why, Catch::Contains("press: max_iterations"));
   CHECK(is_scored(Status::converged));
   CHECK_FALSE(is_scored(Status::held));
   CHECK_FALSE(is_scored(Status::time_limit, true));

@@ -53,9 +53,9 @@ namespace lumo::program {
 /// In place of simulations.
 Evaluator readings_evaluator(const StudyTools&, const std::vector<Scenario<Sphere>>& contacts, Progress&) {
   return [contacts](const Design& x) {
-    Verdict v;
+    TrialResult v;
     Json record = {{"theta_mm", numbers(x)}};
-    for (int r = 0; r <= int(departures().size()); ++r) record["readings"].push_back(made_up(x, r));
+    for (int r = 0; r <= int(assumption_variants().size()); ++r) record["readings"].push_back(made_up(x, r));
     v.outputs = {record["readings"][0]["J_contact"], record["readings"][0]["J_obs"]};
     v.record = record.dump();
     v.notes = "{}";
@@ -73,7 +73,7 @@ TEST_CASE(
   o.store = (scratch.path / "readings.db").string();
   const std::string text = run(o, scratch.path / "out");
   CHECK(run(o, scratch.path / "again") == text);  // from the store
-  for (const Departure& d : departures()) CHECK(text.find(d.name()) != std::string::npos);
+  for (const AssumptionVariant& d : assumption_variants()) CHECK(text.find(d.name()) != std::string::npos);
   CHECK(text.find("end faces: held, clear, ranking by J_contact (τ -1.00)") != std::string::npos);
   CHECK(text.find("ranking by J_obs") == std::string::npos);
   CHECK(text.find("carrier albedo: 0.95") < text.find("carrier albedo: 0.5"));  // 36 % before 34 %
@@ -94,7 +94,7 @@ TEST_CASE(
     }
     return std::pair(lines, fields);
   };
-  const std::size_t others = departures().size();
+  const std::size_t others = assumption_variants().size();
   CHECK(shape("study_readings.csv") == std::pair(others + 1, std::set<std::size_t>{16}));
   CHECK(shape("study_readings_designs.csv") == std::pair(13 * (others + 1) + 1, std::set<std::size_t>{11}));
   CHECK(scratch.read("out/study_readings_designs.csv").find("\"mesh: none, \"\"at all\"\"\"") != std::string::npos);
@@ -107,7 +107,7 @@ TEST_CASE(
   const Json whole = Json::parse(run(o, scratch.path / "json"));
   REQUIRE(whole["designs"].size() == 13);  // five references first
   CHECK(whole["designs"][0]["theta_mm"] == Json({6, 6, 8, 5, 0}));
-  REQUIRE(whole["readings"].size() == departures().size());
+  REQUIRE(whole["readings"].size() == assumption_variants().size());
   const Json& narrow = whole["readings"][0];
   CHECK(narrow["compared"].get<int>() + narrow["lost"].get<int>() == 13);
   CHECK(narrow["lost"].get<int>() > 0);
@@ -118,6 +118,6 @@ TEST_CASE(
 
   o.designs = 3;  // a store may hold more than are asked for
   CHECK(Json::parse(run(o, scratch.path / "fewer"))["designs"].size() == 8);
-  o.material = "Sol";
+  o.tools.material = "Sol";
   CHECK_THROWS_AS(run(o, scratch.path / "other"), StoreError);
 }

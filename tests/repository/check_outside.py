@@ -39,7 +39,7 @@ def main(a):
 
     whole = run(program, project / "whole.db")
     designs, end = whole[:-1], whole[-1]
-    begins = end.startswith(f"evaluated {EVALUATIONS}, hypervolume ")
+    begins = end.startswith(f"observed {EVALUATIONS}, hypervolume ")
     if len(designs) != EVALUATIONS or not begins or float(end.split()[-1]) <= 0.0:
         sys.exit("\n".join(["not the campaign that was asked for:", *whole]))
     for line in designs:   # number, five lengths, two objectives

@@ -23,13 +23,13 @@ using namespace lumo;
 struct Soft {};                                  // nothing of a material
 struct Inward {                                  // a contact law without validate
   double stiffness_N_per_m3 = 1e9;
-  ContactResponse respond(double) const { return {}; }
+  ContactResponse<double> respond(double) const { return {}; }
 };
 struct FivePoints : LinearTet {                  // an element of no order
   static constexpr int order = 3;
 };
 struct Blunt {                                   // a tool without derivatives
-  double distance(const Vec3&) const { return 1.0; }
+  double distance(const Vec3d&) const { return 1.0; }
   double radius_m() const { return 1.0; }
 };
 struct Still {                                   // a solver that finds nothing
@@ -73,7 +73,7 @@ struct Stubborn {                                // a source that takes no reque
 """
 SENSE = """#include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
+#include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/decode/cross_validation.hpp"
 #include "lumo/sense/recording/mcap/mcap_writer.hpp"
 using namespace lumo;
@@ -101,14 +101,14 @@ GROUPS = [
         ("Simulator<NeoHookean, SDFContact, FivePoints> s;",
          "Simulator<NeoHookean, SDFContact, LinearTet> s;", "TetElement"),
         ("Simulator<NeoHookean, SDFContact, QuadraticTet, double> s;",
-         "Simulator<NeoHookean, SDFContact, QuadraticTet, EigenCholesky> s;", "PressSolver"),
+         "Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<EigenCholesky>> s;", "PressSolver"),
         ("Simulator<NeoHookean, SDFContact, LinearTet, Still> s;",
          "Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent> s;", "PressSolver"),
         ("QuasiStatic<int> s;", "QuasiStatic<EigenCholesky> s;", "LinearSolver"),
         ("BlockDescent<int> s;", "BlockDescent<Serial> s;", "Executor"),
         ("Scenario<Blunt> s;", "Scenario<Sphere> s;", "Indenter"),
         ("Oriented<Blunt> s;", "Oriented<Sphere> s;", "Indenter"),
-        ("VertexLanes<Soft>* s;", "VertexLanes<NeoHookean>* s;", "DilatationalMaterial"),
+        ("VertexPacks<Soft>* s;", "VertexPacks<NeoHookean>* s;", "DilatationalMaterial"),
     ]),
     (LIGHT, [
         ("Tracer<int> t;", "Tracer<BeerLambert> t;", "TransparentMedium"),

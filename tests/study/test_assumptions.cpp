@@ -22,16 +22,16 @@ TEST_CASE("Kendall's tau: order, opposite order, one exchange, ties") {
 
 TEST_CASE("The effect of a reading: differences, ranks, what decides, and the choice, over designs that both score") {
   const auto score = [](double contact, double observation, std::string where) {
-    return ReadingScore{Estimate{contact, 0.01}, Estimate{observation, 0.1}, where, where};
+    return AssumptionScore{Estimate{contact, 0.01}, Estimate{observation, 0.1}, where, where};
   };
-  const std::vector<ReadingScore> usual = {
+  const std::vector<AssumptionScore> usual = {
       score(0.5, 4.0, "a"), score(0.4, 8.0, "a"), score(0.3, 2.0, "b"), score(0.9, 9.0, "a"), {}};
-  std::vector<ReadingScore> departed = {score(0.6, 2.0, "a"),
-                                        score(0.5, 4.0, "b"),
-                                        score(0.2, 3.0, "b"),
-                                        {std::nullopt, std::nullopt, "", ""},
-                                        score(1, 1, "")};
-  const ReadingEffect e = effect_of(usual, departed);
+  std::vector<AssumptionScore> varied = {score(0.6, 2.0, "a"),
+                                         score(0.5, 4.0, "b"),
+                                         score(0.2, 3.0, "b"),
+                                         {std::nullopt, std::nullopt, "", ""},
+                                         score(1, 1, "")};
+  const AssumptionEffect e = effect_of(usual, varied);
   CHECK(e.compared == 3);
   CHECK(e.lost == 1);
   CHECK(e.J_contact->median == Approx(0.1));
@@ -44,8 +44,8 @@ TEST_CASE("The effect of a reading: differences, ranks, what decides, and the ch
   CHECK(e.worst_observation_moved == 1);
   CHECK(e.usual_choice == std::optional<std::size_t>(1));  // min(0.8, 1) against min(1, 0.5)
   CHECK(e.choice == std::optional<std::size_t>(1));
-  departed[0] = score(0.6, 4.5, "a");
-  CHECK(effect_of(usual, departed).choice == std::optional<std::size_t>(0));
+  varied[0] = score(0.6, 4.5, "a");
+  CHECK(effect_of(usual, varied).choice == std::optional<std::size_t>(0));
   CHECK(effect_of({}, {}).compared == 0);
   CHECK(!effect_of({}, {}).J_contact);
 }
@@ -53,17 +53,17 @@ TEST_CASE("The effect of a reading: differences, ranks, what decides, and the ch
 TEST_CASE(
     "Every reading departs from the usual one, has a name of its own, and says by what it changes whether equilibria "
     "move") {
-  const FingerReading usual{dragon_skin(), {}};
+  const FingerAssumptions usual{dragon_skin(), {}};
   std::set<std::string> names, lit;
-  for (const Departure& d : departures()) {
+  for (const AssumptionVariant& d : assumption_variants()) {
     INFO(d.quantity << ": " << d.value);
-    FingerReading other = usual;
+    FingerAssumptions other = usual;
     d.apply(other);
     CHECK_FALSE(other == usual);
     names.insert(d.name());
     if (same_mechanics(other, usual)) lit.insert(d.quantity);
   }
-  CHECK(departures().size() == 18);
+  CHECK(assumption_variants().size() == 18);
   CHECK(names.size() == 18);
   CHECK(lit == std::set<std::string>{"LEDs", "visible normal", "visible side", "bins", "scattering albedo", "indenter",
                                      "carrier albedo"});
@@ -80,20 +80,20 @@ TEST_CASE(
     return list;
   }();
   int simulators = 0;
-  const auto tools_for = [&](const FingerReading& r) {
+  const auto tools_for = [&](const FingerAssumptions& r) {
     CoarsePipeline p = coarse_pipeline();
     p.simulator.material = {.mu = r.silicone.mu_Pa, .lambda = r.silicone.lambda_Pa};
     p.simulator.contact.friction = r.friction;
     ++simulators;
     return p;
   };
-  const FingerReading usual{dragon_skin(), coarse_finger()};
-  std::vector<Departure> rows;
-  for (const Departure& d : departures())
+  const FingerAssumptions usual{dragon_skin(), coarse_finger()};
+  std::vector<AssumptionVariant> rows;
+  for (const AssumptionVariant& d : assumption_variants())
     if (d.quantity == "tilt plane" || d.value == "0.95" || d.value == "+10 %") rows.push_back(d);
-  rows.push_back({"pad", "too thick", [](FingerReading& r) { r.finger.pad.t_min = 9.0; }});
+  rows.push_back({"pad", "too thick", [](FingerAssumptions& r) { r.finger.pad.t_min = 9.0; }});
   REQUIRE(rows.size() == 4);
-  const auto results = evaluate_readings(design, usual, rows, contacts, tools_for, TbbExecutor{2});
+  const auto results = evaluate_assumptions(design, {usual, rows, contacts}, tools_for, TbbExecutor{2});
   REQUIRE(results.size() == 5);
   CHECK(simulators == 4);  // none for what is not feasible
   for (std::size_t k = 0; k < 4; ++k) {
@@ -101,7 +101,7 @@ TEST_CASE(
     REQUIRE(results[k].why.empty());
   }
   CHECK(results[4].why.find("t_min") != std::string::npos);
-  const auto alone = [&](const FingerReading& r, TiltPlane tilt) {
+  const auto alone = [&](const FingerAssumptions& r, TiltPlane tilt) {
     auto turned = contacts;
     for (auto& s : turned)
       if (s.angle_rad != 0.0) s.tilt = tilt;
@@ -114,7 +114,7 @@ TEST_CASE(
   const Evaluation own = alone(usual, TiltPlane::xz);
   CHECK(results[0].evaluation.J_obs->value == own.J_obs->value);
   for (std::size_t k = 1; k < 4; ++k) {
-    FingerReading r = usual;
+    FingerAssumptions r = usual;
     rows[k - 1].apply(r);
     const Evaluation e = alone(r, r.tilt);
     CHECK(results[k].evaluation.J_contact->value == e.J_contact->value);
@@ -131,12 +131,12 @@ TEST_CASE(
   }
 
   // Nothing is compared with what failed.
-  const auto failing = [&](const FingerReading& r) {
+  const auto failing = [&](const FingerAssumptions& r) {
     CoarsePipeline p = tools_for(r);
     p.simulator.solver.config.max_iterations = 1;
     return p;
   };
-  const auto none = evaluate_readings(design, usual, rows, {contacts[0]}, failing, Serial{});
+  const auto none = evaluate_assumptions(design, {usual, rows, {contacts[0]}}, failing, Serial{});
   REQUIRE(none.size() == 1);
   CHECK(none[0].why.find("max_iterations") != std::string::npos);
 }

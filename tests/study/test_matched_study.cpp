@@ -33,7 +33,7 @@ TEST_CASE("Differences are summed up by their signs and a distribution-free inte
   CHECK(s->undecided == 3);
   CHECK(s->above_zero == 2);
   CHECK(s->count() == 5);
-  const Estimate d = difference({0.5, 0.03}, {0.2, 0.04});
+  const Estimate d = paired_difference({0.5, 0.03}, {0.2, 0.04});
   CHECK(d.value == Approx(0.3));
   CHECK(d.error == Approx(0.05));
 }
@@ -73,7 +73,7 @@ TEST_CASE("Variants of a design: softer without a carrier, and the design withou
   contacts.loads_N = {1.0, 2.0, 5.0, 10.0};
   const FingerDesign design{5, 10, 10, 6, 3};
   const auto run = [&](const FingerDesign& d, const MatchedStudy& study) {
-    return compare_variants(d, dragon_skin(), contacts, study, coarse_pipeline(), coarse_finger(), TbbExecutor{2});
+    return compare_variants({d, dragon_skin(), coarse_finger()}, contacts, study, coarse_pipeline(), TbbExecutor{2});
   };
 
   const auto carrier = run(design, {{Twin::bonded_base, Twin::unsupported_base}, false});
@@ -125,8 +125,8 @@ TEST_CASE(
     const CoarsePipeline usual = coarse_pipeline();
     const Pipeline<TiringMesher, decltype(usual.simulator), CoarseLight> pipeline{
         TiringMesher{reason, &fills}, usual.simulator, usual.tracer, usual.focus};
-    return compare_variants({5, 10, 10, 6, 3}, dragon_skin(), contacts, {{Twin::bonded_base}, false}, pipeline,
-                            coarse_finger(), Serial{});
+    return compare_variants({{5, 10, 10, 6, 3}, dragon_skin(), coarse_finger()}, contacts, {{Twin::bonded_base}, false},
+                            pipeline, Serial{});
   };
   const auto broken = run(MeshError::Reason::self_intersecting);
   REQUIRE(broken.size() == 2);
@@ -150,19 +150,19 @@ TEST_CASE("Searches that see the whole lattice all make the same choice, that of
   std::vector<std::pair<double, double>> all;
   for (int k = 0; k <= 20; ++k) {
     all.push_back(outputs(0.5 * k));
-    trials.push_back({k, {0.5 * k}, Trial::State::told, {all.back().first, all.back().second}, false, ""});
+    trials.push_back({k, {0.5 * k}, Trial::State::observed, {all.back().first, all.back().second}, false, ""});
   }
   trials.push_back({21, {1.0}, Trial::State::failed, {}, false, "left out"});
   std::atomic<int> watched = 0;
   const auto make = [](const Problem& problem) { return Optimizer<>(problem); };
-  const auto choices = choices_over_seeds(p, trials, 5, 21, make, TbbExecutor{2}, [&] { ++watched; });
+  const auto choices = choices_over_seeds(p, trials, {5, 21}, make, TbbExecutor{2}, [&] { ++watched; });
   CHECK(watched == 5);
   REQUIRE(choices.size() == 5);
   for (const auto& c : choices) {
     REQUIRE(c);
     CHECK((*c)[0] == trials[*balanced_choice(all)].x[0]);
   }
-  CHECK(choices_over_seeds(p, trials, 5, 6, make, Serial{}, [] {}) ==
-        choices_over_seeds(p, trials, 5, 6, make, TbbExecutor{2}, [] {}));
-  CHECK_THROWS_AS(choices_over_seeds(p, {trials[0], trials[21]}, 5, 6, make, Serial{}, [] {}), InvalidArgument);
+  CHECK(choices_over_seeds(p, trials, {5, 6}, make, Serial{}, [] {}) ==
+        choices_over_seeds(p, trials, {5, 6}, make, TbbExecutor{2}, [] {}));
+  CHECK_THROWS_AS(choices_over_seeds(p, {trials[0], trials[21]}, {5, 6}, make, Serial{}, [] {}), InvalidArgument);
 }

@@ -28,10 +28,13 @@ class Reader {
  public:
   explicit Reader(std::string file) : file_(std::move(file)) {}
 
-  [[noreturn]] void refuse(const std::string& key, const std::string& what) const { throw InputError("space file '" + file_ + "': " + key + " " + what); }
+  [[noreturn]] void refuse(const std::string& key, const std::string& what) const {
+    throw InputError("space file '" + file_ + "': " + key + " " + what);
+  }
 
   void keys(const Json& object, const std::string& where, std::initializer_list<const char*> known) const {
-    if (!object.is_object()) refuse(where.empty() ? "the whole" : where, "is " + short_form(object) + ", must be an object {...}");
+    if (!object.is_object())
+      refuse(where.empty() ? "the whole" : where, "is " + short_form(object) + ", must be an object {...}");
     for (const auto& [key, value] : object.items()) {
       bool found = false;
       std::string list;
@@ -39,7 +42,8 @@ class Reader {
         found = found || key == k;
         list += (list.empty() ? "" : ", ") + std::string(k);
       }
-      if (!found) refuse((where.empty() ? "" : where + ": ") + "unknown key " + short_form(key) + ",", "must be one of " + list);
+      if (!found)
+        refuse((where.empty() ? "" : where + ": ") + "unknown key " + short_form(key) + ",", "must be one of " + list);
     }
   }
   const Json& at(const Json& object, const std::string& where, const char* key) const {
@@ -48,17 +52,20 @@ class Reader {
   }
   double number(const Json& value, const std::string& where) const {
     // Sums and products of such numbers are finite.
-    if (!value.is_number() || !(std::abs(value.get<double>()) <= 1e150)) refuse(where, "is " + short_form(value) + ", must be a number within +-1e150");
+    if (!value.is_number() || !(std::abs(value.get<double>()) <= 1e150))
+      refuse(where, "is " + short_form(value) + ", must be a number within +-1e150");
     return value.get<double>();
   }
   std::int64_t whole(const Json& value, const std::string& where, std::int64_t low, std::int64_t high) const {
-    const bool fits = value.is_number_unsigned() ? value.get<std::uint64_t>() <= std::uint64_t(high) : value.is_number_integer();
+    const bool fits =
+        value.is_number_unsigned() ? value.get<std::uint64_t>() <= std::uint64_t(high) : value.is_number_integer();
     if (!fits || value.get<std::int64_t>() < low || value.get<std::int64_t>() > high)
       refuse(where, "is " + short_form(value) + lumo::message(", must be a whole number from ", low, " to ", high));
     return value.get<std::int64_t>();
   }
   std::string word(const Json& value, const std::string& where) const {
-    if (!value.is_string() || value.get<std::string>().empty()) refuse(where, "is " + short_form(value) + ", must be a word");
+    if (!value.is_string() || value.get<std::string>().empty())
+      refuse(where, "is " + short_form(value) + ", must be a word");
     return value.get<std::string>();
   }
   std::string one_of(const Json& value, const std::string& where, const char* a, const char* b) const {
@@ -80,24 +87,31 @@ Variable read_variable(const Reader& reader, const Json& j, const std::string& w
   v.name = reader.word(reader.at(j, where + ".", "name"), where + ".name");
   v.lower = reader.number(reader.at(j, where + ".", "lower"), where + ".lower");
   v.upper = reader.number(reader.at(j, where + ".", "upper"), where + ".upper");
-  if (!(v.lower <= v.upper)) reader.refuse(where, lumo::message("(", v.name, ") has lower ", v.lower, " above upper ", v.upper));
+  if (!(v.lower <= v.upper))
+    reader.refuse(where, lumo::message("(", v.name, ") has lower ", v.lower, " above upper ", v.upper));
   if (v.lower < v.upper && v.upper - v.lower < 1e-12 * std::max({std::abs(v.lower), std::abs(v.upper), 1e-100}))
-    reader.refuse(where, lumo::message("(", v.name, ") is ", v.upper - v.lower, " wide, too little to tell numbers apart"));
+    reader.refuse(where,
+                  lumo::message("(", v.name, ") is ", v.upper - v.lower, " wide, too little to tell numbers apart"));
   if (!j.contains("step")) return v;
   v.step = reader.number(j["step"], where + ".step");
-  if (!(v.step > 0.0)) reader.refuse(where + ".step", lumo::message("is ", v.step, ", must be > 0 (leave it out for a continuous variable)"));
-  // A lattice is counted from zero where the lower bound lies on it, as 2 does on 0.5, and from the lower bound otherwise.
+  if (!(v.step > 0.0))
+    reader.refuse(where + ".step",
+                  lumo::message("is ", v.step, ", must be > 0 (leave it out for a continuous variable)"));
+  // A lattice is counted from zero where the lower bound lies on it, as 2 does on 0.5, and from the lower bound
+  // otherwise.
   const double steps = v.lower / v.step;
   if (std::abs(steps - std::round(steps)) > 1e-9 * std::max(1.0, std::abs(steps))) v.origin = v.lower;
   return v;
 }
 
-LinearConstraint read_constraint(const Reader& reader, const Json& j, const std::string& where, const std::vector<Variable>& variables) {
+LinearConstraint read_constraint(const Reader& reader, const Json& j, const std::string& where,
+                                 const std::vector<Variable>& variables) {
   reader.keys(j, where, {"terms", "lower", "upper"});
   LinearConstraint c;
   c.coefficients.assign(variables.size(), 0.0);
   const Json& terms = reader.at(j, where + ".", "terms");
-  if (!terms.is_object() || terms.empty()) reader.refuse(where + ".terms", "is " + short_form(terms) + ", must be an object {\"variable\": coefficient, ...}");
+  if (!terms.is_object() || terms.empty())
+    reader.refuse(where + ".terms", "is " + short_form(terms) + ", must be an object {\"variable\": coefficient, ...}");
   for (const auto& [name, coefficient] : terms.items()) {
     std::size_t i = 0;
     while (i < variables.size() && variables[i].name != name) ++i;
@@ -176,28 +190,34 @@ SpaceFile read_space(const std::string& path) {
   for (std::size_t i = 0; i < variables.size(); ++i) {
     p.space.variables.push_back(read_variable(reader, variables[i], numbered("variables", i)));
     for (std::size_t k = 0; k < i; ++k)
-      if (p.space.variables[k].name == p.space.variables[i].name) reader.refuse(numbered("variables", i) + ".name", short_form(p.space.variables[i].name) + " is there twice");
+      if (p.space.variables[k].name == p.space.variables[i].name)
+        reader.refuse(numbered("variables", i) + ".name", short_form(p.space.variables[i].name) + " is there twice");
   }
   for (std::size_t i = 0; i < constraints.size(); ++i)
-    p.space.constraints.push_back(read_constraint(reader, constraints[i], numbered("constraints", i), p.space.variables));
+    p.space.constraints.push_back(
+        read_constraint(reader, constraints[i], numbered("constraints", i), p.space.variables));
   for (std::size_t i = 0; i < objectives.size(); ++i)
     p.objectives.push_back(read_objective(reader, objectives[i], numbered("objectives", i)));
   for (std::size_t i = 0; i < initial.size(); ++i)
     p.initial.push_back(read_design(reader, initial[i], numbered("initial", i), p.space));
   if (j.contains("sobol")) p.sobol = int(reader.whole(j["sobol"], "sobol", 0, 100000));
   p.evaluations = int(reader.whole(reader.at(j, "", "evaluations"), "evaluations", 1, 100000));
-  if (j.contains("seed")) p.seed = std::uint64_t(reader.whole(j["seed"], "seed", 0, std::numeric_limits<std::int64_t>::max()));
+  if (j.contains("seed"))
+    p.seed = std::uint64_t(reader.whole(j["seed"], "seed", 0, std::numeric_limits<std::int64_t>::max()));
   space.source = j.contains("source") ? reader.one_of(j["source"], "source", "paper", "default") : "default";
 
   try {
     p.validate();
     const DesignSampler sampler(p.space);
-    if (sampler.fresh(1, 0, {}).empty()) reader.refuse("the whole", sampler.feasible_count() ? "has no feasible design" : "has no feasible design that can be found");
+    if (sampler.fresh(1, 0, {}).empty())
+      reader.refuse("the whole",
+                    sampler.feasible_count() ? "has no feasible design" : "has no feasible design that can be found");
   } catch (const InvalidArgument& e) {
     throw InputError("space file '" + path + "': " + e.what());
   }
-  space.whole = {{"variables", variables}, {"constraints", constraints}, {"objectives", objectives}, {"initial", initial},
-                 {"sobol", p.sobol},       {"evaluations", p.evaluations}, {"seed", p.seed},         {"source", space.source}};
+  space.whole = {{"variables", variables}, {"constraints", constraints}, {"objectives", objectives},
+                 {"initial", initial},     {"sobol", p.sobol},           {"evaluations", p.evaluations},
+                 {"seed", p.seed},         {"source", space.source}};
   return space;
 }
 
@@ -215,7 +235,8 @@ std::string difference(const Json& now, const Json& before, const std::string& k
   }
   if (now.is_array() && before.is_array()) {
     for (std::size_t i = 0; i < std::min(now.size(), before.size()); ++i)
-      if (const std::string found = difference(now[i], before[i], lumo::message(key, "[", i, "]")); !found.empty()) return found;
+      if (const std::string found = difference(now[i], before[i], lumo::message(key, "[", i, "]")); !found.empty())
+        return found;
     if (now.size() != before.size()) return lumo::message(key, " has ", now.size(), " entries, had ", before.size());
     return "";
   }

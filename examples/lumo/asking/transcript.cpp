@@ -20,8 +20,12 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-[[noreturn]] void refuse(const std::string& path, const std::string& what) { throw InputError("transcript '" + path + "' " + what); }
-[[noreturn]] void refuse_system(const std::string& path, const std::string& what) { refuse(path, what + ": " + std::strerror(errno)); }
+[[noreturn]] void refuse(const std::string& path, const std::string& what) {
+  throw InputError("transcript '" + path + "' " + what);
+}
+[[noreturn]] void refuse_system(const std::string& path, const std::string& what) {
+  refuse(path, what + ": " + std::strerror(errno));
+}
 
 std::string read_all(int file, const std::string& path) {
   std::string text;
@@ -54,22 +58,26 @@ Transcript::Transcript(const std::string& path, const Json& space) : path_(path)
       if (end == std::string::npos) break;
       Json content;
       try {
-        content = Json::parse(text.begin() + std::ptrdiff_t(begin), text.begin() + std::ptrdiff_t(end), flat_enough, false);
+        content =
+            Json::parse(text.begin() + std::ptrdiff_t(begin), text.begin() + std::ptrdiff_t(end), flat_enough, false);
       } catch (const InvalidArgument& e) {
         refuse(path, lumo::message("line ", number, ' ', e.what()));
       }
-      if (!content.is_object() || content.size() != 1) refuse(path, lumo::message("line ", number, " is damaged: not a JSON object with one key"));
+      if (!content.is_object() || content.size() != 1)
+        refuse(path, lumo::message("line ", number, " is damaged: not a JSON object with one key"));
       lines.push_back({int(number), std::move(content)});
       begin = good = end + 1;
     }
-    const std::string opening = "{\"space\":";   // of which all may have been cut off
-    if (lines.empty() ? text.find(opening) != 0 && opening.find(text) != 0 : !lines.front().content.contains("space")) refuse(path, "does not begin with a space: it is no transcript");
+    const std::string opening = "{\"space\":";  // of which all may have been cut off
+    if (lines.empty() ? text.find(opening) != 0 && opening.find(text) != 0 : !lines.front().content.contains("space"))
+      refuse(path, "does not begin with a space: it is no transcript");
     if (!lines.empty()) {
       const std::string found = difference(space, lines.front().content["space"]);
       if (!found.empty()) refuse(path, "belongs to another space: " + found);
     }
     // Only now is it known to be ours.
-    if (good < text.size() && ftruncate(file_, off_t(good)) != 0) refuse_system(path, "cannot be cut back to its last whole line");
+    if (good < text.size() && ftruncate(file_, off_t(good)) != 0)
+      refuse_system(path, "cannot be cut back to its last whole line");
     if (lines.empty()) {
       append({{"space", space}});
       // The new file's name must last as well.

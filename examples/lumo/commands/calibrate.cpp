@@ -19,7 +19,7 @@ using namespace sense;
 namespace {
 
 /// Means over the segments of one kind.
-MeanImage mean_picture(const OpenLog& log, const char* kind, PhotonTransfer* transfer = nullptr) {
+MeanImage mean_picture(const OpenLog& log, SegmentKind kind, PhotonTransfer* transfer = nullptr) {
   MeanImage mean;
   LogCamera camera(log);
   const Segment* used = nullptr;
@@ -30,7 +30,8 @@ MeanImage mean_picture(const OpenLog& log, const char* kind, PhotonTransfer* tra
       mean.add(f->image);
       if (transfer) transfer->add(f->image);
     }
-  if (mean.count() == 0) throw InputError(log.path + ": has no pictures in a segment of kind \"" + kind + "\"");
+  if (mean.count() == 0)
+    throw InputError(log.path + ": has no pictures in a segment of kind \"" + std::string(to_string(kind)) + "\"");
   return mean;
 }
 
@@ -41,25 +42,32 @@ struct PressCurve {
   int holds = 0;
 };
 
-PressCurve press_curve(const RecordedLog& log) {
+PressCurve press_curve(const Recording& log) {
   PressCurve curve;
   const auto& all = log.session.segments;
-  const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == "hold" && s.place >= 0; });
-  if (first == all.end() || log.wrenches.empty() || log.markers.empty()) throw InputError(log.path + ": has no press: holds, forces (wrench.csv) and displacements (marker.csv) are needed");
+  const auto first = std::find_if(all.begin(), all.end(),
+                                  [](const Segment& s) { return s.kind == SegmentKind::hold && s.place >= 0; });
+  if (first == all.end() || log.wrenches.empty() || log.markers.empty())
+    throw InputError(log.path + ": has no press: holds, forces (wrench.csv) and displacements (marker.csv) are needed");
   curve.y_m = 1e-3 * first->y_mm;
   const TimeSeries series = normal_force(log.wrenches, log.session.wrench_clock);
-  for (auto s = first; s != all.end() && s->kind == "hold" && s->place == first->place && s->repetition == first->repetition; ++s, ++curve.holds)
+  for (auto s = first;
+       s != all.end() && s->kind == SegmentKind::hold && s->place == first->place && s->repetition == first->repetition;
+       ++s, ++curve.holds)
     for (const MarkerSample& m : log.markers)
       if (const std::int64_t t = log.session.wrench_clock(m.stamp_ns); 2 * t >= s->from_ns + s->to_ns && t <= s->to_ns)
-        if (const auto f = series.at(t, 0.1)) curve.depth_m.push_back(m.displacement_m), curve.force_N.push_back((*f)[0]);
+        if (const auto f = series.at(t, 0.1))
+          curve.depth_m.push_back(m.displacement_m), curve.force_N.push_back((*f)[0]);
   return curve;
 }
 
-Json interval(const Interval& i) { return {{"value", number(i.value)}, {"low", number(i.low)}, {"high", number(i.high)}}; }
+Json interval(const Interval& i) {
+  return {{"value", number(i.value)}, {"low", number(i.low)}, {"high", number(i.high)}};
+}
 
 /// One specimen against its nominal pad.
 struct Specimen {
-  double mu_Pa;   ///< nominal
+  double mu_Pa;  ///< nominal
   Interval found_Pa;
   StiffnessFit stiffness;
   Interval gain_DN_per_electron;
@@ -78,14 +86,16 @@ std::string shown(const Specimen& s, bool as_json) {
                .dump(2) +
            "\n";
   const auto range = [](const Interval& i, double scale, int digits) {
-    return cell(scale * i.value, digits) + " (95 % from " + cell(scale * i.low, digits) + " to " + cell(scale * i.high, digits) + ")";
+    return cell(scale * i.value, digits) + " (95 % from " + cell(scale * i.low, digits) + " to " +
+           cell(scale * i.high, digits) + ")";
   };
-  return "shear modulus  " + range(s.found_Pa, 1e-3, 1) + " kPa, nominal " + cell(1e-3 * s.mu_Pa, 1) + "\ncamera gain    " +
-         range(gain, 1e3, 2) + " mDN per electron\nlamps          " + cell(s.lamps.level_DN, 1) + " DN, " +
-         range(s.lamps.electrons, 1.0, 0) + " electrons a pixel\n";
+  return "shear modulus  " + range(s.found_Pa, 1e-3, 1) + " kPa, nominal " + cell(1e-3 * s.mu_Pa, 1) +
+         "\ncamera gain    " + range(gain, 1e3, 2) + " mDN per electron\nlamps          " + cell(s.lamps.level_DN, 1) +
+         " DN, " + range(s.lamps.electrons, 1.0, 0) + " electrons a pixel\n";
 }
 
-/// From a log with a press (wrench.csv, marker.csv, holds), an unloaded and a dark stretch. Throws InputError for a log that lacks one of them.
+/// From a log with a press (wrench.csv, marker.csv, holds), an unloaded and a dark stretch. Throws InputError for a log
+/// that lacks one of them.
 struct Calibrate : LogCommand {
   ResponsesRequest nominal;
 
@@ -122,11 +132,13 @@ struct Calibrate : LogCommand {
   }
   Specimen measured(const OpenLog& opened, Progress& progress) const {
     PhotonTransfer transfer;
-    const Image lit = mean_picture(opened, "unloaded", &transfer).image(), dark = mean_picture(opened, "dark").image();
+    const Image lit = mean_picture(opened, SegmentKind::unloaded, &transfer).image(),
+                dark = mean_picture(opened, SegmentKind::dark).image();
     const PressCurve press = press_curve(opened);
     const PadLight light(responses(nominal, log, progress));
     Specimen s;
-    s.stiffness = fit_stiffness(press.depth_m, press.force_N, [&](double d) { return light.load_N(press.y_m, d); }, press.holds);
+    s.stiffness = fit_stiffness(
+        press.depth_m, press.force_N, [&](double d) { return light.load_N(press.y_m, d); }, press.holds);
     s.gain_DN_per_electron = transfer.result().gain_DN_per_electron;
     s.lamps = lamp_level(lit.view(), dark.view(), s.gain_DN_per_electron);
     s.mu_Pa = silicone(nominal.material).mu_Pa;

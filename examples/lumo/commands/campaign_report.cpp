@@ -1,11 +1,11 @@
 #include "commands/commands.hpp"
 #include "computing/press.hpp"
+#include "console/text.hpp"
+#include "console/version.hpp"
 #include "report/chart_library.hpp"
 #include "report/report_model.hpp"
 #include "report/report_page.hpp"
 #include "report/report_press.hpp"
-#include "console/text.hpp"
-#include "console/version.hpp"
 
 #include <algorithm>
 #include <array>
@@ -21,7 +21,10 @@ constexpr std::array<double, 2> pressed_diameters_mm = {10.0, 30.0};
 
 /// As a shell takes it for one word.
 std::string word(const std::string& s) {
-  const auto plain = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::string_view("/._-+=:,@%").find(c) != std::string_view::npos; };
+  const auto plain = [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) != 0 ||
+           std::string_view("/._-+=:,@%").find(c) != std::string_view::npos;
+  };
   if (!s.empty() && std::all_of(s.begin(), s.end(), plain)) return s;
   std::string quoted = "'";
   for (const char c : s) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
@@ -37,7 +40,7 @@ std::string typed(const std::vector<std::string>& stores, const std::string& pag
 /// Presses the selected pads, each once, at y = 0 along z; what goes wrong is said in the page.
 void add_presses(Json& campaigns, int threads, Progress& progress) {
   std::vector<PressRequest> requests;
-  std::vector<std::pair<std::size_t, std::size_t>> wanted;   // campaign, request
+  std::vector<std::pair<std::size_t, std::size_t>> wanted;  // campaign, request
   for (std::size_t c = 0; c < campaigns.size(); ++c) {
     if (campaigns[c]["design"].is_null()) continue;
     for (const double diameter_mm : pressed_diameters_mm) {
@@ -52,7 +55,12 @@ void add_presses(Json& campaigns, int threads, Progress& progress) {
     }
   }
   if (requests.empty()) return;
-  const std::vector<PressOutcome> outcomes = make_presses(requests, threads, progress);
+  std::vector<PressOutcome> outcomes(requests.size());
+  try {
+    outcomes = make_presses(requests, threads, progress);
+  } catch (const Error& e) {
+    for (PressOutcome& outcome : outcomes) outcome.why = e.what();
+  }
   for (const auto& [c, k] : wanted) campaigns[c]["design"]["presses"].push_back(press_model(requests[k], outcomes[k]));
 }
 
@@ -91,7 +99,7 @@ struct CampaignReport : Common {
   Json data_of(const std::string& path, std::string& title, Progress& progress) const {
     Json campaigns = Json::array(), variables = Json::array();
     for (const std::string& store : stores) {
-      const StoredCampaign campaign = read_campaign(SqliteLog(store), store);
+      const StoredCampaign campaign = read_campaign(SqliteJournal(store), store);
       title += (campaigns.empty() ? ": " : "; ") + campaign_name(campaign.problem);
       campaigns.push_back(campaign_model(campaign, store));
     }

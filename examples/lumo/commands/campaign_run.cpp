@@ -10,20 +10,23 @@ namespace lumo::program {
 
 namespace {
 
-template <class State>
-std::string line(const State& state, int id, const Verdict& v, Pace& pace) {
+template <class State> std::string line(const State& state, int id, const TrialResult& v, Pace& pace) {
   const auto& optimizer = state.optimizer();
-  const int told = optimizer.told(), wanted = optimizer.problem().evaluations;
-  std::string text = pad(std::to_string(told), 3) + "/" + std::to_string(wanted) + "  #" + pad(std::to_string(id), -3) + " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
-  if (v.outputs.empty()) text += "failed, " + v.why;
-  else text += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
-  return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " + pace.after(wanted - told, !v.outputs.empty());
+  const int done = optimizer.observed(), wanted = optimizer.problem().evaluations;
+  std::string text = pad(std::to_string(done), 3) + "/" + std::to_string(wanted) + "  #" + pad(std::to_string(id), -3) +
+                     " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
+  if (v.outputs.empty())
+    text += "failed, " + v.why;
+  else
+    text += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
+  return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " +
+         pace.after(wanted - done, !v.outputs.empty());
 }
 
 struct CampaignRun : StoreCommand {
   EvaluationRequest request;
   int evaluations = 160, seed = 1, threads = all_threads();
-  std::string source = "default";   ///< of candidates
+  std::string source = "default";  ///< of candidates
 
   void declare(CLI::App& app) {
     StoreCommand::declare(app);
@@ -42,11 +45,12 @@ struct CampaignRun : StoreCommand {
     const CampaignProblem problem{request.material,    request.ensemble,        source,
                                   std::uint64_t(seed), request.mechanics.paper, request.ray_error_percent};
     tell_if_emptied(store, progress);
-    SqliteLog log(store, problem_text(problem));
+    SqliteJournal log(store, problem_text(problem));
     Pace pace;
     const OptimizerStatus end = with_optimizer(problem, evaluations, [&](const auto& optimizer) {
-      return run_campaign(log, optimizer, evaluate,
-                          [&](const auto& state, int id, const Verdict& v) { progress.note(line(state, id, v, pace)); });
+      return run_campaign(log, optimizer, evaluate, [&](const auto& state, int id, const TrialResult& v) {
+        progress.note(line(state, id, v, pace));
+      });
     });
     if (end == OptimizerStatus::exhausted) progress.note("every feasible design that could be found was evaluated");
     return campaign_status(store, json);

@@ -1,10 +1,10 @@
 
-#include "lumo/study/choice_stability.hpp"
-#include "lumo/support/tbb.hpp"
 #include "commands/campaigns.hpp"
 #include "computing/contacts.hpp"
 #include "computing/evaluation.hpp"
 #include "console/text.hpp"
+#include "lumo/study/choice_stability.hpp"
+#include "lumo/support/tbb.hpp"
 #include "store/campaign_store.hpp"
 
 #include <algorithm>
@@ -16,7 +16,7 @@ namespace {
 
 /// Progressive-constraint gain at −30, 0, +30° [%] as the paper measured it on fabricated pads (Table II), d = 10 mm.
 struct PublishedGain {
-  const char *material;
+  const char* material;
   Ensemble ensemble;
   std::array<double, 3> percent;
 };
@@ -38,7 +38,8 @@ Stability stability_of(const StoredCampaign& c, int seeds, int threads, Progress
   const int evaluations = c.count("evaluated");
   const auto chosen = with_optimizer(c.problem, evaluations, [&]<class O>(const O& optimizer) {
     return choices_over_seeds(
-        optimizer.problem(), c.asked, seeds, evaluations, [](const Problem& problem) { return O(problem); }, TbbExecutor{threads}, [&] { progress.step(); });
+        optimizer.problem(), c.asked, {seeds, evaluations}, [](const Problem& problem) { return O(problem); },
+        TbbExecutor{threads}, [&] { progress.step(); });
   });
   Stability s;
   std::map<Design, int> count;
@@ -50,7 +51,8 @@ Stability stability_of(const StoredCampaign& c, int seeds, int threads, Progress
     s.same += std::equal(theta.begin(), theta.end(), x->begin());
   }
   s.choices.assign(count.begin(), count.end());
-  std::stable_sort(s.choices.begin(), s.choices.end(), [](const auto& a, const auto& b) { return a.second > b.second; });
+  std::stable_sort(s.choices.begin(), s.choices.end(),
+                   [](const auto& a, const auto& b) { return a.second > b.second; });
   return s;
 }
 
@@ -89,28 +91,42 @@ Json selection_json(const Selection& r, const std::string& store) {
   const StoredCampaign& c = r.campaign;
   const StoredTrial& t = r.trial();
   const double contact = r.value("J_contact"), observation = r.value("J_obs");
-  Json j = {{"store", store}, {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)}, {"evaluated", r.evaluated}, {"index", t.id}, {"theta_mm", numbers(t.theta_mm)},
-            {"J_contact", contact}, {"J_contact_err", number(value_at(t.record, "J_contact_err"))}, {"J_obs", observation}, {"J_obs_err", number(value_at(t.record, "J_obs_err"))},
+  Json j = {{"store", store},
+            {"material", c.problem.material},
+            {"ensemble", name(c.problem.ensemble)},
+            {"evaluated", r.evaluated},
+            {"index", t.id},
+            {"theta_mm", numbers(t.theta_mm)},
+            {"J_contact", contact},
+            {"J_contact_err", number(value_at(t.record, "J_contact_err"))},
+            {"J_obs", observation},
+            {"J_obs_err", number(value_at(t.record, "J_obs_err"))},
             {"share_of_best", {contact / r.best_contact, observation / r.best_observation}}};
   j["stability"] = nullptr;
   if (r.stability) {
     j["stability"] = {{"searches", r.stability->searches}, {"same", r.stability->same}, {"choices", Json::array()}};
-    for (const auto& [x, n] : r.stability->choices) j["stability"]["choices"].push_back({{"theta_mm", numbers(x)}, {"count", n}});
+    for (const auto& [x, n] : r.stability->choices)
+      j["stability"]["choices"].push_back({{"theta_mm", numbers(x)}, {"count", n}});
   }
   j["gain_angles_deg"] = gain_angles_deg;
   j["gain_percent"] = numbers(r.gain);
   j["table_2"] = Json::array();
-  for (const PublishedGain& p : table_2) j["table_2"].push_back({{"material", p.material}, {"ensemble", name(p.ensemble)}, {"gain_percent", p.percent}});
+  for (const PublishedGain& p : table_2)
+    j["table_2"].push_back({{"material", p.material}, {"ensemble", name(p.ensemble)}, {"gain_percent", p.percent}});
   return j;
 }
 
 /// How often searches on a model of the results choose it.
 std::string stability_text(const Selection& r) {
-  if (!r.stability) return lumo::message("stability: needs ", enough_for_a_model, " evaluations for a model, has ", r.evaluated, "\n");
-  std::string text = lumo::message("stability: ", r.stability->same, " of ", r.stability->searches, " searches of ", r.evaluated, " evaluations on a Gaussian-process model of the results choose it\n");
-    for (std::size_t k = 0; k < std::min<std::size_t>(8, r.stability->choices.size()); ++k)
-      text += pad(std::to_string(r.stability->choices[k].second), 5) + " x  " + joined(r.stability->choices[k].first) + "\n";
-    if (r.stability->choices.size() > 8) text += lumo::message("  and ", r.stability->choices.size() - 8, " other designs\n");
+  if (!r.stability)
+    return lumo::message("stability: needs ", enough_for_a_model, " evaluations for a model, has ", r.evaluated, "\n");
+  std::string text = lumo::message("stability: ", r.stability->same, " of ", r.stability->searches, " searches of ",
+                                   r.evaluated, " evaluations on a Gaussian-process model of the results choose it\n");
+  for (std::size_t k = 0; k < std::min<std::size_t>(8, r.stability->choices.size()); ++k)
+    text +=
+        pad(std::to_string(r.stability->choices[k].second), 5) + " x  " + joined(r.stability->choices[k].first) + "\n";
+  if (r.stability->choices.size() > 8)
+    text += lumo::message("  and ", r.stability->choices.size() - 8, " other designs\n");
   return text;
 }
 
@@ -118,21 +134,29 @@ std::string selection_text(const Selection& r) {
   const StoredCampaign& c = r.campaign;
   const StoredTrial& t = r.trial();
   const double contact = r.value("J_contact"), observation = r.value("J_obs");
-  std::string text = lumo::message("selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ", c.problem.material, ", ", name(c.problem.ensemble), ", of ", r.evaluated,
-                                        " evaluations\nJ_contact ", cell(contact, 4), " (", cell(100 * contact / r.best_contact, 1), " % of the best), J_obs ", scientific(observation), " (",
-                                        cell(100 * observation / r.best_observation, 1), " % of the best)\n\n");
+  std::string text = lumo::message(
+      "selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ", c.problem.material,
+      ", ", name(c.problem.ensemble), ", of ", r.evaluated, " evaluations\nJ_contact ", cell(contact, 4), " (",
+      cell(100 * contact / r.best_contact, 1), " % of the best), J_obs ", scientific(observation), " (",
+      cell(100 * observation / r.best_observation, 1), " % of the best)\n\n");
   text += stability_text(r);
-  text += "\nprogressive-constraint gain over the baseline [%], sphere of 10 mm, 15 N\n" + pad("approach angle", -26) + pad("-30 deg", 10) + pad("0 deg", 10) + pad("+30 deg", 10) + "\n";
-  const auto row = [&](const std::string& label, const std::array<double, 3>& v) { text += pad(label, -26) + pad(percent(v[0]), 10) + pad(percent(v[1]), 10) + pad(percent(v[2]), 10) + "\n"; };
+  text += "\nprogressive-constraint gain over the baseline [%], sphere of 10 mm, 15 N\n" + pad("approach angle", -26) +
+          pad("-30 deg", 10) + pad("0 deg", 10) + pad("+30 deg", 10) + "\n";
+  const auto row = [&](const std::string& label, const std::array<double, 3>& v) {
+    text += pad(label, -26) + pad(percent(v[0]), 10) + pad(percent(v[1]), 10) + pad(percent(v[2]), 10) + "\n";
+  };
   row("this design, computed", r.gain);
   for (const PublishedGain& p : table_2) {
     const bool like = p.material == c.problem.material && p.ensemble == c.problem.ensemble;
-    row(std::string("paper, ") + p.material + " " + (p.ensemble == Ensemble::flat ? "Flat-Opt" : "Curved-Opt") + (like ? " *" : ""), p.percent);
+    row(std::string("paper, ") + p.material + " " + (p.ensemble == Ensemble::flat ? "Flat-Opt" : "Curved-Opt") +
+            (like ? " *" : ""),
+        p.percent);
   }
   return text + "* same material and ensemble; measured on a fabricated pad whose theta the paper does not give\n";
 }
 
-/// The balanced choice among what was evaluated, how stable it is, and how much its pad stops the finger from sinking in.
+/// The balanced choice among what was evaluated, how stable it is, and how much its pad stops the finger from sinking
+/// in.
 struct CampaignSelect : StoreCommand {
   int seeds = 20, threads = all_threads();
 
@@ -142,9 +166,10 @@ struct CampaignSelect : StoreCommand {
     add_threads(app, threads);
   }
   Result run(Output&, Progress& progress) const {
-    const StoredCampaign c = read_campaign(SqliteLog(store), store);
+    const StoredCampaign c = read_campaign(SqliteJournal(store), store);
     if (!c.selected)
-      throw InputError("store '" + store + "' holds no evaluation with both objectives above 0: there is nothing to select from");
+      throw InputError("store '" + store +
+                       "' holds no evaluation with both objectives above 0: there is nothing to select from");
     Selection r{c, c.count("evaluated"), {}, {}};
     if (r.evaluated >= enough_for_a_model) r.stability = stability_of(c, seeds, threads, progress);
     r.gain = gain_of(c, threads, progress);
@@ -161,7 +186,8 @@ struct CampaignSelect : StoreCommand {
 }  // namespace
 
 void add_campaign_select(CommandLine& line) {
-  line.add<CampaignSelect>("campaign select", "The balanced choice, how stable it is, and its progressive-constraint gain");
+  line.add<CampaignSelect>("campaign select",
+                           "The balanced choice, how stable it is, and its progressive-constraint gain");
 }
 
 }  // namespace lumo::program

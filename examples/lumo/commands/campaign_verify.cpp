@@ -7,10 +7,11 @@ namespace {
 
 struct CampaignVerify : StoreCommand {
   Result run(Output&, Progress&) const {
-    const SqliteLog log(store);
+    const SqliteJournal log(store);
     log.verify();
     const StoredCampaign c = read_campaign(log, store);
-    if (json) return Json{{"store", store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
+    if (json)
+      return Json{{"store", store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
     return lumo::message(store, ": ok, ", c.trials.size(), " trials, digest ", c.digest, "\n");
   }
 };

@@ -3,7 +3,8 @@
 #include "options/command_line.hpp"
 #include "options/groups.hpp"
 
-/// Each command has a file: its options, its registration, and what it does. The build makes a list of those whose libraries are there.
+/// Each command has a file: its options, its registration, and what it does. The build makes a list of those whose
+/// libraries are there.
 namespace lumo::program {
 
 /// Registers all commands, in the order of the help.

@@ -4,8 +4,7 @@
 #include "report/json.hpp"
 #include "sensing/log.hpp"
 
-#include "lumo/core/read_whole.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
 
 #include <cerrno>
@@ -47,8 +46,10 @@ class NewFile {
     const FilesBeingWritten whole;
     stream.close();
     std::error_code error;
-    if (!stream) error = std::make_error_code(std::errc::io_error);
-    else fs::rename(part_, path_, error);
+    if (!stream)
+      error = std::make_error_code(std::errc::io_error);
+    else
+      fs::rename(part_, path_, error);
     if (error) throw InputError("cannot write to '" + path_ + "': " + error.message());
     part_.clear();
   }
@@ -59,17 +60,20 @@ class NewFile {
   std::string path_, part_;
 };
 
-/// Writes a log in the other form: an MCAP file where the target ends in .mcap, else a folder. Image files are copied as they are; `raw` makes pixels of them, and
-/// what is no image file (a video's frames, pixels of an MCAP file) becomes PNG otherwise. The truth of a virtual lab is copied beside.
+/// Writes a log in the other form: an MCAP file where the target ends in .mcap, else a folder. Image files are copied
+/// as they are; `raw` makes pixels of them, and what is no image file (a video's frames, pixels of an MCAP file)
+/// becomes PNG otherwise. The truth of a virtual lab is copied beside.
 struct Convert : LogCommand {
-  std::string target, compression = "zstd";   ///< of an MCAP file's chunks
-  bool raw = false;                           ///< pixels instead of image files, in an MCAP file
-  McapTopics topics;                          ///< of an MCAP file that has several
+  std::string target, compression = "zstd";  ///< of an MCAP file's chunks
+  bool raw = false;                          ///< pixels instead of image files, in an MCAP file
+  McapTopics topics;                         ///< of an MCAP file that has several
 
   void declare(CLI::App& app) {
     add_log(app);
-    app.add_option("OUT", target, "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
-    add_word(app, "--compression", compression, {"zstd", "lz4", "none"}, "Of an MCAP file: zstd (default), lz4 or none");
+    app.add_option("OUT", target,
+                   "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
+    add_word(app, "--compression", compression, {"zstd", "lz4", "none"},
+             "Of an MCAP file: zstd (default), lz4 or none");
     add_flag(app, "--raw", raw, "Pixels in an MCAP file (sensor_msgs/Image), not PNG or JPEG (CompressedImage)");
     add_text(app, "--image-topic", topics.image, "TOPIC", "Topic of the pictures, where an MCAP file has several");
     add_text(app, "--joint-topic", topics.joints, "TOPIC", "Topic of the joint states, where it has several");
@@ -135,7 +139,7 @@ void copy_truth(const std::string& from, const std::string& to, bool& copied) {
 
 void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
   NewFile out(o.target);
-  RecordedLog tables = log;
+  Recording tables = log;
   tables.session.video.clear();  // its frames go into the file
   LogPictures taken(log);
   int width = 0, height = 0;
@@ -149,34 +153,43 @@ void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
       if (!p.pixels.empty()) width = p.pixels.width, height = p.pixels.height;
     }
     p.width = width, p.height = height;
-    if (as_it_is) p.format = ending == ".jpg" ? "jpeg" : "png", p.file = taken.file();
-    else if (!o.raw) p.format = "png", p.file = p.pixels.empty() ? std::vector<std::uint8_t>() : pictures().encode(".png", p.pixels);
+    if (as_it_is)
+      p.format = ending == ".jpg" ? "jpeg" : "png", p.file = taken.file();
+    else if (!o.raw)
+      p.format = "png", p.file = p.pixels.empty() ? std::vector<std::uint8_t>() : pictures().encode(".png", p.pixels);
     progress.step();
     return p;
   };
-  const auto write = [&](const auto& codec) { write_mcap_log(out.stream, tables, to_json(tables.session), picture, codec); };
-  if (o.compression == "none") write(Uncompressed{});
-  else if (o.compression == "lz4") write(Lz4{});
-  else write(Zstd{});
+  const auto write = [&](const auto& codec) {
+    write_mcap_log(out.stream, tables, to_json(tables.session), picture, codec);
+  };
+  if (o.compression == "none")
+    write(Uncompressed{});
+  else if (o.compression == "lz4")
+    write(Lz4{});
+  else
+    write(Zstd{});
   out.keep();
 }
 
 void write_folder(const OpenLog& log, const Convert& o, Progress& progress, bool& truth) {
   NewFolder folder(o.target);
-  RecordedLog tables = log;
+  Recording tables = log;
   tables.path = folder.path().string();
   tables.session.video.clear();
   LogPictures taken(log);
   for (std::size_t k = 0; k < tables.frames.size(); ++k) {
     taken.next();
     std::string& name = tables.frames[k].file;
-    if (name.empty()) name = frame_file(k);   // of a video
+    if (name.empty()) name = frame_file(k);  // of a video
     const fs::path to = folder.path() / "frames" / name;
     std::error_code error;
     fs::create_directories(to.parent_path(), error);
     const bool as_it_is = !taken.file().empty() && (!log.file || !taken.ending().empty());
-    if (as_it_is) write_bytes(to.string(), taken.file());
-    else if (const ImageView v = taken.pixels(); !v.empty()) write_bytes(to.string(), pictures().encode(to.extension().string(), v));
+    if (as_it_is)
+      write_bytes(to.string(), taken.file());
+    else if (const ImageView v = taken.pixels(); !v.empty())
+      write_bytes(to.string(), pictures().encode(to.extension().string(), v));
     progress.step();
   }
   write_log_folder(tables);
@@ -203,10 +216,20 @@ Result Convert::run(Output&, Progress& progress) const {
   progress.finish();
   const bool cut = from.file && !from.file->fault().empty();
   if (json)
-    return Json{{"out", target}, {"frames", from.frames.size()}, {"joint_samples", from.joints.size()}, {"wrench_samples", from.wrenches.size()}, {"marker_samples", from.markers.size()},
-                {"photodiode_samples", from.photodiodes.size()}, {"truth", truth}, {"fault", cut ? Json(from.file->fault()) : Json(nullptr)}}.dump(2) + "\n";
-  return lumo::message(target, ": ", from.frames.size(), " pictures, ", from.joints.size(), " joint samples, ", from.wrenches.size(), " wrenches, ", from.markers.size(), " displacements, ",
-                            from.photodiodes.size(), " photodiode samples", truth ? ", truth beside them" : "", cut ? "; the log was cut" : "", "\n");
+    return Json{{"out", target},
+                {"frames", from.frames.size()},
+                {"joint_samples", from.joints.size()},
+                {"wrench_samples", from.wrenches.size()},
+                {"marker_samples", from.markers.size()},
+                {"photodiode_samples", from.photodiodes.size()},
+                {"truth", truth},
+                {"fault", cut ? Json(from.file->fault()) : Json(nullptr)}}
+               .dump(2) +
+           "\n";
+  return lumo::message(target, ": ", from.frames.size(), " pictures, ", from.joints.size(), " joint samples, ",
+                       from.wrenches.size(), " wrenches, ", from.markers.size(), " displacements, ",
+                       from.photodiodes.size(), " photodiode samples", truth ? ", truth beside them" : "",
+                       cut ? "; the log was cut" : "", "\n");
 }
 
 }  // namespace

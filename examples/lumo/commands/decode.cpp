@@ -4,9 +4,9 @@
 #include "report/json.hpp"
 #include "sensing/log.hpp"
 
-#include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/sense/decode/linear_decoder.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
@@ -35,7 +35,9 @@ struct Decode : PlannedCommand {
 
 std::pair<DecodingTask, DecodingReport> Decode::decoded(const SensedLog& s) const {
   const auto holds = hold_responses(s.profiles, s.log.session.segments);
-  const std::vector<double> loads = decoder == "bayes" ? common_loads(holds, 2.0) : std::vector{2.0, 5.0};   // the filter goes through the whole loading
+  const std::vector<double> loads = decoder == "bayes"
+                                        ? common_loads(holds, 2.0)
+                                        : std::vector{2.0, 5.0};  // the filter goes through the whole loading
   DecodingTask t = decoding_task(holds, loads);
   const auto validated = [&](const auto& with) { return cross_validate(with, t.data, t.fold); };
   DecodingReport r = decoder == "bayes"    ? validated(BayesDecoder{int(loads.size()) - 1})
@@ -59,14 +61,21 @@ Result Decode::run(Output& files, Progress& progress) const {
   }
   for (const auto& p : report.predictions) {
     const double y = 1e3 * task.data.place_m[p.place], decoded = 1e3 * task.data.place_m[p.decoded];
-    predictions.push_back({{"repetition", p.fold}, {"y_mm", y}, {"decoded_y_mm", decoded}, {"probability", number(p.probability)}});
-    table += std::to_string(p.fold) + ',' + csv_number(y) + ',' + csv_number(decoded) + ',' + csv_number(p.probability) + '\n';
+    predictions.push_back(
+        {{"repetition", p.fold}, {"y_mm", y}, {"decoded_y_mm", decoded}, {"probability", number(p.probability)}});
+    table += std::to_string(p.fold) + ',' + csv_number(y) + ',' + csv_number(decoded) + ',' +
+             csv_number(p.probability) + '\n';
   }
   files.add("predictions.csv", table);
   files.add("confusion.svg", draw_confusion(report.confusion, task.data.place_m));
-  if (json) return Json{{"accuracy", number(report.accuracy.value)}, {"confusion", confusion}, {"predictions", predictions}}.dump(2) + "\n";
-  std::string text = lumo::message("accuracy ", short_number(report.accuracy.value, 3), " of ", report.predictions.size(), " (95 % from ", short_number(report.accuracy.low, 3), " to ",
-                                        short_number(report.accuracy.high, 3), "), decoder: ", decoder, "\ntrue \\ decoded [mm]");
+  if (json)
+    return Json{{"accuracy", number(report.accuracy.value)}, {"confusion", confusion}, {"predictions", predictions}}
+               .dump(2) +
+           "\n";
+  std::string text =
+      lumo::message("accuracy ", short_number(report.accuracy.value, 3), " of ", report.predictions.size(),
+                    " (95 % from ", short_number(report.accuracy.low, 3), " to ", short_number(report.accuracy.high, 3),
+                    "), decoder: ", decoder, "\ntrue \\ decoded [mm]");
   for (const double y : task.data.place_m) text += cell(1e3 * y, 1, 7);
   for (Eigen::Index i = 0; i < report.confusion.rows(); ++i) {
     text += "\n" + cell(1e3 * task.data.place_m[i], 1, 19);
@@ -77,6 +86,8 @@ Result Decode::run(Output& files, Progress& progress) const {
 
 }  // namespace
 
-void add_decode(CommandLine& line) { line.add<Decode>("decode", "Place from regional responses, one repetition left out"); }
+void add_decode(CommandLine& line) {
+  line.add<Decode>("decode", "Place from regional responses, one repetition left out");
+}
 
 }  // namespace lumo::program

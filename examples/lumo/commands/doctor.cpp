@@ -23,10 +23,15 @@ std::string report_of(bool as_json) {
   const unsigned threads = std::thread::hardware_concurrency();
   std::vector<std::string> off;
   for (const auto& c : parts)
-    if (!c.on) off.push_back(c.name + " (" + c.use + "): apt install " + c.package + ", then configure and build again");
+    if (!c.on)
+      off.push_back(c.name + " (" + c.use + "): apt install " + c.package + ", then configure and build again");
 
   if (as_json) {
-    Json j{{"lumo", version}, {"compiler", compiler()}, {"assertions", assertions}, {"processor", processor()}, {"threads", threads}};
+    Json j{{"lumo", version},
+           {"compiler", compiler()},
+           {"assertions", assertions},
+           {"processor", processor()},
+           {"threads", threads}};
     j["cpu_flags"] = Json::object();
     for (const auto& f : features()) j["cpu_flags"][f.name] = {{"available", f.here}, {"compiled_for", f.used}};
     j["components"] = Json::array();
@@ -42,8 +47,10 @@ std::string report_of(bool as_json) {
     return j.dump(2) + "\n";
   }
 
-  std::string text = pad("lumo", -15) + version + "\n" + pad("compiler", -15) + compiler() + (assertions ? ", with assertions (slow)" : "") + "\n";
-  text += pad("processor", -15) + processor() + ", " + std::to_string(threads) + " threads\n" + pad("instructions", -15);
+  std::string text = pad("lumo", -15) + version + "\n" + pad("compiler", -15) + compiler() +
+                     (assertions ? ", with assertions (slow)" : "") + "\n";
+  text +=
+      pad("processor", -15) + processor() + ", " + std::to_string(threads) + " threads\n" + pad("instructions", -15);
   for (const auto& f : features())
     if (f.here) text += std::string(f.name) + (f.used ? " " : " (not used) ");
   text += "\n\n";

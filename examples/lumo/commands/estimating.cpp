@@ -10,21 +10,25 @@ namespace lumo::program {
 
 using namespace sense;
 
-std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
-
 /// A further column of a table, empty for what is not known.
-std::string field(const std::optional<double>& v, double scale) { return ',' + (v ? csv_number(scale * *v) : std::string()); }
+std::string field(const std::optional<double>& v, double scale) {
+  return ',' + (v ? csv_number(scale * *v) : std::string());
+}
 
-double seconds_between(const LogEstimate& first, const LogEstimate& e) { return 1e-9 * double(e.stamp_ns - first.stamp_ns); }
+double seconds_between(const FrameEstimate& first, const FrameEstimate& e) {
+  return 1e-9 * double(e.stamp_ns - first.stamp_ns);
+}
 
 namespace {
 
-void add_curve(LineChart& chart, std::string label, std::string_view colour, double width, const std::vector<Point>& points) {
+void add_curve(LineChart& chart, std::string label, std::string_view colour, double width,
+               const std::vector<Point>& points) {
   constexpr double gap_s = 0.15;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    if (i == 0 || points[i][0] - points[i - 1][0] > gap_s) chart.curves.push_back({std::exchange(label, ""), std::string(colour), {}, width, true});
+    if (i == 0 || points[i][0] - points[i - 1][0] > gap_s)
+      chart.curves.push_back({std::exchange(label, ""), std::string(colour), {}, width, true});
     chart.curves.back().points.push_back(points[i]);
-    chart.curves.back().markers = chart.curves.back().points.size() == 1;   // which no line shows
+    chart.curves.back().markers = chart.curves.back().points.size() == 1;  // which no line shows
   }
 }
 

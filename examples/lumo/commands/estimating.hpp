@@ -3,7 +3,7 @@
 #include "commands/logs.hpp"
 #include "drawing/chart.hpp"
 
-#include "lumo/sense/force/log_estimates.hpp"
+#include "lumo/sense/estimate.hpp"
 
 #include <optional>
 #include <string>
@@ -17,16 +17,16 @@ using namespace sense;
 struct EstimatingCommand : CameraCommand {
   std::string localizer = "bayes";
 
-  void add_localizer(CLI::App& app) { add_word(app, "--localizer", localizer, {"bayes", "peak"}, "bayes (default) or peak (the paper's)"); }
+  void add_localizer(CLI::App& app) {
+    add_word(app, "--localizer", localizer, {"bayes", "peak"}, "bayes (default) or peak (the paper's)");
+  }
 };
 
 inline constexpr const char* seconds_help = "How long to look through the camera [s], default: until interrupted";
 
-/// The one contact, if there is one.
-std::optional<ContactLocation> seen(const LogEstimate& e);
 /// A further column of a table, empty for what is not known.
 std::string field(const std::optional<double>& v, double scale = 1.0);
-double seconds_between(const LogEstimate& first, const LogEstimate& e);
+double seconds_between(const FrameEstimate& first, const FrameEstimate& e);
 
 /// Estimates at each frame against the truth. What is not known for some frames interrupts a line.
 struct Timeline {

@@ -1,5 +1,6 @@
 #include "commands/commands.hpp"
 
+#include "console/text.hpp"
 #include "lumo/fabrication/casting_drawings.hpp"
 #include "lumo/fabrication/casting_kit.hpp"
 #include "lumo/fabrication/dxf.hpp"
@@ -9,7 +10,6 @@
 #include "lumo/support/zip.hpp"
 #include "report/json.hpp"
 #include "report/present.hpp"
-#include "console/text.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -21,12 +21,11 @@ namespace lumo::program {
 
 namespace {
 
-constexpr double print_density_kg_per_m3 = 1240.0;   // PLA: NatureWorks, Ingeo 4043D data sheet (ASTM D792)
-constexpr double reserve = 1.25;                     // what stays in cups, on sticks and in syringes
+constexpr double print_density_kg_per_m3 = 1240.0;  // PLA: NatureWorks, Ingeo 4043D data sheet (ASTM D792)
+constexpr double reserve = 1.25;                    // what stays in cups, on sticks and in syringes
 
 /// What `write` writes, for a file that appears with the others.
-template <class Write>
-void add(Output& files, const std::string& name, const Write& write) {
+template <class Write> void add(Output& files, const std::string& name, const Write& write) {
   std::ostringstream out;
   write(out);
   files.add(name, out.str());
@@ -54,10 +53,12 @@ void add_files(const CastSection& s, const CastingOptions& o, const std::vector<
 std::vector<std::string> notes(const CastSection& s, const CastingOptions& o) {
   std::vector<std::string> list;
   if (s.gap_width > 0.0 && s.gap_width < CastingOptions::thinnest_wall)
-    list.push_back("the cores are " + short_number(1e3 * s.gap_width) + " mm thick, less than two lines of a 0.4 mm nozzle: cut them from sheet, by core.dxf");
+    list.push_back("the cores are " + short_number(1e3 * s.gap_width) +
+                   " mm thick, less than two lines of a 0.4 mm nozzle: cut them from sheet, by core.dxf");
   const double beside = 0.5 * s.ridge_width - 0.5 * o.strip_width - o.clearance;
   if (beside < CastingOptions::thinnest_wall - 1e-9)
-    list.push_back("the carrier is " + short_number(1e3 * beside) + " mm thick beside the LED strip, less than two lines of a 0.4 mm nozzle");
+    list.push_back("the carrier is " + short_number(1e3 * beside) +
+                   " mm thick beside the LED strip, less than two lines of a 0.4 mm nozzle");
   return list;
 }
 
@@ -88,22 +89,37 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
   const CastVolume volume = cast_volume(s, o);
   const std::vector<std::string> remarks = notes(s, o);
   const Vec3d direction = opening_direction();
-  const double draft_deg = std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3d(-direction))) * 180.0 / pi;
+  const double draft_deg =
+      std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3d(-direction))) *
+      180.0 / pi;
   const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
 
   Json j = heading(pad_request);
-  j["options_mm"] = {{"clearance", mm(o.clearance)},       {"plate", mm(o.plate)},        {"wall", mm(o.wall)}, {"strip_width", mm(o.strip_width)},
-                     {"strip_height", mm(o.strip_height)}, {"gate", mm(o.gate_diameter)}, {"vent", mm(o.vent_diameter)}};
+  j["options_mm"] = {{"clearance", mm(o.clearance)},
+                     {"plate", mm(o.plate)},
+                     {"wall", mm(o.wall)},
+                     {"strip_width", mm(o.strip_width)},
+                     {"strip_height", mm(o.strip_height)},
+                     {"gate", mm(o.gate_diameter)},
+                     {"vent", mm(o.vent_diameter)}};
   j["parts"] = Json::array();
-  std::string table = pad("part", -9) + pad("copies", 7) + pad("volume [mm³]", 14) + pad("mass [g]", 10) + "  printed, x × y × z [mm]\n";
+  std::string table = pad("part", -9) + pad("copies", 7) + pad("volume [mm³]", 14) + pad("mass [g]", 10) +
+                      "  printed, x × y × z [mm]\n";
   for (const CastingPart& part : kit) {
     const double mass_g = grams(part.volume_m3, print_density_kg_per_m3);
-    j["parts"].push_back({{"name", part.name}, {"file", part.name + ".stl"}, {"copies", part.copies}, {"volume_mm3", number(1e9 * part.volume_m3)}, {"mass_g", number(mass_g)},
+    j["parts"].push_back({{"name", part.name},
+                          {"file", part.name + ".stl"},
+                          {"copies", part.copies},
+                          {"volume_mm3", number(1e9 * part.volume_m3)},
+                          {"mass_g", number(mass_g)},
                           {"box_mm", numbers(std::vector{mm(part.box.x()), mm(part.box.y()), mm(part.box.z())})}});
-    table += pad(part.name, -9) + cell(part.copies, 0, 7) + cell(1e9 * part.volume_m3, 0, 13) + cell(mass_g, 1, 10) + "  " + short_number(1e3 * part.box.x()) + " × " +
-             short_number(1e3 * part.box.y()) + " × " + short_number(1e3 * part.box.z()) + "\n";
+    table += pad(part.name, -9) + cell(part.copies, 0, 7) + cell(1e9 * part.volume_m3, 0, 13) + cell(mass_g, 1, 10) +
+             "  " + short_number(1e3 * part.box.x()) + " × " + short_number(1e3 * part.box.y()) + " × " +
+             short_number(1e3 * part.box.z()) + "\n";
   }
-  j["print_material"] = {{"name", "PLA"}, {"density_kg_per_m3", print_density_kg_per_m3}, {"source", "NatureWorks Ingeo 4043D data sheet (ASTM D792); masses are of solid prints"}};
+  j["print_material"] = {{"name", "PLA"},
+                         {"density_kg_per_m3", print_density_kg_per_m3},
+                         {"source", "NatureWorks Ingeo 4043D data sheet (ASTM D792); masses are of solid prints"}};
   j["silicone"] = silicone_json(rubber, volume);
   j["opening_direction"] = numbers(std::vector{direction.x(), direction.y(), direction.z()});
   j["least_draft_deg"] = number(draft_deg);
@@ -113,16 +129,19 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
   add_files(s, o, kit, files);
   files.add("fabrication.json", report);
   if (as_json) return report;
-  std::string text = theta_text(pad_request) + "\n" + table + "pad " + cell(1e9 * volume.pad, 0) + " mm³, " + cell(grams(volume.pad, rubber.density_kg_per_m3), 1) + " g of " + pad_request.material + " (" +
-                     short_number(rubber.density_kg_per_m3) + " kg/m³); with gate, vents and fits " + cell(1e9 * volume.total(), 0) + " mm³, " + cell(cast_g, 1) + " g\nmix " +
-                     cell(0.5 * mix_g, 1) + " g of A and " + cell(0.5 * mix_g, 1) + " g of B: " + short_number(100.0 * (reserve - 1.0)) + " % in reserve\n";
+  std::string text = theta_text(pad_request) + "\n" + table + "pad " + cell(1e9 * volume.pad, 0) + " mm³, " +
+                     cell(grams(volume.pad, rubber.density_kg_per_m3), 1) + " g of " + pad_request.material + " (" +
+                     short_number(rubber.density_kg_per_m3) + " kg/m³); with gate, vents and fits " +
+                     cell(1e9 * volume.total(), 0) + " mm³, " + cell(cast_g, 1) + " g\nmix " + cell(0.5 * mix_g, 1) +
+                     " g of A and " + cell(0.5 * mix_g, 1) + " g of B: " + short_number(100.0 * (reserve - 1.0)) +
+                     " % in reserve\n";
   for (const std::string& remark : remarks) text += "note: " + remark + "\n";
   return text;
 }
 
 struct Fabricate : Common {
   Pad pad;
-  CastingOptions casting;   ///< in m
+  CastingOptions casting;  ///< in m
 
   void declare(CLI::App& app) {
     namespace limits = casting_limits;

@@ -5,7 +5,7 @@
 #include "sensing/localizers.hpp"
 #include "sensing/log.hpp"
 
-#include "lumo/sense/live/live_force.hpp"
+#include "lumo/sense/live/live.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -22,7 +22,8 @@ struct Force : EstimatingCommand {
     add_log(app);
     add_localizer(app);
     add_camera(app, camera,
-               "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG gives the joints, "
+               "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. "
+               "LOG gives the joints, "
                "by its part without contact, and describes the finger");
     add_seconds(app, camera, seconds_help);
     add_picture_options(app, camera);
@@ -47,36 +48,52 @@ struct Force : EstimatingCommand {
 
 struct ForceResult {
   ForceScore score;
-  std::vector<double> times_ms;   ///< from a frame to its estimate
-  double off_rad, off_Nm;         ///< what a joint sample and the line through its neighbours differ by (RMS)
-  double clock_s;                 ///< by what the joints' clock is off
+  std::vector<double> times_ms;  ///< from a frame to its estimate
+  double off_rad, off_Nm;        ///< what a joint sample and the line through its neighbours differ by (RMS)
+  double clock_s;                ///< by what the joints' clock is off
 };
 
 std::string shown(const ForceResult& r, bool as_json) {
   const auto mae = [](const ForceErrors::Error& e) { return e.samples > 0 ? e.mae_N : undefined; };
   const ForceErrors& e = r.score.errors;
-  const double middle = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.5), slow = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.95);
+  const double middle = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.5),
+               slow = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.95);
   if (as_json)
-    return Json{{"samples", r.score.samples},
-                {"mae_N", {{"fused", number(mae(e.fused))}, {"optical", number(mae(e.optical))}, {"fixed_arm", number(mae(e.fixed_arm))}, {"known_location", number(mae(e.known_location))}, {"torque_only", number(mae(e.torque_only))}}},
-                {"coverage_90", r.score.samples > 0 ? number(r.score.coverage_90) : Json(nullptr)},
-                {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
-                {"alignment", {{"clock_s", number(r.clock_s)}, {"position_rad", number(r.off_rad)}, {"torque_Nm", number(r.off_Nm)}}}}.dump(2) + "\n";
-  return lumo::message(r.score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2), "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ",
-                            cell(mae(e.fixed_arm), 2), "\n  known location  ", cell(mae(e.known_location), 2), "\n  torque only     ", cell(mae(e.torque_only), 2), "\n90 % interval holds the truth in ",
-                            cell(r.score.samples > 0 ? 100.0 * r.score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\nalignment        a joint sample and the line through its neighbours differ by ", cell(1e3 * r.off_rad, 2), " mrad, ",
-                            cell(1e3 * r.off_Nm, 1), " mN·m (RMS: noise, and what interpolation at the pictures' times misses)", r.clock_s > 0.0 ? lumo::message(", their clock by ", cell(1e3 * r.clock_s, 3), " ms") : std::string(), "\n");
+    return Json{
+               {"samples", r.score.samples},
+               {"mae_N",
+                {{"fused", number(mae(e.fused))},
+                 {"optical", number(mae(e.optical))},
+                 {"fixed_arm", number(mae(e.fixed_arm))},
+                 {"known_location", number(mae(e.known_location))},
+                 {"torque_only", number(mae(e.torque_only))}}},
+               {"coverage_90", r.score.samples > 0 ? number(r.score.coverage_90) : Json(nullptr)},
+               {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
+               {"alignment",
+                {{"clock_s", number(r.clock_s)}, {"position_rad", number(r.off_rad)}, {"torque_Nm", number(r.off_Nm)}}}}
+               .dump(2) +
+           "\n";
+  return lumo::message(
+      r.score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2),
+      "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ", cell(mae(e.fixed_arm), 2),
+      "\n  known location  ", cell(mae(e.known_location), 2), "\n  torque only     ", cell(mae(e.torque_only), 2),
+      "\n90 % interval holds the truth in ", cell(r.score.samples > 0 ? 100.0 * r.score.coverage_90 : undefined, 1),
+      " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3),
+      " ms (95 %)\nalignment        a joint sample and the line through its neighbours differ by ",
+      cell(1e3 * r.off_rad, 2), " mrad, ", cell(1e3 * r.off_Nm, 1),
+      " mN·m (RMS: noise, and what interpolation at the pictures' times misses)",
+      r.clock_s > 0.0 ? lumo::message(", their clock by ", cell(1e3 * r.clock_s, 3), " ms") : std::string(), "\n");
 }
 
-
 /// A table and a chart of all estimates.
-void add_estimates(const std::vector<LogEstimate>& estimates, const LogTruth& truth, Output& files) {
+void add_estimates(const std::vector<FrameEstimate>& estimates, const LogTruth& truth, Output& files) {
   std::string table = "stamp_ns,state,force_N,force_sigma_N,y_mm,y_sigma_mm,true_force_N,true_y_mm,faults\n";
   Timeline chart{"Force", "normal force [N]"};
-  for (const LogEstimate& e : estimates) {
+  for (const FrameEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
     const ContactForce& c = e.force.contact[0];
-    table += std::to_string(e.stamp_ns) + ',' + to_string(e.force.state) + field(c.force_N) + field(std::sqrt(c.force_variance_N2)) + field(c.y_m, 1e3) + field(std::sqrt(c.y_variance_m2), 1e3) +
+    table += std::to_string(e.stamp_ns) + ',' + to_string(e.force.state) + field(c.force_N) +
+             field(std::sqrt(c.force_variance_N2)) + field(c.y_m, 1e3) + field(std::sqrt(c.y_variance_m2), 1e3) +
              field(t.force_N) + field(t.y_m, 1e3) + ',' + to_string(e.force.faults) + '\n';
     const double seconds = seconds_between(estimates.front(), e);
     if (t.force_N) chart.truth.push_back({seconds, *t.force_N});
@@ -87,47 +104,49 @@ void add_estimates(const std::vector<LogEstimate>& estimates, const LogTruth& tr
 }
 
 /// Places that are judged, ± from the middle.
-constexpr double judged_m = 25.0_mm, least_force_N = 0.5;
+constexpr double judged_m = 25.0_mm;
 
 Result Force::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
   const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress);
-  const PlanarFinger finger = finger_of(s.log);
-  const LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, log), finger_joints(s.log, s.stretch.to_ns)};
-  const std::vector<TorqueModel>& torque = reference.joints.torque;
-  const double map_sigma = std::sqrt(s.view.leds.map.variance_m2(0.0));
+  FingerModel<> finger = finger_model(s.log.session);
+  finger.optics = optics_of(s, log);
+  finger.joints = finger_joints(s.log, s.stretch.to_ns);
+  const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(log, [&] {
-    return with_localizer(localizer, s, reference.unloaded, [&](const auto& l) {
-      return estimate_forces([&] { return LogCamera(s.log); }, s.joints, s.frame_ns, reference, s.bins, l, finger, s.log.session, map_sigma, finger.pad_link());
+    return with_maker(localizer, [&](auto make) {
+      return estimate(
+          s.log, [&] { return LogCamera(s.log); }, finger, make);
     });
   });
-  const Eigen::VectorXd residual = ContactTorques(s.joints, torque).residual();   // positions, torques
+  const Eigen::VectorXd residual = ContactTorques(s.joints, torque).residual();  // positions, torques
   const Eigen::Index joints = residual.size() / 2;
   double noise_Nm = 0.0;
   for (const TorqueModel& t : torque) noise_Nm = std::max(noise_Nm, t.noise_Nm);
   const LogTruth truth = truth_of(s.log);
-  ForceResult r{force_score(estimates, truth, finger, -judged_m, judged_m, noise_Nm, least_force_N, finger.pad_link()),
+  ForceResult r{force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm),
                 {},
                 residual.head(joints).maxCoeff(),
                 residual.tail(joints).maxCoeff(),
                 s.log.session.joint_clock.residual_s};
-  for (const LogEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
+  for (const FrameEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
   add_estimates(estimates, truth, files);
   return shown(r, json);
 }
 
 void Force::live(LiveLines& lines, Progress& progress) const {
   const OpenLog opened = open_log(log, progress);
-  const PlanarFinger finger = about(opened.session_place(), [&] { return finger_of(opened); });
-  const JointReference joints = finger_joints(opened, unloaded_stretch(opened).to_ns);
-  require_motors(camera, finger.joints());
+  FingerModel<> finger = about(opened.session_place(), [&] { return finger_model(opened.session); });
+  finger.joints = finger_joints(opened, unloaded_stretch(opened).to_ns);
+  require_motors(camera, finger.jacobian.joints());
   const auto source = pictures().live(settings_of(camera));
   MiniCheetahMotors motors = motors_of(camera);
   progress.tell("leave the finger alone for a second");
   std::int64_t newest = 0;
   const auto line = [&](const ForceEstimate& e) {
     const double seconds = lines.seconds(e.stamp_ns);
-    const bool good = e.state == EstimatorState::ok || e.state == EstimatorState::degraded, fresh = e.frame_stamp_ns > newest;
+    const bool good = e.state == EstimatorState::ok || e.state == EstimatorState::degraded,
+               fresh = e.frame_stamp_ns > newest;
     newest = std::max(newest, e.frame_stamp_ns);
     const auto picture = fresh ? std::optional(e.frame_stamp_ns) : std::nullopt;
     Json contacts = Json::array();
@@ -136,19 +155,34 @@ void Force::live(LiveLines& lines, Progress& progress) const {
       const ContactForce& c = e.contact[std::size_t(k)];
       const auto y = c.y_m ? std::optional(1e3 * *c.y_m) : std::nullopt;
       const double force_sigma = std::sqrt(c.force_variance_N2), y_sigma = 1e3 * std::sqrt(c.y_variance_m2);
-      contacts.push_back({{"force_N", maybe(c.force_N)}, {"force_sigma_N", number(force_sigma)}, {"y_mm", maybe(y)}, {"y_sigma_mm", number(y_sigma)}});
-      text += (c.force_N ? "  F " + cell(*c.force_N, 2) + " ± " + cell(force_sigma, 2) + " N" : "  F not known") + (y ? ", y " + cell(*y, 1) + " ± " + cell(y_sigma, 1) + " mm" : ", y not known");
+      contacts.push_back({{"force_N", maybe(c.force_N)},
+                          {"force_sigma_N", number(force_sigma)},
+                          {"y_mm", maybe(y)},
+                          {"y_sigma_mm", number(y_sigma)}});
+      text += (c.force_N ? "  F " + cell(*c.force_N, 2) + " ± " + cell(force_sigma, 2) + " N" : "  F not known") +
+              (y ? ", y " + cell(*y, 1) + " ± " + cell(y_sigma, 1) + " mm" : ", y not known");
     }
-    if (json) return lines(picture, good, Json{{"stamp_ns", e.stamp_ns}, {"frame_stamp_ns", e.frame_stamp_ns}, {"state", to_string(e.state)}, {"contacts", contacts}, {"faults", to_string(e.faults)}}.dump());
-    return lines(picture, good, cell(seconds, 3) + " s  " + to_string(e.state) + (e.faults.any() ? ", " + to_string(e.faults) : std::string()) + (text.empty() ? "  no contact" : text));
+    if (json)
+      return lines(picture, good,
+                   Json{{"stamp_ns", e.stamp_ns},
+                        {"frame_stamp_ns", e.frame_stamp_ns},
+                        {"state", to_string(e.state)},
+                        {"contacts", contacts},
+                        {"faults", to_string(e.faults)}}
+                       .dump());
+    return lines(picture, good,
+                 cell(seconds, 3) + " s  " + to_string(e.state) +
+                     (e.faults.any() ? ", " + to_string(e.faults) : std::string()) +
+                     (text.empty() ? "  no contact" : text));
   };
-  with_maker(localizer, [&](auto make) {
-    estimate_forces_live(*source, motors, joints, opened.session, SensedLog{}.bins, make, finger, line, camera.device(), finger.pad_link());
-  });
+  with_maker(localizer,
+             [&](auto make) { estimate_live(*source, motors, finger, make, line, {.name = camera.device()}); });
 }
 
 }  // namespace
 
-void add_force(CommandLine& line) { line.add<Force>("force", "How hard, from joint torque at the place seen, with its baselines"); }
+void add_force(CommandLine& line) {
+  line.add<Force>("force", "How hard, from joint torque at the place seen, with its baselines");
+}
 
 }  // namespace lumo::program

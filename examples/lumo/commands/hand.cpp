@@ -5,8 +5,8 @@
 #include "sensing/live.hpp"
 #include "sensing/log.hpp"
 
-#include "lumo/sense/recording/hand_log.hpp"
-#include "lumo/sense/live/live_hand.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/live/live.hpp"
 
 #include <algorithm>
 #include <array>
@@ -26,7 +26,8 @@ namespace {
 struct Hand : EstimatingCommand {
   void declare(CLI::App& app) {
     add_log(app);
-    add_camera(app, camera, "Number of a live camera instead of a log's pictures. LOG shows the unloaded hand, and describes it");
+    add_camera(app, camera,
+               "Number of a live camera instead of a log's pictures. LOG shows the unloaded hand, and describes it");
     add_seconds(app, camera, seconds_help);
     add_picture_options(app, camera);
     add_motor_options(app, camera);
@@ -56,7 +57,7 @@ struct Row {
 struct Seen {
   std::vector<std::int64_t> stamp_ns;
   std::vector<Row> rows;
-  std::vector<int> frames_of_link;   ///< in which it was seen
+  std::vector<int> frames_of_link;  ///< in which it was seen
   int references = 0;
 };
 
@@ -67,14 +68,15 @@ std::string draw_places(const HandObserver& hand, const Seen& seen, const std::o
   std::vector<drawing::LegendEntry> entries{{"contact seen", palette[1], true}};
   if (truth) entries.insert(entries.begin(), {"truth", plot::ink, true});
   std::vector<drawing::LegendEntry> beside = entries;
-  for (const HandLink& link : hand.links()) beside.push_back({link.name, "", true});   // names stand there, too
+  for (const HandLink& link : hand.links()) beside.push_back({link.name, "", true});  // names stand there, too
   plot::Frame f = drawing::frame_for(beside, 900, 0);
   f.bottom = f.top + double(links) * (strip + gap) - gap;
   Svg svg(900, f.bottom + 58);
   const auto seconds = [&](std::int64_t stamp) { return 1e-9 * double(stamp - seen.stamp_ns.front()); };
   f.x_ticks = plot::ticks(0.0, std::max(seconds(seen.stamp_ns.back()), 1e-3), 8);
   f.x0 = f.x_ticks.front(), f.x1 = f.x_ticks.back();
-  plot::headline(svg, f.left, "Contacts on the hand's links", truth ? "place along each link, against what really pressed" : "place along each link");
+  plot::headline(svg, f.left, "Contacts on the hand's links",
+                 truth ? "place along each link, against what really pressed" : "place along each link");
   plot::x_axis(svg, f, "time since the references ended [s]");
   for (std::size_t l = 0; l < links; ++l) {
     plot::Frame part = f;
@@ -83,14 +85,16 @@ std::string draw_places(const HandObserver& hand, const Seen& seen, const std::o
     part.y_ticks = {1e3 * link.y_low_m, 0.5e3 * (link.y_low_m + link.y_high_m), 1e3 * link.y_high_m};
     part.y0 = part.y_ticks.front(), part.y1 = part.y_ticks.back();
     plot::y_axis(svg, part, "y [mm]");
-    svg.polyline({{part.left, part.top}, {part.left, part.bottom}, {part.right, part.bottom}}, {.stroke = plot::ink, .width = 1.2});
+    svg.polyline({{part.left, part.top}, {part.left, part.bottom}, {part.right, part.bottom}},
+                 {.stroke = plot::ink, .width = 1.2});
     svg.text({part.right + 14, 0.5 * (part.top + part.bottom) + 16}, link.name, {.size = 12, .bold = true});
     if (truth)
       for (const std::int64_t stamp : seen.stamp_ns)
         for (const auto& t : truth->at(stamp))
           if (t.link == int(l)) svg.circle({part.x(seconds(stamp)), part.y(1e3 * t.y_m)}, 2.6, {.fill = plot::ink});
     for (const Row& r : seen.rows)
-      if (r.contact.link == int(l)) svg.circle({part.x(seconds(r.stamp_ns)), part.y(1e3 * r.contact.y_m)}, 1.7, {.fill = palette[1]});
+      if (r.contact.link == int(l))
+        svg.circle({part.x(seconds(r.stamp_ns)), part.y(1e3 * r.contact.y_m)}, 1.7, {.fill = palette[1]});
   }
   drawing::legend(svg, f, entries);
   return svg.str();
@@ -105,8 +109,10 @@ class Spells {
   void add(const HandObserver& hand, const HandEstimate& e, const ImageView& image) {
     double strength = 0.0;
     for (const HandContact& c : e.contacts) strength += c.mean_DN * c.area_m2;
-    if (e.contacts.empty()) close();
-    else if (strength > best_ && kept_ < most) best_ = strength, picture_ = pictures().hand_overlay(image, hand, e);
+    if (e.contacts.empty())
+      close();
+    else if (strength > best_ && kept_ < most)
+      best_ = strength, picture_ = pictures().hand_overlay(image, hand, e);
   }
   void close() {
     if (best_ > 0.0) files_.add("contact_" + frame_file(kept_++).substr(3), std::move(picture_));
@@ -132,25 +138,27 @@ Seen look(const OpenLog& log, HandObserver& observer, Output& files, Progress& p
     LogCamera camera(log);
     Spells spells(files);
     progress.stage("pictures", int(log.frames.size()));
-    seen.references = observe_hand(camera, observer, positions, session, [&](const std::optional<HandEstimate>& e, const ImageView& image) {
-      progress.step();
-      if (!e) return;
-      without_joints += !positions.at(e->stamp_ns - std::llround(1e9 * session.frame_delay_s), 0.1);
-      seen.stamp_ns.push_back(e->stamp_ns);
-      for (std::size_t l = 0; l < links; ++l) seen.frames_of_link[l] += e->seen[l];
-      for (const HandContact& c : e->contacts) seen.rows.push_back({e->stamp_ns, c});
-      if (files.wanted()) spells.add(observer, *e, image);
-    });
+    seen.references = observe_hand(
+        camera, observer, positions, session, [&](const std::optional<HandEstimate>& e, const ImageView& image) {
+          progress.step();
+          if (!e) return;
+          without_joints += !positions.at(e->stamp_ns - std::llround(1e9 * session.frame_delay_s), 0.1);
+          seen.stamp_ns.push_back(e->stamp_ns);
+          for (std::size_t l = 0; l < links; ++l) seen.frames_of_link[l] += e->seen[l];
+          for (const HandContact& c : e->contacts) seen.rows.push_back({e->stamp_ns, c});
+          if (files.wanted()) spells.add(observer, *e, image);
+        });
     spells.close();
   });
   progress.finish();
   if (without_joints > 0)
     progress.note(lumo::message(log.path, ": ", without_joints, " of ", seen.stamp_ns.size(),
-                                     " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
+                                " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
   if (seen.references == 0)
-    throw InputError(log.path +
-                     ": no picture of the unloaded hand, with joint samples, in which a link is found; segments of kind \"free\" or "
-                     "\"unloaded\" must mark some");
+    throw InputError(
+        log.path +
+        ": no picture of the unloaded hand, with joint samples, in which a link is found; segments of kind \"free\" or "
+        "\"unloaded\" must mark some");
   for (std::size_t l = 0; l < links; ++l)
     if (observer.references(int(l)) == 0)
       progress.note(log.path + ": link '" + one_line(observer.links()[l].name) +
@@ -167,7 +175,8 @@ struct Found {
 };
 
 Found found_in(const HandObserver& observer, const Seen& seen, const std::optional<HandTouches>& truth) {
-  constexpr std::array keys = {"y_mm", "z_mm", "y_low_mm", "y_high_mm", "area_mm2", "peak_DN", "mean_DN", "u_px", "v_px"};
+  constexpr std::array keys = {"y_mm",    "z_mm",    "y_low_mm", "y_high_mm", "area_mm2",
+                               "peak_DN", "mean_DN", "u_px",     "v_px"};
   Found found;
   auto row = seen.rows.begin();
   for (const std::int64_t stamp : seen.stamp_ns) {
@@ -175,8 +184,9 @@ Found found_in(const HandObserver& observer, const Seen& seen, const std::option
     for (; row != seen.rows.end() && row->stamp_ns == stamp; ++row) {
       const HandContact& c = row->contact;
       const std::string& name = observer.links()[std::size_t(c.link)].name;
-      const std::array<double, keys.size()> values = {1e3 * c.y_m, 1e3 * c.z_m, 1e3 * c.y_low_m, 1e3 * c.y_high_m, 1e6 * c.area_m2,
-                                                      c.peak_DN,   c.mean_DN,   c.pixel.x(),     c.pixel.y()};
+      const std::array<double, keys.size()> values = {1e3 * c.y_m,      1e3 * c.z_m,     1e3 * c.y_low_m,
+                                                      1e3 * c.y_high_m, 1e6 * c.area_m2, c.peak_DN,
+                                                      c.mean_DN,        c.pixel.x(),     c.pixel.y()};
       Json j = {{"stamp_ns", stamp}, {"link", c.link}, {"name", name}};
       found.table += lumo::message(stamp, ',', c.link, ',', csv_text(name));
       for (std::size_t k = 0; k < keys.size(); ++k) {
@@ -192,26 +202,39 @@ Found found_in(const HandObserver& observer, const Seen& seen, const std::option
   return found;
 }
 
-std::optional<double> mae_mm(const HandScore& score) { return score.found > 0 ? std::optional(1e3 * score.mae_m) : std::nullopt; }
+std::optional<double> mae_mm(const HandScore& score) {
+  return score.found > 0 ? std::optional(1e3 * score.mae_m) : std::nullopt;
+}
 
 Json hand_json(const HandObserver& observer, const Seen& seen, const Found& found, bool scored) {
   Json links = Json::array(), score;
   for (std::size_t l = 0; l < observer.links().size(); ++l)
-    links.push_back({{"name", observer.links()[l].name}, {"seen", seen.frames_of_link[l]}, {"references", observer.references(int(l))}});
+    links.push_back({{"name", observer.links()[l].name},
+                     {"seen", seen.frames_of_link[l]},
+                     {"references", observer.references(int(l))}});
   const HandScore& s = found.score;
-  if (scored) score = {{"touches", s.touches}, {"found", s.found}, {"mae_mm", maybe(mae_mm(s))}, {"unfounded", s.unfounded}};
-  return {{"frames", seen.stamp_ns.size()}, {"references", seen.references}, {"links", links}, {"score", score}, {"contacts", found.contacts}};
+  if (scored)
+    score = {{"touches", s.touches}, {"found", s.found}, {"mae_mm", maybe(mae_mm(s))}, {"unfounded", s.unfounded}};
+  return {{"frames", seen.stamp_ns.size()},
+          {"references", seen.references},
+          {"links", links},
+          {"score", score},
+          {"contacts", found.contacts}};
 }
 
 std::string hand_text(const HandObserver& observer, const Seen& seen, const HandScore* score) {
-  std::string text = lumo::message(seen.stamp_ns.size(), " frames, ", seen.references, " pictures of the unloaded hand; ", seen.rows.size(), " contacts\n");
+  std::string text = lumo::message(seen.stamp_ns.size(), " frames, ", seen.references,
+                                   " pictures of the unloaded hand; ", seen.rows.size(), " contacts\n");
   for (std::size_t l = 0; l < observer.links().size(); ++l) {
-    const auto count = std::count_if(seen.rows.begin(), seen.rows.end(), [&](const Row& r) { return r.contact.link == int(l); });
-    text += lumo::message("  ", one_line(observer.links()[l].name), ": seen in ", seen.frames_of_link[l], " frames, ", count, " contacts\n");
+    const auto count =
+        std::count_if(seen.rows.begin(), seen.rows.end(), [&](const Row& r) { return r.contact.link == int(l); });
+    text += lumo::message("  ", one_line(observer.links()[l].name), ": seen in ", seen.frames_of_link[l], " frames, ",
+                          count, " contacts\n");
   }
   if (score != nullptr)
-    text += lumo::message("of ", score->touches, " touches with 5 N and more ", score->found, " found, mean error ", cell(mae_mm(*score).value_or(undefined), 2),
-                               " mm; ", score->unfounded, " of ", score->contacts, " contacts where nothing touches\n");
+    text += lumo::message("of ", score->touches, " touches with 5 N and more ", score->found, " found, mean error ",
+                          cell(mae_mm(*score).value_or(undefined), 2), " mm; ", score->unfounded, " of ",
+                          score->contacts, " contacts where nothing touches\n");
   return text;
 }
 
@@ -219,7 +242,7 @@ Result Hand::on_log(Output& files, Progress& progress) const {
   const OpenLog opened = open_hand_log(log, progress);
   HandObserver observer = about(opened.session_place(), [&] { return hand_observer(opened.session); });
   const Seen seen = look(opened, observer, files, progress);
-  const auto truth = left_truth<HandTouches>(opened);   // opened now that all estimates are made
+  const auto truth = left_truth<HandTouches>(opened);  // opened now that all estimates are made
   const Found found = found_in(observer, seen, truth);
   files.add("contacts.csv", found.table);
   files.add("contacts.svg", draw_places(observer, seen, truth));
@@ -234,7 +257,8 @@ void Hand::live(LiveLines& lines, Progress& progress) const {
   LogCamera recorded(opened);
   require_motors(camera, int(opened.joints.front().position_rad.size()));
   progress.stage("pictures of the unloaded hand");
-  if (add_references(recorded, observer, positions, opened.session) == 0) throw InputError(log + ": no picture of the unloaded hand in which a link is found");
+  if (add_references(recorded, observer, positions, opened.session) == 0)
+    throw InputError(log + ": no picture of the unloaded hand in which a link is found");
   progress.finish();
   const auto source = pictures().live(settings_of(camera));
   MiniCheetahMotors motors = motors_of(camera);
@@ -247,13 +271,22 @@ void Hand::live(LiveLines& lines, Progress& progress) const {
         std::string text;
         for (const HandContact& c : e.contacts) {
           const std::string& name = observer.links()[std::size_t(c.link)].name;
-          contacts.push_back({{"link", c.link}, {"name", name}, {"y_mm", number(1e3 * c.y_m)}, {"z_mm", number(1e3 * c.z_m)}, {"area_mm2", number(1e6 * c.area_m2)}, {"peak_DN", number(c.peak_DN)}});
+          contacts.push_back({{"link", c.link},
+                              {"name", name},
+                              {"y_mm", number(1e3 * c.y_m)},
+                              {"z_mm", number(1e3 * c.z_m)},
+                              {"area_mm2", number(1e6 * c.area_m2)},
+                              {"peak_DN", number(c.peak_DN)}});
           text += "  " + one_line(name) + " y " + cell(1e3 * c.y_m, 1) + " mm";
         }
-        if (json) return lines(e.stamp_ns, seen > 0, text_of(Json{{"stamp_ns", e.stamp_ns}, {"seen", seen}, {"contacts", contacts}}, -1));
-        return lines(e.stamp_ns, seen > 0, cell(seconds, 3) + " s  " + lumo::message(seen, " links seen") + (text.empty() ? "  no contact" : text));
+        if (json)
+          return lines(e.stamp_ns, seen > 0,
+                       text_of(Json{{"stamp_ns", e.stamp_ns}, {"seen", seen}, {"contacts", contacts}}, -1));
+        return lines(
+            e.stamp_ns, seen > 0,
+            cell(seconds, 3) + " s  " + lumo::message(seen, " links seen") + (text.empty() ? "  no contact" : text));
       },
-      camera.device());
+      {.name = camera.device()});
 }
 
 }  // namespace

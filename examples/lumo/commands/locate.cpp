@@ -6,7 +6,7 @@
 #include "sensing/localizers.hpp"
 #include "sensing/log.hpp"
 
-#include "lumo/sense/live/live_location.hpp"
+#include "lumo/sense/live/live.hpp"
 
 #include <cmath>
 #include <limits>
@@ -21,16 +21,19 @@ namespace {
 constexpr double default_from_N = 5.0;
 
 struct Locate : EstimatingCommand {
-  std::optional<double> from_N;   ///< true force from which a location counts
+  std::optional<double> from_N;  ///< true force from which a location counts
 
   void declare(CLI::App& app) {
     add_log(app);
     add_localizer(app);
-    add_value(app, "--from", "N", "Least true force of the frames that count [N], default 5", [this](const std::string& typed) {
-      from_N = number_in("--from", typed, {std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()}, "N");
-    });
+    add_value(app, "--from", "N", "Least true force of the frames that count [N], default 5",
+              [this](const std::string& typed) {
+                from_N = number_in("--from", typed,
+                                   {std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()}, "N");
+              });
     add_camera(app, camera,
-               "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG, if given, "
+               "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. "
+               "LOG, if given, "
                "describes the finger");
     add_seconds(app, camera, seconds_help);
     add_picture_options(app, camera);
@@ -39,7 +42,8 @@ struct Locate : EstimatingCommand {
   }
   void check() const {
     check_camera();
-    if (camera.number && from_N) throw UsageError("--from chooses frames by their true force, which a live camera does not measure");
+    if (camera.number && from_N)
+      throw UsageError("--from chooses frames by their true force, which a live camera does not measure");
     pictures();
   }
   Result run(Output& files, Progress& progress) const {
@@ -53,33 +57,43 @@ struct Locate : EstimatingCommand {
 Result Locate::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
   const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress);
-  const UnloadedReference unloaded = unloaded_reference(s.profiles, s.stretch, log);
-  const auto estimates = with_localizer(localizer, s, unloaded, [&](const auto& l) { return lumo::locate(s.profiles, unloaded, l); });
+  const FingerOptics optics = optics_of(s, log);
+  const auto estimates =
+      with_maker(localizer, [&](auto make) { return lumo::sense::locate(s.profiles, optics, make); });
   const LogTruth truth = truth_of(s.log);
-  const LocationScore score = location_score(estimates, truth, from_N.value_or(default_from_N), seen);
+  const LocationScore score = location_score(estimates, truth, from_N.value_or(default_from_N));
   std::string table = "stamp_ns,contacts,y_mm,y_sigma_mm,probability,true_y_mm,true_force_N\n";
   Timeline chart{"Location", "y [mm]"};
-  const LogEstimate* strongest = nullptr;
-  for (const LogEstimate& e : estimates) {
+  const FrameEstimate* strongest = nullptr;
+  for (const FrameEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
-    const auto y = seen(e);
-    table += std::to_string(e.stamp_ns) + ',' + std::to_string(e.location.contacts) + field(y ? std::optional(y->y_m) : std::nullopt, 1e3) +
-             field(y ? std::optional(std::sqrt(y->variance_m2)) : std::nullopt, 1e3) + field(e.location.probability) + field(t.y_m, 1e3) + field(t.force_N) + '\n';
+    const auto y = e.contact();
+    table += std::to_string(e.stamp_ns) + ',' + std::to_string(e.location.contacts) +
+             field(y ? std::optional(y->y_m) : std::nullopt, 1e3) +
+             field(y ? std::optional(std::sqrt(y->variance_m2)) : std::nullopt, 1e3) + field(e.location.probability) +
+             field(t.y_m, 1e3) + field(t.force_N) + '\n';
     const double seconds = seconds_between(estimates.front(), e);
     if (t.y_m && t.force_N.value_or(0.0) > 0.5) chart.truth.push_back({seconds, 1e3 * *t.y_m});
     if (y) chart.estimate.push_back({seconds, 1e3 * y->y_m});
-    if (y && (!strongest || y->amplitude > seen(*strongest)->amplitude)) strongest = &e;
+    if (y && (!strongest || y->amplitude > strongest->contact()->amplitude)) strongest = &e;
   }
   files.add("locations.csv", table);
   if (!chart.estimate.empty()) files.add("locations.svg", draw(chart));
-  if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *seen(*strongest)));
+  if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *strongest->contact()));
   const bool known = score.samples > 0, found = score.located > 0;
   if (json)
-    return Json{{"samples", score.samples}, {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)}, {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}}.dump(2) + "\n";
+    return Json{{"samples", score.samples},
+                {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)},
+                {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}}
+               .dump(2) +
+           "\n";
   if (!known)
-    return lumo::message(estimates.size(), " frames; the log does not state where contacts were, so that nothing can be compared\n");
-  return lumo::message(score.samples, " frames at ", short_number(from_N.value_or(default_from_N)), " N and more, ", score.located, " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2),
-                            " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
+    return lumo::message(estimates.size(),
+                         " frames; the log does not state where contacts were, so that nothing can be compared\n");
+  return lumo::message(score.samples, " frames at ", short_number(from_N.value_or(default_from_N)), " N and more, ",
+                       score.located, " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2),
+                       " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1),
+                       " % of them\n");
 }
 
 void Locate::live(LiveLines& lines, Progress& progress) const {
@@ -89,13 +103,26 @@ void Locate::live(LiveLines& lines, Progress& progress) const {
   progress.tell("leave the finger alone for a second");
   const auto line = [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
     const double seconds = lines.seconds(stamp_ns);
-    const auto y = e && e->contacts == 1 ? std::optional(1e3 * e->contact[0].y_m) : std::nullopt, sigma = y ? std::optional(1e3 * std::sqrt(e->contact[0].variance_m2)) : std::nullopt;
+    const auto y = e && e->contacts == 1 ? std::optional(1e3 * e->contact[0].y_m) : std::nullopt,
+               sigma = y ? std::optional(1e3 * std::sqrt(e->contact[0].variance_m2)) : std::nullopt;
     if (json)
-      return lines(stamp_ns, e.has_value(), Json{{"stamp_ns", stamp_ns}, {"contacts", e ? Json(e->contacts) : Json(nullptr)}, {"y_mm", maybe(y)}, {"y_sigma_mm", maybe(sigma)},
-                                                {"probability", e ? number(e->probability) : Json(nullptr)}, {"faults", to_string(faults)}}.dump());
-    return lines(stamp_ns, e.has_value(), cell(seconds, 3) + " s  " + (!e ? "picture not used: " + to_string(faults) : y ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm" : e->contacts == 0 ? "no contact" : "two contacts"));
+      return lines(stamp_ns, e.has_value(),
+                   Json{{"stamp_ns", stamp_ns},
+                        {"contacts", e ? Json(e->contacts) : Json(nullptr)},
+                        {"y_mm", maybe(y)},
+                        {"y_sigma_mm", maybe(sigma)},
+                        {"probability", e ? number(e->probability) : Json(nullptr)},
+                        {"faults", to_string(faults)}}
+                       .dump());
+    return lines(stamp_ns, e.has_value(),
+                 cell(seconds, 3) + " s  " +
+                     (!e                 ? "picture not used: " + to_string(faults)
+                      : y                ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm"
+                      : e->contacts == 0 ? "no contact"
+                                         : "two contacts"));
   };
-  with_maker(localizer, [&](auto make) { locate_live(*source, session, SensedLog{}.bins, make, line, camera.device()); });
+  with_maker(localizer,
+             [&](auto make) { locate_live(*source, finger_model(session), make, line, {.name = camera.device()}); });
 }
 
 }  // namespace

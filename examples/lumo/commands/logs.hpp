@@ -11,8 +11,8 @@ using namespace sense;
 
 /// A command about a log.
 struct LogCommand : Common {
-  std::string log;    ///< folder, or MCAP file
-  std::string hint;   ///< where its help is
+  std::string log;   ///< folder, or MCAP file
+  std::string hint;  ///< where its help is
 
   void add_log(CLI::App& app, const char* help = "Folder of the log, or an MCAP file (docs/log_format.md)") {
     app.add_option("LOG", log, help);
@@ -32,7 +32,8 @@ struct CameraCommand : LogCommand {
     camera.check();
     if (!camera.number) require_log();
     if (camera.number && out)
-      throw UsageError("--out keeps what is found in a log; a live camera's lines go to standard output (lumo record makes a log)");
+      throw UsageError(
+          "--out keeps what is found in a log; a live camera's lines go to standard output (lumo record makes a log)");
   }
 };
 

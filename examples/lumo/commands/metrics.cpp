@@ -5,8 +5,8 @@
 #include "sensing/log.hpp"
 
 #include "lumo/sense/decode/constraint_gain.hpp"
-#include "lumo/sense/recording/normal_force.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
+#include "lumo/sense/recording/normal_force.hpp"
 
 #include <algorithm>
 #include <vector>
@@ -18,7 +18,7 @@ using namespace sense;
 namespace {
 
 /// How far the marker goes from the first touch to 15 N, in the log's first contact that gets there.
-std::optional<double> displacement(const RecordedLog& log) {
+std::optional<double> displacement(const Recording& log) {
   std::vector<double> force, marker;
   const TimeSeries series = normal_force(log.wrenches);
   for (const MarkerSample& m : log.markers)
@@ -37,7 +37,8 @@ void add_slopes(const LongitudinalBins& bins, const std::vector<Eigen::MatrixXd>
     Curve curve{"place " + std::to_string(i + 1), palette[i % palette.size()], {}, 1.8, false};
     for (Eigen::Index b = 0; b < at.size(); ++b) {
       curve.points.push_back({1e3 * at[b], middle[b]});
-      for (Eigen::Index r = 0; r < slopes[i].cols(); ++r) table += lumo::message(i, ',', r, ',', csv_number(1e3 * at[b]), ',', csv_number(slopes[i](b, r)), '\n');
+      for (Eigen::Index r = 0; r < slopes[i].cols(); ++r)
+        table += lumo::message(i, ',', r, ',', csv_number(1e3 * at[b]), ',', csv_number(slopes[i](b, r)), '\n');
     }
     chart.curves.push_back(std::move(curve));
   }
@@ -49,27 +50,33 @@ struct Measured {
   std::optional<RecontactQuality> quality;
   std::optional<double> W_cycle, gain;
 
-  template <class Get>
-  std::optional<double> of(Get get) const {
+  template <class Get> std::optional<double> of(Get get) const {
     return quality ? std::optional<double>(get(*quality)) : std::nullopt;
   }
 };
 
 std::string shown(const Measured& m, bool as_json) {
-  const auto D = m.of([](const auto& q) { return q.metrics.D_neighbor; }), W = m.of([](const auto& q) { return q.metrics.W_recontact; }), Q = m.of([](const auto& q) { return *q.metrics.Q; });
-  const auto low = m.of([](const auto& q) { return q.Q_low; }), high = m.of([](const auto& q) { return q.Q_high; });
-  const auto from = m.of([](const auto& q) { return q.bootstrap_low; }), to = m.of([](const auto& q) { return q.bootstrap_high; });
+  const auto D = m.of([](const auto&q) { return q.metrics.D_neighbor; }),
+             W = m.of([](const auto&q) { return q.metrics.W_recontact; }),
+             Q = m.of([](const auto&q) { return *q.metrics.Q; });
+  const auto low = m.of([](const auto&q) { return q.Q_low; }), high = m.of([](const auto&q) { return q.Q_high; });
+  const auto from = m.of([](const auto&q) { return q.bootstrap_low; }),
+             to = m.of([](const auto&q) { return q.bootstrap_high; });
   if (as_json)
-    return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)}, {"Q_high", maybe(high)},
-                {"Q_bootstrap_low", maybe(from)}, {"Q_bootstrap_high", maybe(to)}, {"W_cycle", maybe(m.W_cycle)}, {"gain_percent", maybe(m.gain)}}.dump(2) + "\n";
+    return Json{{"D_neighbor", maybe(D)},        {"W_recontact", maybe(W)},     {"Q", maybe(Q)},
+                {"Q_low", maybe(low)},           {"Q_high", maybe(high)},       {"Q_bootstrap_low", maybe(from)},
+                {"Q_bootstrap_high", maybe(to)}, {"W_cycle", maybe(m.W_cycle)}, {"gain_percent", maybe(m.gain)}}
+               .dump(2) +
+           "\n";
   const auto show = [](const std::optional<double>& v, int digits) { return cell(v.value_or(undefined), digits); };
-  return "D_neighbor   " + show(D, 4) + " DN/N\nW_recontact  " + show(W, 4) + " DN/N\n" +
-         "Q            " + show(Q, 2) + " (" + show(low, 2) + " to " + show(high, 2) + " with one re-contact left out; 95 % bootstrap interval " +
-         show(from, 2) + " to " + show(to, 2) + ")\nW_cycle      " + show(m.W_cycle, 4) + " DN\ngain         " + show(m.gain, 1) + " %\n";
+  return "D_neighbor   " + show(D, 4) + " DN/N\nW_recontact  " + show(W, 4) + " DN/N\n" + "Q            " + show(Q, 2) +
+         " (" + show(low, 2) + " to " + show(high, 2) + " with one re-contact left out; 95 % bootstrap interval " +
+         show(from, 2) + " to " + show(to, 2) + ")\nW_cycle      " + show(m.W_cycle, 4) + " DN\ngain         " +
+         show(m.gain, 1) + " %\n";
 }
 
 struct Metrics : PlannedCommand {
-  std::string baseline;   ///< log to compare with
+  std::string baseline;  ///< log to compare with
 
   void declare(CLI::App& app) {
     add_log(app);
@@ -84,8 +91,10 @@ struct Metrics : PlannedCommand {
     const auto holds = about(path, [&] { return hold_responses(s.profiles, s.log.session.segments); });
     const auto slopes = about(path, [&] { return slope_profiles(holds); });
     const auto repeated = [&](const auto& place) { return place.cols() >= 3 && place.cols() == slopes.front().cols(); };
-    if (slopes.size() >= 2 && std::all_of(slopes.begin(), slopes.end(), repeated)) m.quality = about(path, [&] { return recontact_quality(slopes); });
-    if (const auto runs = cycle_runs(holds); !runs.empty()) m.W_cycle = about(path, [&] { return cycle_variation(runs); });
+    if (slopes.size() >= 2 && std::all_of(slopes.begin(), slopes.end(), repeated))
+      m.quality = about(path, [&] { return recontact_quality(slopes); });
+    if (const auto runs = cycle_runs(holds); !runs.empty())
+      m.W_cycle = about(path, [&] { return cycle_variation(runs); });
     if (!baseline.empty()) {
       const auto here = displacement(s.log), base = displacement(open_log(baseline, progress));
       if (here && base) m.gain = progressive_constraint_gain_percent(*here, *base);
@@ -97,6 +106,8 @@ struct Metrics : PlannedCommand {
 
 }  // namespace
 
-void add_metrics(CommandLine& line) { line.add<Metrics>("metrics", "How far apart places are, and how well contacts repeat"); }
+void add_metrics(CommandLine& line) {
+  line.add<Metrics>("metrics", "How far apart places are, and how well contacts repeat");
+}
 
 }  // namespace lumo::program

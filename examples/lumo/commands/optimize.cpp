@@ -20,17 +20,22 @@ void send(const Json& message) {
 Json ask_event(const Trial& trial) { return {{"ask", {{"id", trial.id}, {"x", trial.x}}}}; }
 
 int whole(const Json& object, const char* key) {
-  if (!object.contains(key) || !object[key].is_number_integer()) throw InvalidArgument(std::string("needs a whole number \"") + key + "\"");
+  if (!object.contains(key) || !object[key].is_number_integer())
+    throw InvalidArgument(std::string("needs a whole number \"") + key + "\"");
   const auto value = object[key].get<std::int64_t>();
-  if (value < 0 || value > std::numeric_limits<int>::max()) throw InvalidArgument(lumo::message("trial ", value, " was never asked"));
+  if (value < 0 || value > std::numeric_limits<int>::max())
+    throw InvalidArgument(lumo::message("trial ", value, " was never asked"));
   return int(value);
 }
 
 std::vector<double> numbers(const Json& object, const char* key) {
-  if (!object.contains(key) || !object[key].is_array()) throw InvalidArgument(std::string("needs a list of numbers \"") + key + "\"");
+  if (!object.contains(key) || !object[key].is_array())
+    throw InvalidArgument(std::string("needs a list of numbers \"") + key + "\"");
   std::vector<double> out;
   for (const Json& v : object[key]) {
-    if (!v.is_number()) throw InvalidArgument(std::string("has ") + v.dump(-1, ' ', true, Json::error_handler_t::replace) + " in \"" + key + "\", must be a finite number");
+    if (!v.is_number())
+      throw InvalidArgument(std::string("has ") + v.dump(-1, ' ', true, Json::error_handler_t::replace) + " in \"" +
+                            key + "\", must be a finite number");
     out.push_back(v.get<double>());
   }
   return out;
@@ -40,12 +45,13 @@ void only(const Json& object, const char* what, std::initializer_list<const char
   if (!object.is_object()) throw InvalidArgument(std::string(what) + " must be an object {...}");
   for (const auto& [key, value] : object.items())
     if (std::none_of(known.begin(), known.end(), [&k = key](const char* name) { return k == name; }))
-      throw InvalidArgument(std::string(what) + " has an unknown key " + Json(key).dump(-1, ' ', true, Json::error_handler_t::replace));
+      throw InvalidArgument(std::string(what) + " has an unknown key " +
+                            Json(key).dump(-1, ' ', true, Json::error_handler_t::replace));
 }
 
-/// Applies a tell or fail, from standard input or from a transcript, and returns it as it is kept. Throws InvalidArgument, and changes nothing then.
-template <class Optimizer>
-Json answer(Optimizer& optimizer, const Json& message) {
+/// Applies a tell or fail, from standard input or from a transcript, and returns it as it is kept. Throws
+/// InvalidArgument, and changes nothing then.
+template <class Optimizer> Json answer(Optimizer& optimizer, const Json& message) {
   only(message, "answer", {"tell", "fail"});
   if (message.size() != 1) throw InvalidArgument("answer must be {\"tell\": ...} or {\"fail\": ...}");
   if (message.contains("tell")) {
@@ -57,7 +63,8 @@ Json answer(Optimizer& optimizer, const Json& message) {
   const Json& fail = message["fail"];
   only(fail, "fail", {"id", "retry", "why"});
   const int id = whole(fail, "id");
-  if (fail.contains("retry") && !fail["retry"].is_boolean()) throw InvalidArgument("fail has a \"retry\" that is neither true nor false");
+  if (fail.contains("retry") && !fail["retry"].is_boolean())
+    throw InvalidArgument("fail has a \"retry\" that is neither true nor false");
   if (fail.contains("why") && !fail["why"].is_string()) throw InvalidArgument("fail has a \"why\" that is no text");
   const bool retry = fail.value("retry", false);
   const std::string why = fail.value("why", std::string());
@@ -76,20 +83,22 @@ Json parse(const std::string& line) {
   }
 }
 
-template <class Optimizer>
-void replay(Optimizer& optimizer, const Transcript& transcript, const std::string& path) {
+template <class Optimizer> void replay(Optimizer& optimizer, const Transcript& transcript, const std::string& path) {
   for (const auto& event : transcript.events()) try {
-      if (event.content.contains("ask") && optimizer.told() + optimizer.pending() >= optimizer.problem().evaluations)
-        throw InvalidArgument(lumo::message("asks for more than the ", optimizer.problem().evaluations, " evaluations of the space"));
-      if (event.content.contains("ask")) optimizer.restore(whole(event.content["ask"], "id"), numbers(event.content["ask"], "x"));
-      else answer(optimizer, event.content);
+      if (event.content.contains("ask") &&
+          optimizer.observed() + optimizer.pending() >= optimizer.problem().evaluations)
+        throw InvalidArgument(
+            lumo::message("asks for more than the ", optimizer.problem().evaluations, " evaluations of the space"));
+      if (event.content.contains("ask"))
+        optimizer.restore(whole(event.content["ask"], "id"), numbers(event.content["ask"], "x"));
+      else
+        answer(optimizer, event.content);
     } catch (const Error& e) {
       throw InputError(lumo::message("transcript '", path, "' line ", event.line, ": ", one_line(e.what())));
     }
 }
 
-template <class Optimizer>
-void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& space) {
+template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& space) {
   std::optional<Transcript> transcript;
   if (!path.empty()) {
     transcript.emplace(path, space);
@@ -98,7 +107,7 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
   const auto keep = [&](const Json& event) {
     if (transcript) transcript->append(event);
   };
-  const std::string resumable = path.empty() ? "" : "; transcript '" + path + "' holds all that was told";
+  const std::string resumable = path.empty() ? "" : "; transcript '" + path + "' holds all answers";
 
   std::vector<Trial> open;  // asked before an interruption
   for (const Trial& t : optimizer.trials())
@@ -106,16 +115,19 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
   std::size_t reopened = 0, number = 0;
   while (true) {
     std::optional<Trial> trial;
-    if (reopened < open.size()) trial = open[reopened++];
-    else if ((trial = optimizer.ask())) keep(ask_event(*trial));
+    if (reopened < open.size())
+      trial = open[reopened++];
+    else if ((trial = optimizer.ask()))
+      keep(ask_event(*trial));
     if (!trial) break;
     send(ask_event(*trial));
 
     std::string line;
     do {
       if (!std::getline(std::cin, line))
-        throw InputError(lumo::message("standard input ended after ", number, " lines, with ", optimizer.told(), " of ", optimizer.problem().evaluations,
-                                            " evaluations told and trial ", trial->id, " not answered", resumable));
+        throw InputError(lumo::message("standard input ended after ", number, " lines, with ", optimizer.observed(),
+                                       " of ", optimizer.problem().evaluations, " evaluations answered and trial ",
+                                       trial->id, " not answered", resumable));
       ++number;
     } while (line.find_first_not_of(" \t\r") == std::string::npos);
     try {
@@ -125,10 +137,12 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
     }
   }
   if (optimizer.status() == OptimizerStatus::exhausted)
-    std::cerr << lumo::message("lumo: every feasible design that can be found has been asked, with ", optimizer.told(), " of ", optimizer.problem().evaluations, " evaluations told")
+    std::cerr << lumo::message("lumo: every feasible design that can be found has been asked, with ",
+                               optimizer.observed(), " of ", optimizer.problem().evaluations, " evaluations answered")
               << std::endl;
   Json front = Json::array();
-  for (const Outcome& o : optimizer.front()) front.push_back({{"x", optimizer.trials()[std::size_t(o.id)].x}, {"y", o.objectives}});
+  for (const Outcome& o : optimizer.front())
+    front.push_back({{"x", optimizer.trials()[std::size_t(o.id)].x}, {"y", o.objectives}});
   send({{"front", front}, {"hypervolume", optimizer.hypervolume()}});
 }
 
@@ -137,7 +151,8 @@ struct Optimize : Common {
 
   void declare(CLI::App& app) {
     add_text(app, "--space", space, "FILE", "Variables, constraints, objectives and budget (JSON)")->required();
-    add_text(app, "--transcript", transcript, "FILE", "Keeps all that is asked and told; continues from it where it exists");
+    add_text(app, "--transcript", transcript, "FILE",
+             "Keeps all that is asked and answered; continues from it where it exists");
   }
   Result run(Output&, Progress&) const {
     const SpaceFile file = read_space(space);

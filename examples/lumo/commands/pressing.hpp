@@ -19,7 +19,8 @@ struct PressCommand : DesignCommand {
     declare_common(app, request);
     add_touch(app, request);
     app.footer(
-        "press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays where it is: nothing "
+        "press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays "
+        "where it is: nothing "
         "is removed.");
     add_mechanics(app, request.mechanics);
   }

@@ -15,7 +15,8 @@ struct Record : LogCommand {
   void declare(CLI::App& app) {
     add_log(app, "Folder of a log, or an MCAP file, whose session is the plan (docs/log_format.md)");
     add_camera(app, camera, "Number of the camera")->required();
-    add_seconds(app, camera, "How long to record [s], default: to the plan's end, or until interrupted where there is none");
+    add_seconds(app, camera,
+                "How long to record [s], default: to the plan's end, or until interrupted where there is none");
     add_picture_options(app, camera);
     add_motor_options(app, camera);
     add_text(app, "--out", folder, "DIR", "Folder of the new log; must not be there, or be empty")->required();
@@ -41,6 +42,8 @@ struct Record : LogCommand {
 
 }  // namespace
 
-void add_record(CommandLine& line) { line.add<Record>("record", "Record a live camera and motors as a log, by a plan"); }
+void add_record(CommandLine& line) {
+  line.add<Record>("record", "Record a live camera and motors as a log, by a plan");
+}
 
 }  // namespace lumo::program

@@ -17,6 +17,8 @@ struct Section : DesignCommand {
 
 }  // namespace
 
-void add_section(CommandLine& line) { line.add<Section>("section", "Draw the cross-section with its dimensions (SVG)"); }
+void add_section(CommandLine& line) {
+  line.add<Section>("section", "Draw the cross-section with its dimensions (SVG)");
+}
 
 }  // namespace lumo::program

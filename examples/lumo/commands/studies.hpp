@@ -9,12 +9,12 @@
 
 namespace lumo::program {
 
-inline constexpr int most_designs = 500;   ///< of a study
+inline constexpr int most_designs = 500;  ///< of a study
 
 /// Words of the help in which studies differ.
 struct StudyWords {
   const char *designs, *ensemble;
-  const char* coarse = nullptr;   ///< there is no such option
+  const char* coarse = nullptr;  ///< there is no such option
 };
 
 /// A command that compares many designs and keeps them in a store.
@@ -22,7 +22,7 @@ struct StudyCommand : Common {
   std::string store;
   int designs = 40, seed = 1;
   StudyTools tools{.threads = all_threads()};
-  std::optional<Ensemble> ensemble;   ///< all its contacts; else the study's own few
+  std::optional<Ensemble> ensemble;  ///< all its contacts; else the study's own few
 
   void declare(CLI::App& app, const StudyWords& words) {
     add_text(app, "--store", store, "FILE", "File that keeps the study; it continues if the file exists");
@@ -30,7 +30,8 @@ struct StudyCommand : Common {
     add_seed(app, seed, "Of the designs, default 1");
     if (words.coarse != nullptr) add_flag(app, "--coarse", tools.coarse, words.coarse);
     add_material(app, tools.material);
-    add_choice<Ensemble>(app, "--ensemble", ensemble, {{"flat", Ensemble::flat}, {"curved", Ensemble::curved}}, words.ensemble);
+    add_choice<Ensemble>(app, "--ensemble", ensemble, {{"flat", Ensemble::flat}, {"curved", Ensemble::curved}},
+                         words.ensemble);
     add_out(app, *this);
     add_threads(app, tools.threads);
     add_common(app, *this);

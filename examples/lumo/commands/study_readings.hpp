@@ -18,7 +18,9 @@ struct StudyReadings : StudyCommand {
   Result run(Output& files, Progress& progress) const;
 
  private:
-  std::vector<Scenario<Sphere>> pressed() const { return ensemble ? contacts(*ensemble).scenarios() : readings_contacts(); }
+  std::vector<Scenario<Sphere>> pressed() const {
+    return ensemble ? contacts(*ensemble).scenarios() : assumption_contacts();
+  }
   std::string_view contacts_name() const { return ensemble ? name(*ensemble) : "few"; }
   Problem problem() const;
   std::string problem_text(const Problem& p) const;

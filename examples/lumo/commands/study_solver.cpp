@@ -11,7 +11,8 @@ struct StudySolver : DesignCommand {
   void declare(CLI::App& app) {
     declare_common(app, request);
     add_touch(app, request);
-    add_number(app, "--size", request.mechanics.size_mm, {0.2, 10.0}, "mm", "Of all edges of the linear mesh [mm], default 1");
+    add_number(app, "--size", request.mechanics.size_mm, {0.2, 10.0}, "mm",
+               "Of all edges of the linear mesh [mm], default 1");
     add_contact(app, request.mechanics);
   }
   void check() const { check_design(request); }
@@ -26,9 +27,10 @@ struct StudySolver : DesignCommand {
 }  // namespace
 
 void add_study_solver(CommandLine& line) {
-  line.add<StudySolver>("study solver",
-                        "One press by the paper's solver and by equilibrium: depth, residual, distance (1 mm, five loads: some 20 min of "
-                        "one processor)");
+  line.add<StudySolver>(
+      "study solver",
+      "One press by the paper's solver and by equilibrium: depth, residual, distance (1 mm, five loads: some 20 min of "
+      "one processor)");
 }
 
 }  // namespace lumo::program

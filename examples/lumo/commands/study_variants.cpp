@@ -1,6 +1,6 @@
 #include "commands/studies.hpp"
-#include "drawing/chart.hpp"
 #include "console/text.hpp"
+#include "drawing/chart.hpp"
 #include "report/records.hpp"
 #include "store/study_rows.hpp"
 
@@ -12,13 +12,13 @@ namespace lumo::program {
 
 namespace {
 
-/// A quantity of which a study tells the difference between designs and one of their variants.
+/// A quantity whose difference a study reports, between designs and one of their variants.
 struct Comparison {
-  std::string quantity;      ///< key in the record
+  std::string quantity;  ///< key in the record
   std::string variant;
   std::string label;
   int digits;
-  std::string paper;         ///< what the paper found
+  std::string paper;  ///< what the paper found
 };
 
 struct StudyPlan {
@@ -43,9 +43,10 @@ StudyPlan void_plan() {
                     finger_space(),
                     {{"J_contact", "no_void", "ΔJ_contact against the same θ without voids", 4,
                       "both signs, depending on the morphology (§IV-A)"},
-                     {"D", "no_void", "ΔD(1 N) against the same θ without voids", 0, "both signs, depending on the morphology (§IV-A)"}}};
+                     {"D", "no_void", "ΔD(1 N) against the same θ without voids", 0,
+                      "both signs, depending on the morphology (§IV-A)"}}};
   Variable& gap = plan.space.variables.back();
-  gap.lower = gap.step;   // without a gap there is nothing to compare
+  gap.lower = gap.step;  // without a gap there is nothing to compare
   return plan;
 }
 
@@ -64,12 +65,13 @@ std::string why(const StudyRow& row, const std::string& variant) {
 
 std::optional<Estimate> change(const StudyRow& row, const Comparison& c) {
   const auto design = value(row, "", c.quantity), variant = value(row, c.variant, c.quantity);
-  return design && variant ? std::optional(difference(*design, *variant)) : std::nullopt;
+  return design && variant ? std::optional(paired_difference(*design, *variant)) : std::nullopt;
 }
 
 std::string shown(const std::optional<Estimate>& e, int digits) {
   if (!e) return "-";
-  return digits > 0 ? cell(e->value, digits) + " ± " + cell(e->error, digits) : scientific(e->value) + " ± " + scientific(e->error);
+  return digits > 0 ? cell(e->value, digits) + " ± " + cell(e->error, digits)
+                    : scientific(e->value) + " ± " + scientific(e->error);
 }
 
 std::vector<Estimate> changes(const std::vector<StudyRow>& rows, const Comparison& c) {
@@ -84,15 +86,17 @@ std::string summary_text(const std::vector<StudyRow>& rows, const Comparison& c)
   std::string text = c.label + ": ";
   if (!s) return text + "nothing to compare\n";
   const auto figure = [&](double v) { return c.digits > 0 ? cell(v, c.digits) : scientific(v); };
-  text += lumo::message(s->above_zero, " of ", s->count(), " above 0 (", s->positive, " by more than twice the error, ", s->negative, " below by more, ", s->undecided, " undecided), median ",
-                             figure(s->median));
-  if (s->median_95) text += " (95 % interval " + figure(s->median_95->first) + " … " + figure(s->median_95->second) + ")";
+  text += lumo::message(s->above_zero, " of ", s->count(), " above 0 (", s->positive, " by more than twice the error, ",
+                        s->negative, " below by more, ", s->undecided, " undecided), median ", figure(s->median));
+  if (s->median_95)
+    text += " (95 % interval " + figure(s->median_95->first) + " … " + figure(s->median_95->second) + ")";
   if (s->count() < rows.size()) text += lumo::message("; ", rows.size() - s->count(), " variants without a value");
   return text + "\n" + (c.paper.empty() ? "" : "  paper: " + c.paper + "\n");
 }
 
 Json summary_json(const std::vector<StudyRow>& rows, const Comparison& c) {
-  Json j = {{"quantity", c.quantity}, {"variant", c.variant}, {"paper", c.paper.empty() ? Json(nullptr) : Json(c.paper)}};
+  Json j = {
+      {"quantity", c.quantity}, {"variant", c.variant}, {"paper", c.paper.empty() ? Json(nullptr) : Json(c.paper)}};
   const auto s = summarize(changes(rows, c));
   j["count"] = s ? s->count() : 0;
   if (s) append(j, json(*s));
@@ -122,11 +126,14 @@ std::string table(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   for (const Variable& v : plan.space.variables) text += v.name + "_mm,";
   for (const std::string q : {"J_contact", "D"})
     if (q == "J_contact" || plan.study.light) text += q + "," + q + "_err,";
-  for (const Comparison& c : plan.comparisons) text += c.quantity + "_" + c.variant + "," + c.quantity + "_" + c.variant + "_err,";
+  for (const Comparison& c : plan.comparisons)
+    text += c.quantity + "_" + c.variant + "," + c.quantity + "_" + c.variant + "_err,";
   text.back() = '\n';
   for (const StudyRow& r : rows) {
     text += joined(r.theta_mm);
-    const auto add = [&](const std::optional<Estimate>& e) { text += "," + (e ? Json(e->value).dump() : "") + "," + (e ? Json(e->error).dump() : ""); };
+    const auto add = [&](const std::optional<Estimate>& e) {
+      text += "," + (e ? Json(e->value).dump() : "") + "," + (e ? Json(e->error).dump() : "");
+    };
     add(value(r, "", "J_contact"));
     if (plan.study.light) add(value(r, "", "D"));
     for (const Comparison& c : plan.comparisons) add(value(r, c.variant, c.quantity));
@@ -137,7 +144,7 @@ std::string table(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
 
 /// What stands in `j`, and all designs with a summary.
 std::string json_text(Json j, const std::vector<StudyRow>& rows, const StudyPlan& plan) {
-    j["designs"] = Json::array();
+  j["designs"] = Json::array();
   j["summary"] = Json::array();
   for (const StudyRow& r : rows) {
     j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}});
@@ -159,7 +166,8 @@ std::string result_text(const std::vector<StudyRow>& rows, const StudyPlan& plan
     text += pad(joined(r.theta_mm), -20) + pad(shown(value(r, "", "J_contact"), 4), 19);
     for (const Comparison& c : plan.comparisons) text += "  " + pad(shown(change(r, c), c.digits), 29);
     for (const Comparison& c : plan.comparisons)
-      if (const std::string said = why(r, c.variant); !said.empty() && c.quantity == "J_contact") text += "  " + c.variant + ": " + said;
+      if (const std::string said = why(r, c.variant); !said.empty() && c.quantity == "J_contact")
+        text += "  " + c.variant + ": " + said;
     text += "\n";
   }
   text += "\n";
@@ -174,7 +182,8 @@ struct StudyVariants : StudyCommand {
   explicit StudyVariants(StudyPlan p) : plan(std::move(p)) {}
 
   void declare(CLI::App& app) {
-    StudyCommand::declare(app, {"Feasible designs to compare, default 40", "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°"});
+    StudyCommand::declare(app, {"Feasible designs to compare, default 40",
+                                "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°"});
   }
   std::string_view contacts_name() const { return ensemble ? name(*ensemble) : "middle"; }
   std::string problem_text(const Problem& problem, const lumo::Ensemble& pressed) const {
@@ -187,14 +196,17 @@ struct StudyVariants : StudyCommand {
 
   Result run(Output& files, Progress& progress) const {
     const lumo::Ensemble pressed = ensemble ? contacts(*ensemble) : middle_contacts();
-    const Evaluator evaluate = study_evaluator(tools, plan.study, pressed, progress);   // before a store is opened, for the mesher forks
+    const Evaluator evaluate =
+        study_evaluator(tools, plan.study, pressed, progress);  // before a store is opened, for the mesher forks
     const auto line = [&](const StudyRow& row) {
       std::string text;
-      for (const Comparison& c : plan.comparisons) text += "  " + c.variant + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
+      for (const Comparison& c : plan.comparisons)
+        text += "  " + c.variant + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
       return text;
     };
     const Problem problem = study_problem(plan.space, designs, std::uint64_t(seed));
-    const std::vector<StudyRow> rows = study_rows(store, problem_text(problem, pressed), problem, evaluate, line, progress);
+    const std::vector<StudyRow> rows =
+        study_rows(store, problem_text(problem, pressed), problem, evaluate, line, progress);
     const std::string file = "study_" + plan.title;
     files.add(file + ".csv", table(rows, plan));
     if (files.wanted())
@@ -202,7 +214,9 @@ struct StudyVariants : StudyCommand {
         files.add(file + "_" + c.variant + "_" + c.quantity + ".svg",
                   picture(rows, c, lumo::message(tools.material, ", ", contacts_name(), " contacts")));
     if (!json) return result_text(rows, plan);
-    return json_text({{"study", plan.title}, {"material", tools.material}, {"contacts", contacts_name()}, {"seed", seed}}, rows, plan);
+    return json_text(
+        {{"study", plan.title}, {"material", tools.material}, {"contacts", contacts_name()}, {"seed", seed}}, rows,
+        plan);
   }
 };
 

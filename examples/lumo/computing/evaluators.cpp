@@ -32,10 +32,9 @@ Json run_notes(int threads) {
   return {{"lumo", version}, {"threads", threads}, {"machine", machine}};
 }
 
-/// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What lumo does not know as a failure of
-/// the design is taken for one of the machine.
-template <class Work>
-Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) {
+/// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What
+/// lumo does not know as a failure of the design is taken for one of the machine.
+template <class Work> TrialResult recorded(Json record, Json notes, Progress& progress, const Work& work) {
   const Stopwatch watch;
   std::string stage = "start";
   const ProgressReport shown = progress.watched() ? shown_in(progress) : ProgressReport{};
@@ -43,12 +42,12 @@ Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) 
     stage = now;
     if (shown) shown(now, done, total);
   };
-  Verdict verdict;
+  TrialResult verdict;
   const auto fail = [&](bool retry, const char* why) { verdict = {{}, retry, stage + ": " + why, "", ""}; };
   try {
     verdict = work(record, notes, report);
   } catch (const MeshError& e) {
-    verdict = verdict_of(e);
+    verdict = trial_result(e);
   } catch (const std::bad_alloc&) {
     fail(true, "out of memory");
   } catch (const InvalidArgument& e) {
@@ -65,24 +64,21 @@ Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) 
 
 /// Each reading's objectives, lumo's own first; the verdict is about that, unless the machine failed with another.
 template <class Results>
-Verdict put_readings(Json& record, const std::vector<Departure>& rows, const Results& results) {
-  Verdict verdict = verdict_of(results.front().evaluation);
+TrialResult put_readings(Json& record, const std::vector<AssumptionVariant>& rows, const Results& results) {
+  TrialResult verdict = trial_result(results.front().evaluation);
   for (std::size_t k = 0; k < results.size(); ++k) {
     const auto& [why, evaluation] = results[k];
     record["readings"].push_back(
         {{"reading", k == 0 ? "lumo's own" : rows[k - 1].name()}, {"why", why.empty() ? Json(nullptr) : Json(why)}});
     append(record["readings"].back(), objectives(evaluation));
-    if (k > 0 && of_the_machine(evaluation.observations.scenarios))
+    if (k > 0 && is_machine_limit(evaluation.observations.scenarios))
       verdict = {{}, true, rows[k - 1].quantity + " " + rows[k - 1].value + ", " + why, "", ""};
   }
   return verdict;
 }
 
 /// For functions, which are copied.
-template <class P>
-auto shared(P pipeline) {
-  return std::make_shared<P>(std::move(pipeline));
-}
+template <class P> auto shared(P pipeline) { return std::make_shared<P>(std::move(pipeline)); }
 
 }  // namespace
 
@@ -90,31 +86,36 @@ Evaluator campaign_evaluator(const EvaluationRequest& o, int threads, Progress& 
   const auto pipeline = shared(pipeline_for(o.material, o.mechanics, o.ray_error_percent));
   return [o, threads, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const Evaluation e =
-          evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{threads}, report_stage);
+      const Evaluation e = evaluate({FingerDesign::from(x), silicone(o.material), finger_options(o.mechanics)},
+                                    contacts(o.ensemble), *pipeline, TbbExecutor{threads}, report_stage);
       append(record, json(e));
       notes["seconds"] = json(e.observations.seconds);
-      return verdict_of(e, o.mechanics.holds());
+      return trial_result(e, o.mechanics.holds());
     };
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(threads), progress, work);
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}},
+                    run_notes(threads), progress, work);
   };
 }
 
-Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
+Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble,
+                          Progress& progress) {
   const auto pipeline = shared(pipeline_for(o.material, {}));
   return [o, study, ensemble, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads}, report_stage);
-      Verdict verdict;
+      const auto variants = compare_variants({FingerDesign::from(x), silicone(o.material)}, ensemble, study, *pipeline,
+                                             TbbExecutor{o.threads}, report_stage);
+      TrialResult verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
         record["variants"].push_back(json(v));
         notes["seconds"][std::string(to_string(v.twin))] = json(v.observations.seconds);
-        verdict.retry = verdict.retry || of_the_machine(v.observations.scenarios);
+        verdict.retry = verdict.retry || is_machine_limit(v.observations.scenarios);
       }
       verdict.why = variants.front().why;
-      if (variants.front().J_contact) verdict.outputs = {variants.front().J_contact->value};
-      else if (verdict.why.empty()) verdict.why = "objective: the loads do not define the terms of J_contact";
+      if (variants.front().J_contact)
+        verdict.outputs = {variants.front().J_contact->value};
+      else if (verdict.why.empty())
+        verdict.why = "objective: the loads do not define the terms of J_contact";
       return verdict;
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);
@@ -132,17 +133,18 @@ Evaluator readings_evaluator(const StudyTools& o, const std::vector<Scenario<Sph
   const auto pipeline = shared(std::move(usual_tools));
   return [o, contacts, edges, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json&, const ProgressReport& report_stage) {
-      const auto tools_for = [&](const FingerReading& reading) {
+      const auto tools_for = [&](const FingerAssumptions& reading) {
         auto tools = *pipeline;
         Mechanics mechanics;
         mechanics.friction = reading.friction;
         tools.simulator = simulation(mechanics, reading.silicone);
         return tools;
       };
-      const std::vector<Departure> rows = departures();
-      FingerReading usual{silicone(o.material), {}};
+      const std::vector<AssumptionVariant> rows = assumption_variants();
+      FingerAssumptions usual{silicone(o.material), {}};
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
-      const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
+      const auto results = evaluate_assumptions(FingerDesign::from(x), {usual, rows, contacts}, tools_for,
+                                                TbbExecutor{o.threads}, report_stage);
       return put_readings(record, rows, results);
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);

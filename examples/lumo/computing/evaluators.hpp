@@ -12,8 +12,9 @@
 
 namespace lumo::program {
 
-/// Evaluates a design for a store; what goes wrong is in the verdict. Make it before the store is opened, for the mesher forks.
-using Evaluator = std::function<Verdict(const Design& theta_mm)>;
+/// Evaluates a design for a store; what goes wrong is in the verdict. Make it before the store is opened, for the
+/// mesher forks.
+using Evaluator = std::function<TrialResult(const Design& theta_mm)>;
 
 /// Both objectives, with the request's material, contacts and mechanics.
 Evaluator campaign_evaluator(const EvaluationRequest& request, int threads, Progress& progress);
@@ -22,13 +23,15 @@ Evaluator campaign_evaluator(const EvaluationRequest& request, int threads, Prog
 struct StudyTools {
   std::string material = "DS";
   int threads = 1;
-  bool coarse = false;   ///< coarser meshes, fewer rays
+  bool coarse = false;  ///< coarser meshes, fewer rays
 };
 
 /// The value is the design's J_contact, and the record has that of its variants, too.
-Evaluator study_evaluator(const StudyTools& tools, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress);
+Evaluator study_evaluator(const StudyTools& tools, const MatchedStudy& study, const lumo::Ensemble& ensemble,
+                          Progress& progress);
 
 /// Values are the design's objectives, and the record has those under all readings, lumo's own first.
-Evaluator readings_evaluator(const StudyTools& tools, const std::vector<Scenario<Sphere>>& contacts, Progress& progress);
+Evaluator readings_evaluator(const StudyTools& tools, const std::vector<Scenario<Sphere>>& contacts,
+                             Progress& progress);
 
 }  // namespace lumo::program

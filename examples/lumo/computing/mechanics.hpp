@@ -11,15 +11,15 @@ struct Mechanics {
   enum class Law { neo_hookean, newton };
   enum class Points { surface, vertex };
 
-  bool paper = false;                        ///< the paper's
+  bool paper = false;  ///< the paper's
   Solver solver = Solver::quasi_static;
   Element element = Element::quadratic;
-  double size_mm = 0.0;                      ///< of all edges; 0: graded, fine where the indenter touches
-  int sweeps = 10;                           ///< of vertex block descent, per time step
+  double size_mm = 0.0;  ///< of all edges; 0: graded, fine where the indenter touches
+  int sweeps = 10;       ///< of vertex block descent, per time step
   Law law = Law::neo_hookean;
   double contact_stiffness_N_per_m3 = 1e11;
   Points points = Points::surface;
-  double friction = 0.0;                     ///< Coulomb's coefficient
+  double friction = 0.0;  ///< Coulomb's coefficient
 
   bool operator==(const Mechanics&) const = default;
   /// Does it hold the indenter, short of an equilibrium? Whoever asks for that has it scored.
@@ -27,8 +27,9 @@ struct Mechanics {
   int mesh_order() const { return element == Element::linear ? 1 : 2; }
 };
 
-/// What the paper ran: linear tetrahedra of 1 mm, 10 sweeps of vertex block descent in each 0.01 s, Newton's damped Neo-Hookean law, full-surface contact with
-/// Newton's own friction. Source: paper §III-B and its table of settings; friction is Newton's default, which the paper does not mention.
+/// What the paper ran: linear tetrahedra of 1 mm, 10 sweeps of vertex block descent in each 0.01 s, Newton's damped
+/// Neo-Hookean law, full-surface contact with Newton's own friction. Source: paper §III-B and its table of settings;
+/// friction is Newton's default, which the paper does not mention.
 inline Mechanics paper_mechanics() {
   Mechanics m;
   m.paper = true;
@@ -41,7 +42,9 @@ inline Mechanics paper_mechanics() {
 }
 
 constexpr std::string_view name(Mechanics::Solver s) { return s == Mechanics::Solver::vbd ? "vbd" : "quasi_static"; }
-constexpr std::string_view name(Mechanics::Element e) { return e == Mechanics::Element::linear ? "linear" : "quadratic"; }
+constexpr std::string_view name(Mechanics::Element e) {
+  return e == Mechanics::Element::linear ? "linear" : "quadratic";
+}
 constexpr std::string_view name(Mechanics::Law l) { return l == Mechanics::Law::newton ? "newton" : "neo_hookean"; }
 constexpr std::string_view name(Mechanics::Points p) { return p == Mechanics::Points::vertex ? "vertex" : "surface"; }
 

@@ -27,6 +27,8 @@ inline Body body_of(const Pad& pad, const Mechanics& m) {
   return finger(FingerDesign::from(pad.theta_mm), silicone(pad.material), finger_options(m));
 }
 
-inline Scenario<Sphere> scenario_of(const Touch& o) { return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N}; }
+inline Scenario<Sphere> scenario_of(const Touch& o) {
+  return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N};
+}
 
 }  // namespace lumo::program

@@ -19,7 +19,8 @@ struct PadSettings {
   Light<SideSight>::Config rays;
 
   explicit PadSettings(bool coarse) {
-    // A half as fine about the contact as elsewhere: depths are within 0.2 % of the default mesh's (y = 5 mm, 1 to 20 N), in less than half of the time.
+    // A half as fine about the contact as elsewhere: depths are within 0.2 % of the default mesh's (y = 5 mm, 1 to 20
+    // N), in less than half of the time.
     focus = {0.4e-3, 0.2, 0.8};
     grid.tilt_place_m = {0.0, 22.0_mm};
     rays.rays_per_emitter = 1 << 17, rays.carrier_rays = 1 << 17, rays.exit_rays = 1 << 19;
@@ -35,9 +36,11 @@ struct PadSettings {
 
 std::string pad_responses_key(const Pad& o, bool coarse) {
   const PadSettings s(coarse);
-  return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ", 1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ",
-                            1e3 * s.grid.spacing_m, " mm, loads ", joined(s.grid.load_N), " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge,
-                            " mm, rays ", s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
+  return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ",
+                       1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ", 1e3 * s.grid.spacing_m,
+                       " mm, loads ", joined(s.grid.load_N), " N, finest edge ", 1e3 * s.focus.finest,
+                       " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge, " mm, rays ", s.rays.rays_per_emitter,
+                       " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
 }
 
 PadResponses make_pad_responses(const Pad& o, bool coarse, int threads, Progress& progress) {

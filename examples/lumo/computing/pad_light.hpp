@@ -9,7 +9,8 @@
 
 namespace lumo::program {
 
-/// Light of a pad at all places and loads of the virtual lab. Coarse: three places, for trying out; contacts in between are then far from right.
+/// Light of a pad at all places and loads of the virtual lab. Coarse: three places, for trying out; contacts in between
+/// are then far from right.
 PadResponses make_pad_responses(const Pad& pad, bool coarse, int threads, Progress& progress);
 
 /// In one line what is computed and how.

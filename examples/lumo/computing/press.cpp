@@ -17,7 +17,8 @@ template <class P>
 TetMesh mesh_of(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
   const Stopwatch watch;
   progress.stage("mesh");
-  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher, pipeline.focus, pipeline.mesh_order);
+  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher,
+                                  pipeline.focus, pipeline.mesh_order);
   progress.step();
   seconds = watch.seconds();
   return mesh;
@@ -30,8 +31,7 @@ std::vector<double> per_power(const Response& r, const std::vector<double>& watt
 }
 
 /// The part of a press that a trace shares.
-template <class P>
-PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress) {
+template <class P> PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress) {
   PressResult result;
   Observations& seen = result.seen;
   seen.seconds = {undefined, undefined, undefined, undefined};
@@ -44,7 +44,7 @@ PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, 
   result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
   seen.scenarios = {record_of(body, result.mesh, scenario, result.states, pipeline.mechanical_error)};
   seen.seconds.mechanics = watch.seconds();
-  if (is_scored(result.scenario().status, true)) progress.step();   // else it is not done
+  if (is_scored(result.scenario().status, true)) progress.step();  // else it is not done
   return result;
 }
 
@@ -67,9 +67,10 @@ PressResult make_press(const PressRequest& o, Progress& progress) {
 }
 
 std::vector<PressOutcome> make_presses(const std::vector<PressRequest>& requests, int threads, Progress& progress) {
-  std::map<std::pair<std::string, bool>, decltype(pipeline_for("", {}))> pipelines;   // all before threads start
+  std::map<std::pair<std::string, bool>, decltype(pipeline_for("", {}))> pipelines;  // all before threads start
   for (const PressRequest& o : requests)
-    if (const std::pair kind(o.material, o.mechanics.paper); !pipelines.contains(kind)) pipelines.emplace(kind, pipeline_for(o.material, o.mechanics));
+    if (const std::pair kind(o.material, o.mechanics.paper); !pipelines.contains(kind))
+      pipelines.emplace(kind, pipeline_for(o.material, o.mechanics));
   std::vector<PressOutcome> outcomes(requests.size());
   progress.stage("press", int(requests.size()));
   TbbExecutor{threads}.for_each(requests.size(), [&](std::size_t k) {
@@ -100,9 +101,10 @@ TraceResult make_trace(const PressRequest& o, int threads, Progress& progress) {
   const Stopwatch light;
   progress.stage("trace", int(press.states.size()) + 1);
   const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o), press.states.back().status);
-  std::vector<Response> responses(press.states.size() + 1);   // the unloaded one first
+  std::vector<Response> responses(press.states.size() + 1);  // the unloaded one first
   TbbExecutor{threads}.for_each(responses.size(), [&](std::size_t k) {
-    responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);
+    responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh)
+                          : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);
     progress.step();
   });
   seen.unloaded_response = per_power(responses[0], responses[0].power_W);
@@ -113,7 +115,8 @@ TraceResult make_trace(const PressRequest& o, int threads, Progress& progress) {
     if (k > 0) {
       StateRecord& state = seen.scenarios.front().states[k - 1];
       state.response = per_power(r, r.power_W);
-      state.change_error = per_power(r, standard_error(r.replicates - responses[0].replicates));   // the same rays: most of their noise cancels
+      state.change_error = per_power(
+          r, standard_error(r.replicates - responses[0].replicates));  // the same rays: most of their noise cancels
     }
     if (!(r.ledger.imbalance() > worst)) continue;
     worst = r.ledger.imbalance();

@@ -43,13 +43,15 @@ namespace lumo::program {
 
 namespace {
 
-/// OpenBLAS reports on itself through functions that other BLAS libraries lack; the one in use is asked for at run time.
-template <class Function>
-Function* blas_function(const char* symbol) {
+/// OpenBLAS reports on itself through functions that other BLAS libraries lack; the one in use is asked for at run
+/// time.
+template <class Function> Function* blas_function(const char* symbol) {
   return reinterpret_cast<Function*>(dlsym(RTLD_DEFAULT, symbol));
 }
 
-std::string dotted(int a, int b, int c) { return std::to_string(a) + "." + std::to_string(b) + "." + std::to_string(c); }
+std::string dotted(int a, int b, int c) {
+  return std::to_string(a) + "." + std::to_string(b) + "." + std::to_string(c);
+}
 
 /// Components by name, which are off until they are found.
 class Findings {
@@ -80,7 +82,8 @@ void find_blas(Findings& list) {
   if (const auto config = blas_function<char*()>("openblas_get_config")) {
     std::string version = config(), detail;
     while (!version.empty() && version.back() == ' ') version.pop_back();
-    if (const auto core = blas_function<char*()>("openblas_get_corename")) detail = std::string("kernels for ") + core();
+    if (const auto core = blas_function<char*()>("openblas_get_corename"))
+      detail = std::string("kernels for ") + core();
     if (const auto threads = blas_function<int()>("openblas_get_num_threads"))
       detail += ", threads per call: " + std::to_string(threads());
     list.found("BLAS", version, detail);
@@ -132,7 +135,8 @@ void find_formats(Findings& list) {
 #endif
   if (const std::string version = chart_library_version(); !version.empty()) list.found("plotly.js", version);
   list.found("CLI11", CLI11_VERSION);
-  list.found("nlohmann-json", dotted(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH));
+  list.found("nlohmann-json",
+             dotted(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH));
 }
 
 }  // namespace

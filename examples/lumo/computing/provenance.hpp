@@ -26,7 +26,8 @@ std::vector<Feature> features();
 std::string compiler();
 std::string processor();
 
-/// What the numbers of a store may hang on besides its problem: processor, system, compiler, versions of the libraries that compute them.
+/// What the numbers of a store may hang on besides its problem: processor, system, compiler, versions of the libraries
+/// that compute them.
 Json provenance();
 
 }  // namespace lumo::program

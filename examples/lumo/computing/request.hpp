@@ -2,7 +2,7 @@
 
 #include "computing/mechanics.hpp"
 
-#include "lumo/pipeline/ray_refinement.hpp"
+#include "lumo/pipeline/lighting.hpp"
 
 #include <array>
 #include <string>
@@ -25,8 +25,8 @@ struct Pad {
 /// A sphere that is pressed on the pad.
 struct Touch {
   double diameter_mm = 10.0;
-  double angle_deg = 0.0;   ///< from the pad's normal
-  double y_mm = 0.0;        ///< along the finger
+  double angle_deg = 0.0;  ///< from the pad's normal
+  double y_mm = 0.0;       ///< along the finger
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
 
   bool operator==(const Touch&) const = default;
@@ -42,7 +42,7 @@ struct PressRequest : Pad, Touch {
 struct EvaluationRequest : Pad {
   Mechanics mechanics;
   Ensemble ensemble = Ensemble::flat;
-  double ray_error_percent = 100.0 * RayRefinement{}.tolerance;   ///< wanted standard error of J_obs by rays
+  double ray_error_percent = 100.0 * RayRefinement{}.tolerance;  ///< wanted standard error of J_obs by rays
 };
 
 }  // namespace lumo::program

@@ -22,7 +22,9 @@ SectionDrawing make_section(const Pad& design) {
   const auto insert_apex = outline.begin() + std::ptrdiff_t(2 + (outline.size() - 2) / 2);
   outline.insert(insert_apex, {0.0, top});
 
-  const auto box = [](double x0, double x1, double z0, double z1) { return std::vector<Point>{{x0, z0}, {x1, z0}, {x1, z1}, {x0, z1}}; };
+  const auto box = [](double x0, double x1, double z0, double z1) {
+    return std::vector<Point>{{x0, z0}, {x1, z0}, {x1, z1}, {x0, z1}};
+  };
   SectionDrawing s;
   s.title = "Finger cross-section";
   s.subtitle = "θ = [h_fp, h_ep, w_s, h_s, w_v] = [";
@@ -36,10 +38,13 @@ SectionDrawing make_section(const Pad& design) {
   s.areas.push_back({Fill::led, box(-0.5e3 * leds.width_x, 0.5e3 * leds.width_x, d.h_s - 0.5, d.h_s)});
 
   const auto label = [](const char* what, double mm) { return std::string(what) + " = " + short_number(mm) + " mm"; };
-  // Smallest thickness, drawn where it is found: above the outer edge of the voids, or beside them at the height of the stem.
+  // Smallest thickness, drawn where it is found: above the outer edge of the voids, or beside them at the height of the
+  // stem.
   const double vertical = vertical_thickness(d, pad), horizontal = horizontal_thickness(d, pad);
-  if (vertical <= horizontal) s.dimensions.push_back({Along::z, {outer, d.h_s}, {outer, d.h_s + vertical}, 0.0, label("t_min", vertical)});
-  else s.dimensions.push_back({Along::x, {outer, d.h_s}, {outer + horizontal, d.h_s}, 0.0, label("t_min", horizontal)});
+  if (vertical <= horizontal)
+    s.dimensions.push_back({Along::z, {outer, d.h_s}, {outer, d.h_s + vertical}, 0.0, label("t_min", vertical)});
+  else
+    s.dimensions.push_back({Along::x, {outer, d.h_s}, {outer + horizontal, d.h_s}, 0.0, label("t_min", horizontal)});
   s.dimensions.push_back({Along::z, {w, 0.0}, {w, d.h_fp}, 2.5, label("h_fp", d.h_fp)});
   s.dimensions.push_back({Along::z, {w, d.h_fp}, {0.0, top}, 2.5, label("h_ep", d.h_ep)});
   s.dimensions.push_back({Along::z, {-stem, 0.0}, {-stem, d.h_s}, -(w - stem) - 2.5, label("h_s", d.h_s)});

@@ -1,10 +1,10 @@
 #include "computing/simulation.hpp"
 
-#include "lumo/mechanics/materials/neo_hookean.hpp"
-#include "lumo/mechanics/simulator.hpp"
-#include "lumo/mechanics/materials/stable_neo_hookean.hpp"
-#include "lumo/mechanics/solvers/vertex_block_descent.hpp"
 #include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
+#include "lumo/mechanics/materials/stable_neo_hookean.hpp"
+#include "lumo/mechanics/simulator.hpp"
+#include "lumo/mechanics/solvers/vertex_block_descent.hpp"
 #include "lumo/support/cholmod.hpp"
 
 #include <utility>
@@ -14,8 +14,7 @@ namespace lumo::program {
 namespace {
 
 /// Any Simulator under the name that all share.
-template <class Simulation>
-AnySimulation any(Simulation simulation) {
+template <class Simulation> AnySimulation any(Simulation simulation) {
   return {[simulation = std::move(simulation)](const Body& body, const TetMesh& mesh) {
     const auto pad = std::make_shared<const decltype(simulation.prepare(body, mesh))>(simulation.prepare(body, mesh));
     return AnyPad{[pad]() -> const TetMesh& { return pad->mesh(); },
@@ -24,13 +23,14 @@ AnySimulation any(Simulation simulation) {
 }
 
 /// All laws and contacts with one element and one solver.
-template <class Element, class Method>
-AnySimulation of_kind(const Mechanics& m, const Silicone& s, const SolverOf<Method>& solver) {
+template <class Element, class Solver>
+AnySimulation of_kind(const Mechanics& m, const Silicone& s, const Solver& solver) {
   const auto with = [&](auto material, auto contact) {
-    return any(Simulator<decltype(material), decltype(contact), Element, Method>{material, contact, {}, solver});
+    return any(Simulator<decltype(material), decltype(contact), Element, Solver>{material, contact, {}, solver});
   };
   const auto touching = [&](auto material) {
-    if (m.points == Mechanics::Points::vertex) return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction});
+    if (m.points == Mechanics::Points::vertex)
+      return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction});
     return with(material, SDFContact{m.contact_stiffness_N_per_m3, m.friction});
   };
   if (m.law == Mechanics::Law::newton) return touching(StableNeoHookean{s.mu_Pa, s.lambda_Pa});
@@ -42,9 +42,11 @@ AnySimulation of_kind(const Mechanics& m, const Silicone& s, const SolverOf<Meth
 AnySimulation simulation(const Mechanics& m, const Silicone& s) {
   const bool linear = m.element == Mechanics::Element::linear;
   if (m.solver == Mechanics::Solver::quasi_static)
-    return linear ? of_kind<LinearTet, Cholmod>(m, s, {}) : of_kind<QuadraticTet, Cholmod>(m, s, {});
-  const SolverOf<VertexBlockDescent> descent{{.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3}, {}};
-  return linear ? of_kind<LinearTet, VertexBlockDescent>(m, s, descent) : of_kind<QuadraticTet, VertexBlockDescent>(m, s, descent);
+    return linear ? of_kind<LinearTet, QuasiStatic<Cholmod>>(m, s, {})
+                  : of_kind<QuadraticTet, QuasiStatic<Cholmod>>(m, s, {});
+  const VertexBlockDescent descent{{.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3}, {}};
+  return linear ? of_kind<LinearTet, VertexBlockDescent>(m, s, descent)
+                : of_kind<QuadraticTet, VertexBlockDescent>(m, s, descent);
 }
 
 }  // namespace lumo::program

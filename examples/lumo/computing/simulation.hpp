@@ -25,7 +25,8 @@ struct AnySimulation {
   std::function<AnyPad(const Body&, const TetMesh&)> prepare;
 };
 
-/// The Simulator that `mechanics` asks for, with the silicone's numbers. A press takes one thread; presses run side by side.
+/// The Simulator that `mechanics` asks for, with the silicone's numbers. A press takes one thread; presses run side by
+/// side.
 AnySimulation simulation(const Mechanics& mechanics, const Silicone& silicone);
 
 }  // namespace lumo::program

@@ -1,12 +1,12 @@
 #include "computing/solver_study.hpp"
 
-#include "lumo/pipeline/observations.hpp"
-#include "lumo/core/stopwatch.hpp"
-#include "lumo/mechanics/contact_mesh.hpp"
-#include "lumo/support/tbb.hpp"
-#include "lumo/support/tetgen.hpp"
 #include "computing/pad.hpp"
 #include "computing/simulation.hpp"
+#include "lumo/core/stopwatch.hpp"
+#include "lumo/mechanics/contact_mesh.hpp"
+#include "lumo/pipeline/observations.hpp"
+#include "lumo/support/tbb.hpp"
+#include "lumo/support/tetgen.hpp"
 
 #include <algorithm>
 #include <array>

@@ -4,9 +4,9 @@
 #include "computing/simulation.hpp"
 #include "console/progress.hpp"
 
-#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/optics/scattering_medium.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
@@ -18,18 +18,20 @@
 namespace lumo::program {
 
 template <ExitReadout Readout>
-using Light = Tracer<ScatteringMedium, Readout, Embree>;   // without scattering, BeerLambert to the last bit
+using Light = Tracer<ScatteringMedium, Readout, Embree>;  // without scattering, BeerLambert to the last bit
 
 /// Make it before threads start: the mesher forks a helper process.
 template <ExitReadout Readout = ExitPower>
-auto pipeline_for(const std::string& material, const Mechanics& m, double ray_error_percent = 100.0 * RayRefinement{}.tolerance,
+auto pipeline_for(const std::string& material, const Mechanics& m,
+                  double ray_error_percent = 100.0 * RayRefinement{}.tolerance,
                   Light<Readout> light = Light<Readout>()) {
-  Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{TetgenMesher{}, simulation(m, silicone(material)), std::move(light)};
+  Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{TetgenMesher{}, simulation(m, silicone(material)),
+                                                          std::move(light)};
   p.focus = focus_of(m);
   p.mesh_order = m.mesh_order();
   p.accept_held = m.holds();
   p.rays.tolerance = ray_error_percent / 100.0;
-  p.mirror_once = !m.holds();   // sweeps visit vertices one after the other: what they leave is not its own mirror image
+  p.mirror_once = !m.holds();  // sweeps visit vertices one after the other: what they leave is not its own mirror image
   return p;
 }
 
@@ -40,6 +42,5 @@ inline ProgressReport shown_in(Progress& progress) {
     if (done > 0) progress.step();
   };
 }
-
 
 }  // namespace lumo::program

@@ -4,16 +4,17 @@
 
 namespace lumo::program {
 
-/// Starts the program again where OpenBLAS has made threads: it does so before main(), they hear signals, and lumo runs scenarios side by side
-/// instead. It then also chooses OpenBLAS's kernels where that chooses badly.
+/// Starts the program again where OpenBLAS has made threads: it does so before main(), they hear signals, and lumo runs
+/// scenarios side by side instead. It then also chooses OpenBLAS's kernels where that chooses badly.
 void settle_blas(char** argv);
 
 /// Opens those of standard input, output and error that are closed on nothing. Call it before anything else.
 void open_standard_streams();
 
-/// From here on Ctrl-C, a hang-up and a termination request end the program at once with exit code 130 and one line on standard error; a broken
-/// pipe and a file that becomes too large are errors of the write. Call it before other threads start.
-/// Solves write nothing; files are completed first (see FilesBeingWritten), and folders that are not removed (see UnfinishedFolder).
+/// From here on Ctrl-C, a hang-up and a termination request end the program at once with exit code 130 and one line on
+/// standard error; a broken pipe and a file that becomes too large are errors of the write. Call it before other
+/// threads start. Solves write nothing; files are completed first (see FilesBeingWritten), and folders that are not
+/// removed (see UnfinishedFolder).
 void stop_on_interrupt();
 
 /// While one of these lives an interrupt waits, so that no file is left half-written or without its companions.
@@ -25,7 +26,8 @@ class FilesBeingWritten {
   FilesBeingWritten& operator=(const FilesBeingWritten&) = delete;
 };
 
-/// While one of these lives the first interrupt is only noted, for work that ends well when it is asked to; the second one ends the program.
+/// While one of these lives the first interrupt is only noted, for work that ends well when it is asked to; the second
+/// one ends the program.
 class GentleStop {
  public:
   GentleStop();

@@ -3,7 +3,7 @@
 #include "console/interrupt.hpp"
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 
 #include <unistd.h>
 
@@ -27,7 +27,9 @@ class NewFolder {
   explicit NewFolder(const std::string& path) : path_(std::filesystem::path(path).lexically_normal()) {
     if (!path_.has_filename()) path_ = path_.parent_path();
     std::error_code error;
-    if (std::filesystem::exists(path_, error) && !(std::filesystem::is_directory(path_, error) && std::filesystem::is_empty(path_, error))) throw InputError("cannot write to '" + path + "': it is there and not empty");
+    if (std::filesystem::exists(path_, error) &&
+        !(std::filesystem::is_directory(path_, error) && std::filesystem::is_empty(path_, error)))
+      throw InputError("cannot write to '" + path + "': it is there and not empty");
     part_ = path_.string() + ".part-" + std::to_string(getpid());
     unfinished_.emplace(part_);
     std::filesystem::create_directories(part_ / "frames", error);

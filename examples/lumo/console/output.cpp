@@ -1,8 +1,8 @@
 #include "console/output.hpp"
 
-#include "lumo/core/error.hpp"
 #include "console/interrupt.hpp"
 #include "console/text.hpp"
+#include "lumo/core/error.hpp"
 
 #include <unistd.h>
 
@@ -19,7 +19,9 @@ namespace fs = std::filesystem;
 
 namespace {
 
-[[noreturn]] void refuse(const fs::path& path, const std::string& why) { throw InputError("cannot write to '" + path.string() + "': " + why); }
+[[noreturn]] void refuse(const fs::path& path, const std::string& why) {
+  throw InputError("cannot write to '" + path.string() + "': " + why);
+}
 
 }  // namespace
 
@@ -28,12 +30,14 @@ Output::Output(std::optional<std::string> directory) : directory_(std::move(dire
   if (!directory_) return;
   std::error_code error;
   fs::path wanted = fs::absolute(*directory_, error).lexically_normal();
-  if (!wanted.has_filename()) wanted = wanted.parent_path();   // "out/" is "out"
+  if (!wanted.has_filename()) wanted = wanted.parent_path();  // "out/" is "out"
   std::vector<fs::path> made;
-  fs::path there = wanted;   // what the new ones are made in
-  for (; !fs::exists(fs::symlink_status(there, error)) && there != there.parent_path(); there = there.parent_path()) made.push_back(there);
+  fs::path there = wanted;  // what the new ones are made in
+  for (; !fs::exists(fs::symlink_status(there, error)) && there != there.parent_path(); there = there.parent_path())
+    made.push_back(there);
   if (!fs::is_directory(there, error)) {
-    if (error && error != std::errc::no_such_file_or_directory) refuse(*directory_, error.message());   // a link to nowhere is no directory
+    if (error && error != std::errc::no_such_file_or_directory)
+      refuse(*directory_, error.message());  // a link to nowhere is no directory
     refuse(*directory_, made.empty() ? "it is not a directory" : "part of it is not a directory");
   }
   fs::create_directories(wanted, error);
@@ -91,10 +95,11 @@ void print(const std::string& text) {
   errno = 0;
   std::cout << text << std::flush;
   const int cause = errno;
-  // `lumo section | head -1` is how people look at the beginning: the command has done its work, its files are written before (see hand_out), and what
-  // is left of the result is not wanted. So this is no failure of the command.
+  // `lumo section | head -1` is how people look at the beginning: the command has done its work, its files are written
+  // before (see hand_out), and what is left of the result is not wanted. So this is no failure of the command.
   if (std::cout || cause == EPIPE) return;
-  throw InputError(std::string("cannot write to standard output: ") + (cause != 0 ? std::strerror(cause) : "write failed"));
+  throw InputError(std::string("cannot write to standard output: ") +
+                   (cause != 0 ? std::strerror(cause) : "write failed"));
 }
 
 void hand_out(const std::string& result, Output& files, Progress& progress) {

@@ -12,8 +12,8 @@
 
 namespace lumo::program {
 
-/// Shows on standard error how far a piece of work is: a bar with the time left on a terminal, else a line now and then.
-/// May be called from any thread.
+/// Shows on standard error how far a piece of work is: a bar with the time left on a terminal, else a line now and
+/// then. May be called from any thread.
 class Progress {
  public:
   explicit Progress(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) == 1) {}
@@ -28,8 +28,10 @@ class Progress {
     title_ = title, total_ = std::max(1, total), done_ = 0, open_ = true;
     start_ = shown_ = Clock::now();
     if (quiet_) return;
-    if (terminal_) draw();
-    else std::fprintf(stderr, "lumo: %s ...\n", title_.c_str());
+    if (terminal_)
+      draw();
+    else
+      std::fprintf(stderr, "lumo: %s ...\n", title_.c_str());
   }
 
   /// One step is done.
@@ -41,8 +43,10 @@ class Progress {
     const auto now = Clock::now();
     if (std::chrono::duration<double>(now - shown_).count() < (terminal_ ? 0.1 : 5.0) && done_ < total_) return;
     shown_ = now;
-    if (terminal_) draw();
-    else if (done_ < total_) std::fprintf(stderr, "lumo: %s: %d of %d, %s left\n", title_.c_str(), done_, total_, left().c_str());
+    if (terminal_)
+      draw();
+    else if (done_ < total_)
+      std::fprintf(stderr, "lumo: %s: %d of %d, %s left\n", title_.c_str(), done_, total_, left().c_str());
   }
 
   /// Ends the stage and leaves one line about it.
@@ -79,8 +83,10 @@ class Progress {
     constexpr int cells = 30;
     std::string bar;
     for (int i = 0; i < cells; ++i) bar += i < cells * done_ / total_ ? "█" : "░";
-    if (total_ > 1) std::fprintf(stderr, "\r\033[K%s %s %d/%d, %s left", title_.c_str(), bar.c_str(), done_, total_, left().c_str());
-    else std::fprintf(stderr, "\r\033[K%s ...", title_.c_str());
+    if (total_ > 1)
+      std::fprintf(stderr, "\r\033[K%s %s %d/%d, %s left", title_.c_str(), bar.c_str(), done_, total_, left().c_str());
+    else
+      std::fprintf(stderr, "\r\033[K%s ...", title_.c_str());
     std::fflush(stderr);
   }
 
@@ -89,8 +95,10 @@ class Progress {
     open_ = false;
     if (quiet_) return;
     if (terminal_) std::fprintf(stderr, "\r\033[K");
-    if (done_ == total_) std::fprintf(stderr, "lumo: %s: done in %s\n", title_.c_str(), span(elapsed()).c_str());
-    else if (total_ > 1) std::fprintf(stderr, "lumo: %s: stopped at %d of %d\n", title_.c_str(), done_, total_);
+    if (done_ == total_)
+      std::fprintf(stderr, "lumo: %s: done in %s\n", title_.c_str(), span(elapsed()).c_str());
+    else if (total_ > 1)
+      std::fprintf(stderr, "lumo: %s: stopped at %d of %d\n", title_.c_str(), done_, total_);
   }
 
   bool quiet_, terminal_, open_ = false;
@@ -103,7 +111,8 @@ class Progress {
 /// How long each of a row of things took, and the rest will.
 class Pace {
  public:
-  /// Text about the thing that has just ended, of which `left` are still to come; those that do not count (failed) take their time all the same.
+  /// Text about the thing that has just ended, of which `left` are still to come; those that do not count (failed) take
+  /// their time all the same.
   std::string after(int left, bool counts = true) {
     const auto now = Clock::now();
     const double seconds = std::chrono::duration<double>(now - last_).count();

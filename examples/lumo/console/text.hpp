@@ -1,8 +1,8 @@
 #pragma once
 
-#include "lumo/drawing/short_number.hpp"
-#include "lumo/core/units.hpp"
 #include "computing/mechanics.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/drawing/short_number.hpp"
 
 #include <algorithm>
 #include <cmath>

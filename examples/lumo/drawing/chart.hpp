@@ -1,8 +1,8 @@
 #pragma once
 
-#include "lumo/drawing/plot.hpp"
 #include "drawing/svg.hpp"
 #include "drawing/text_box.hpp"
+#include "lumo/drawing/plot.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,8 +1,8 @@
 #pragma once
 
+#include "drawing/svg.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
-#include "drawing/svg.hpp"
 
 #include <array>
 #include <cmath>

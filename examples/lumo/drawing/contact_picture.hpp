@@ -1,9 +1,9 @@
 #pragma once
 
-#include "lumo/mechanics/contact/state.hpp"
-#include "lumo/mesh/tet_mesh.hpp"
 #include "drawing/chart.hpp"
 #include "drawing/contact_outline.hpp"
+#include "lumo/mechanics/contact/state.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
 
 #include <span>
 

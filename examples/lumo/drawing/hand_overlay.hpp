@@ -1,9 +1,9 @@
 #pragma once
 
+#include "console/text.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/hand/hand_observer.hpp"
 #include "lumo/support/opencv.hpp"
-#include "console/text.hpp"
 
 #include <opencv2/imgproc.hpp>
 

@@ -1,8 +1,8 @@
 #pragma once
 
+#include "drawing/svg.hpp"
 #include "lumo/sense/localize/location_estimator.hpp"
 #include "sensing/log.hpp"
-#include "drawing/svg.hpp"
 
 #include <Eigen/Core>
 
@@ -53,7 +53,8 @@ inline std::string overlay_png(const SensedLog& s, std::int64_t stamp_ns, const 
         for (int c = 0; c < 3; ++c) out.row(y)[3 * x + c] = f->image.row(y / zoom)[n * (x / zoom) + (n == 3 ? c : 0)];
     const auto dot = [&](double u, double v, const Bgr& colour) {
       const int x = int(std::lround(zoom * (u + 0.5))), y = int(std::lround(zoom * (v + 0.5)));
-      if (x >= 0 && y >= 0 && x < out.width && y < out.height) std::copy(colour.begin(), colour.end(), out.row(y) + 3 * x);
+      if (x >= 0 && y >= 0 && x < out.width && y < out.height)
+        std::copy(colour.begin(), colour.end(), out.row(y) + 3 * x);
     };
     const AxisMap& map = s.view.leds.map;
     const Eigen::Vector2d along = map.direction, across(-along.y(), along.x());

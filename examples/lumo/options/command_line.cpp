@@ -26,7 +26,8 @@ void give_help_first(CLI::App& app) {
 
 std::string missing(const CLI::App& command) {
   for (const CLI::Option* o : command.get_options())
-    if (o->get_required() && o->count() == 0) return (o->get_positional() ? o->get_description() : o->get_name()) + " is missing";
+    if (o->get_required() && o->count() == 0)
+      return (o->get_positional() ? o->get_description() : o->get_name()) + " is missing";
   return "an option is missing";
 }
 
@@ -37,14 +38,16 @@ std::string excluding(const CLI::App& command) {
   return both + " exclude each other";
 }
 
-/// What the parser objects to. It tells the option in its own sentences only, so that the options and the words are looked at again.
+/// What the parser objects to. CLI11 names the option in its own sentences only: options and words are looked at again.
 std::string objection(const CLI::App& command, std::span<char* const> arguments, const CLI::ParseError& e) {
   if (dynamic_cast<const CLI::RequiredError*>(&e)) return missing(command);
   if (dynamic_cast<const CLI::ExcludesError*>(&e)) return excluding(command);
   for (const CLI::Option* o : command.get_options())
     if (o->get_expected_max() == 1 && o->count() > 1)
       return lumo::message(o->get_name(), " is given ", o->count(), " times, must be given once");
-  const auto named = [&](std::string_view word) { return command.get_option_no_throw(std::string(word.substr(0, word.find('=')))); };
+  const auto named = [&](std::string_view word) {
+    return command.get_option_no_throw(std::string(word.substr(0, word.find('='))));
+  };
   for (const std::string_view word : arguments.subspan(1)) {
     const CLI::Option* const flag = word.starts_with('-') ? named(word) : nullptr;
     if (flag != nullptr && flag->get_expected_max() == 0 && word.find('=') != std::string_view::npos)
@@ -70,13 +73,13 @@ void add_out(CLI::App& app, Common& o) {
   add_text(app, "--out", o.out, "DIR", "Directory for files; made when there is something to write");
 }
 
-CommandLine::CommandLine(const std::string& program, const std::string& about, const std::string& version,
+CommandLine::CommandLine(const std::string& program, const std::string& about, const std::string& version_line,
                          const std::string& footer)
     : app_(about, program) {
-  app_.set_version_flag("--version", version);
+  app_.set_version_flag("--version", version_line);
   app_.require_subcommand(0, 1);
   app_.footer(footer);
-  app_.allow_extras();   // unknown words are reported below
+  app_.allow_extras();  // unknown words are reported below
   give_help_first(app_);
 }
 
@@ -131,7 +134,7 @@ void CommandLine::refuse_extras(const CLI::App& chosen, std::span<char* const> a
 
 std::function<int()> CommandLine::parse(std::span<char* const> arguments, std::string& text) {
   std::vector<std::string> words(arguments.begin() + (arguments.empty() ? 0 : 1), arguments.end());
-  std::reverse(words.begin(), words.end());   // as CLI11 wants them
+  std::reverse(words.begin(), words.end());  // as CLI11 wants them
   try {
     app_.parse(words);
   } catch (const CLI::CallForHelp&) {
@@ -147,7 +150,7 @@ std::function<int()> CommandLine::parse(std::span<char* const> arguments, std::s
     throw UsageError(objection(chosen, arguments, e) + hint(chosen));
   }
   const CLI::App& chosen = innermost(app_);
-  const bool off = chosen.get_prefix_command();   // whatever follows
+  const bool off = chosen.get_prefix_command();  // whatever follows
   if (!off) refuse_extras(chosen, arguments);
   const auto run = runs_.find(&chosen);
   if (run == runs_.end()) throw UsageError("no command given" + hint(chosen));

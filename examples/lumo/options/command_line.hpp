@@ -23,7 +23,7 @@ int complain(const std::string& text, ExitCode code);
 /// What a command prints, or what it got to before a solve failed; files are for good results only.
 struct Result {
   std::string text;
-  std::string failure = {};   ///< of a solve; empty: none
+  std::string failure = {};  ///< of a solve; empty: none
 
   Result(std::string printed) : text(std::move(printed)) {}
   Result(std::string printed, std::string failed) : text(std::move(printed)), failure(std::move(failed)) {}
@@ -33,7 +33,7 @@ struct Result {
 struct Common {
   bool json = false;
   bool quiet = false;
-  std::optional<std::string> out;   ///< directory for files
+  std::optional<std::string> out;  ///< directory for files
 };
 
 /// --json and --quiet.
@@ -41,7 +41,8 @@ void add_common(CLI::App& app, Common& o);
 /// --out, a directory for files.
 void add_out(CLI::App& app, Common& o);
 
-/// A command has options, declares them, may check() them together, and runs; what it returns is printed when its files are written.
+/// A command has options, declares them, may check() them together, and runs; what it returns is printed when its files
+/// are written.
 template <class C>
 concept Command = std::derived_from<C, Common> && requires(C c, CLI::App& app, Output& files, Progress& progress) {
   c.declare(app);
@@ -51,12 +52,12 @@ concept Command = std::derived_from<C, Common> && requires(C c, CLI::App& app, O
 /// The program's commands, and which of them was typed.
 class CommandLine {
  public:
-  CommandLine(const std::string& program, const std::string& about, const std::string& version, const std::string& footer);
+  CommandLine(const std::string& program, const std::string& about, const std::string& version_line,
+              const std::string& footer);
 
   /// What the help says of commands with that first word: "campaign" of "campaign run".
   void name_group(const std::string& name, const std::string& help) { groups_[name] = {help, nullptr}; }
-  template <Command C>
-  void add(const std::string& name, const std::string& help, C options = {}) {
+  template <Command C> void add(const std::string& name, const std::string& help, C options = {}) {
     const auto command = std::make_shared<C>(std::move(options));
     command->declare(make(name, help, [command] { return run(*command); }));
   }
@@ -67,8 +68,7 @@ class CommandLine {
   std::function<int()> parse(std::span<char* const> arguments, std::string& text);
 
  private:
-  template <Command C>
-  static int run(C& command) {
+  template <Command C> static int run(C& command) {
     if constexpr (requires { command.check(); }) command.check();
     Output files(command.out);
     Progress progress(command.quiet);
@@ -80,7 +80,7 @@ class CommandLine {
   void refuse_extras(const CLI::App& chosen, std::span<char* const> arguments) const;
 
   CLI::App app_;
-  std::map<std::string, std::pair<std::string, CLI::App*>> groups_;   ///< help, and once it has a command, the group
+  std::map<std::string, std::pair<std::string, CLI::App*>> groups_;  ///< help, and once it has a command, the group
   std::map<const CLI::App*, std::function<int()>> runs_;
 };
 

@@ -17,16 +17,17 @@ constexpr int most_threads = 1024;
 std::array<double, 5> read_theta(const std::string& typed) {
   const auto fields = split(typed);
   const auto refuse = [&](const std::string& why) {
-    throw UsageError("--theta is " + in_quotes(typed) + " (" + why + "), must be five numbers h_fp,h_ep,w_s,h_s,w_v [mm]");
+    throw UsageError("--theta is " + in_quotes(typed) + " (" + why +
+                     "), must be five numbers h_fp,h_ep,w_s,h_s,w_v [mm]");
   };
   if (fields.size() != 5) refuse(lumo::message(fields.size(), fields.size() == 1 ? " field" : " fields"));
   std::array<double, 5> theta{};
   for (std::size_t i = 0; i < 5; ++i) {
     const auto value = parse_number(fields[i]);
     if (!value) refuse(in_quotes(fields[i]) + " is not a number");
-    theta[i] = *value + 0.0;   // no −0
+    theta[i] = *value + 0.0;  // no −0
   }
-  return FingerDesign::from(theta).values();   // on the lattice in every bit, where it is but for rounding
+  return FingerDesign::from(theta).values();  // on the lattice in every bit, where it is but for rounding
 }
 
 /// Loads, in the order in which they are met.
@@ -36,7 +37,7 @@ std::vector<double> read_loads(const std::string& typed) {
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const auto refuse = [&](const std::string& why) {
       throw UsageError(lumo::message("--loads is ", in_quotes(typed), " (field ", i + 1, " of ", fields.size(), ", ",
-                                          in_quotes(fields[i]), ", ", why));
+                                     in_quotes(fields[i]), ", ", why));
     };
     const Limits& admitted = loads_admitted_N;
     const auto load = parse_number(fields[i]);
@@ -96,7 +97,8 @@ void add_seed(CLI::App& app, int& seed, const char* help) {
 // The library's own limits, in the words and units of who typed the values.
 void add_touch(CLI::App& app, Touch& touch) {
   add_number(app, "--diameter", touch.diameter_mm, sphere_diameters_mm, "mm", "Sphere's diameter [mm], default 10");
-  add_number(app, "--angle", touch.angle_deg, approach_angles_deg, "deg", "Approach angle from the pad normal [deg], default 0");
+  add_number(app, "--angle", touch.angle_deg, approach_angles_deg, "deg",
+             "Approach angle from the pad normal [deg], default 0");
   add_number(app, "--y", touch.y_mm, contact_places_mm, "mm", "Place along the finger [mm], default 0");
   add_value(app, "--loads", "N,N,...", "Increasing loads [N], default 1,2,5,10,15",
             [&touch](const std::string& typed) { touch.loads_N = read_loads(typed); });
@@ -110,12 +112,13 @@ void add_ensemble(CLI::App& app, Ensemble& ensemble) {
 void add_ray_error(CLI::App& app, double& percent) {
   add_number(app, "--ray-error", percent, {0.1, 100.0}, "%",
              lumo::message("Standard error of J_obs up to which rays are added [%], default ", percent, "; at most ",
-                                rays_up_to(RayRefinement{}.rounds), " times the first ones"));
+                           rays_up_to(RayRefinement{}.rounds), " times the first ones"));
 }
 
 void add_mode(CLI::App& app, Mechanics& m) {
   const char* const help =
-      "default, or paper: 1 mm linear tetrahedra, vertex block descent in time, Newton's law, friction; held states are scored. "
+      "default, or paper: 1 mm linear tetrahedra, vertex block descent in time, Newton's law, friction; held states "
+      "are scored. "
       "A press of five loads takes about 1.5 min of one processor";
   add_value(app, "--mode", "NAME", help, [&m](const std::string& typed) {
     m = one_of("--mode", typed, {"default", "paper"}) == "paper" ? paper_mechanics() : Mechanics{};
@@ -131,7 +134,8 @@ void add_contact(CLI::App& app, Mechanics& m) {
              "Of the contact penalty [N/m3], default 1e11");
   add_choice<Mechanics::Points>(app, "--contact-points", m.points, {{"surface", surface}, {"vertex", vertex}},
                                 "Contact all over the surface (default) or at each vertex");
-  add_number(app, "--friction", m.friction, {0.0, 10.0}, "", "Coulomb's coefficient of contact, default 0, in paper mode 0.5");
+  add_number(app, "--friction", m.friction, {0.0, 10.0}, "",
+             "Coulomb's coefficient of contact, default 0, in paper mode 0.5");
 }
 
 void add_mechanics(CLI::App& app, Mechanics& m) {
@@ -140,13 +144,14 @@ void add_mechanics(CLI::App& app, Mechanics& m) {
   add_mode(app, m);
   add_decided<Mechanics::Solver>(app, "--solver", &Mechanics::solver, m, {{"quasi_static", quasi_static}, {"vbd", vbd}},
                                  "quasi_static (default) or vbd: vertex block descent, 5 mm/s to each load, 1 s hold");
-  add_decided<Mechanics::Element>(app, "--element", &Mechanics::element, m, {{"linear", linear}, {"quadratic", quadratic}},
+  add_decided<Mechanics::Element>(app, "--element", &Mechanics::element, m,
+                                  {{"linear", linear}, {"quadratic", quadratic}},
                                   "Tetrahedra: quadratic (default) or linear, which lock");
   add_number(app, "--size", m.size_mm, {0.2, 10.0}, "mm",
              "Of all edges [mm], default: graded, fine at the contact; in paper mode 1");
   add_value(app, "--sweeps", "N", "Of vbd, per 0.01 s step, default 10", [&m](const std::string& typed) {
     m.sweeps = whole_in("--sweeps", typed, 1, 1000000);
-    if (!m.holds()) throw UsageError("--sweeps is an option of --solver vbd");   // which has been read before
+    if (!m.holds()) throw UsageError("--sweeps is an option of --solver vbd");  // which has been read before
   });
   add_contact(app, m);
 }

@@ -1,7 +1,7 @@
 #include "report/chart_library.hpp"
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/read_whole.hpp"
+#include "lumo/core/files.hpp"
 
 #include <fstream>
 #include <string_view>

@@ -1,9 +1,9 @@
 #include "report/present.hpp"
 
-#include "lumo/mesh/vtu.hpp"
-#include "drawing/contact_picture.hpp"
-#include "report/records.hpp"
 #include "console/text.hpp"
+#include "drawing/contact_picture.hpp"
+#include "lumo/mesh/vtu.hpp"
+#include "report/records.hpp"
 
 #include <sstream>
 

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "lumo/pipeline/evaluate.hpp"
 #include "computing/request.hpp"
 #include "console/output.hpp"
-#include "report/report.hpp"
 #include "drawing/section_drawing.hpp"
+#include "lumo/pipeline/evaluate.hpp"
+#include "report/report.hpp"
 
 #include <string>
 

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "lumo/pipeline/observations.hpp"
+#include "console/text.hpp"
 #include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
-#include "console/text.hpp"
+#include "lumo/pipeline/observations.hpp"
 
 #include <optional>
 #include <string>

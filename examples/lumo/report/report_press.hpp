@@ -1,7 +1,7 @@
 #pragma once
 
-#include "report/json.hpp"
 #include "computing/request.hpp"
+#include "report/json.hpp"
 #include "report/report.hpp"
 
 namespace lumo::program {

@@ -1,11 +1,11 @@
 #include "computing/solver_study.hpp"
 
+#include "console/text.hpp"
 #include "drawing/chart.hpp"
-#include "report/json.hpp"
 #include "page/page.hpp"
+#include "report/json.hpp"
 #include "report/present.hpp"
 #include "report/records.hpp"
-#include "console/text.hpp"
 
 #include <algorithm>
 #include <utility>

@@ -27,8 +27,8 @@ Read of_motors(const CameraOptions& o, const std::string& flag, Read read) {
 
 /// Fields between separators.
 template <std::size_t N>
-std::array<double, N> numbers_in(const char* flag, const std::string& typed, char separator, const Limits& limits, const char* unit,
-                                 const char* wanted) {
+std::array<double, N> numbers_in(const char* flag, const std::string& typed, char separator, const Limits& limits,
+                                 const char* unit, const char* wanted) {
   std::array<double, N> values{};
   const auto fields = split(typed, separator);
   if (fields.size() != N) throw UsageError(std::string(flag) + " is " + in_quotes(typed) + ", must be " + wanted);
@@ -37,9 +37,11 @@ std::array<double, N> numbers_in(const char* flag, const std::string& typed, cha
 }
 
 std::array<int, 2> read_pixels(const std::string& typed) {
-  const auto size = numbers_in<2>("--pixels", typed, 'x', {16.0, 10000.0}, "px", "a width and a height such as 640x480");
+  const auto size =
+      numbers_in<2>("--pixels", typed, 'x', {16.0, 10000.0}, "px", "a width and a height such as 640x480");
   const std::array<int, 2> pixels = {int(size[0]), int(size[1])};
-  if (size[0] != pixels[0] || size[1] != pixels[1]) throw UsageError("--pixels is " + in_quotes(typed) + ", must be whole numbers");
+  if (size[0] != pixels[0] || size[1] != pixels[1])
+    throw UsageError("--pixels is " + in_quotes(typed) + ", must be whole numbers");
   return pixels;
 }
 
@@ -56,19 +58,21 @@ std::vector<int> read_motors(const std::string& typed) {
 }  // namespace
 
 CLI::Option* add_camera(CLI::App& app, CameraOptions& o, const std::string& help) {
-  return add_value(app, "--camera", "N", help, [&o](const std::string& typed) { o.number = whole_in("--camera", typed, 0, 63); });
+  return add_value(app, "--camera", "N", help,
+                   [&o](const std::string& typed) { o.number = whole_in("--camera", typed, 0, 63); });
 }
 
 void add_seconds(CLI::App& app, CameraOptions& o, const std::string& help) {
-  add_value(app, "--seconds", "N", help,
-            of_camera(o, "--seconds", [&o](const std::string& typed) { o.seconds = number_in("--seconds", typed, {1.0, 1e6}, "s"); }));
+  add_value(app, "--seconds", "N", help, of_camera(o, "--seconds", [&o](const std::string& typed) {
+              o.seconds = number_in("--seconds", typed, {1.0, 1e6}, "s");
+            }));
 }
 
 void add_picture_options(CLI::App& app, CameraOptions& o) {
   const auto number = [&](const char* flag, double& into, const Limits& limits, const char* unit, const char* help) {
     add_value(app, flag, "N", help, of_camera(o, flag, [&into, flag, limits, unit](const std::string& typed) {
-      into = number_in(flag, typed, limits, unit);
-    }));
+                into = number_in(flag, typed, limits, unit);
+              }));
   };
   number("--exposure", o.exposure_ms, {0.1, 200.0}, "ms", "Of the camera [ms], default 1");
   number("--gain", o.gain, {0.0, 1e9}, "", "Of the camera, its driver's number, default 64");
@@ -80,7 +84,8 @@ void add_picture_options(CLI::App& app, CameraOptions& o) {
 void add_motor_options(CLI::App& app, CameraOptions& o) {
   const char* const wanted = "three numbers: position [rad], velocity [rad/s], torque [N·m]";
   add_value(app, "--can", "NAME",
-            "Interface of the bus on which motors answer their controller (mini-cheetah protocol); lumo listens and commands nothing",
+            "Interface of the bus on which motors answer their controller (mini-cheetah protocol); lumo listens and "
+            "commands nothing",
             of_camera(o, "--can", [&o](const std::string& typed) { o.can = typed; }));
   add_value(app, "--motors", "LIST", "Their CAN identifiers, in the order of the joints, default 1",
             of_motors(o, "--motors", [&o](const std::string& typed) { o.motors = read_motors(typed); }));
@@ -93,7 +98,8 @@ void add_motor_options(CLI::App& app, CameraOptions& o) {
 
 void CameraOptions::check() const {
   if (exposure_ms * rate_per_s > 1000.0)
-    throw UsageError(lumo::message("--exposure is ", exposure_ms, " ms, which ", rate_per_s, " pictures a second (--rate) do not leave"));
+    throw UsageError(lumo::message("--exposure is ", exposure_ms, " ms, which ", rate_per_s,
+                                   " pictures a second (--rate) do not leave"));
   if (number) pictures();
 }
 

@@ -17,10 +17,10 @@ struct CameraOptions {
   std::optional<int> number;
   double exposure_ms = 1.0, gain = 64.0, rate_per_s = 30.0;
   std::array<int, 2> pixels = {640, 480};
-  double seconds = 0.0;                                        ///< to look through it; 0: until interrupted
-  std::string can;                                             ///< interface of the motors' bus; empty: no motors
-  std::vector<int> motors = {1};                               ///< on it, in the order of the joints
-  std::array<double, 3> motor_ranges = {12.5, 65.0, 18.0};     ///< position [rad], velocity [rad/s], torque [N·m]
+  double seconds = 0.0;                                     ///< to look through it; 0: until interrupted
+  std::string can;                                          ///< interface of the motors' bus; empty: no motors
+  std::vector<int> motors = {1};                            ///< on it, in the order of the joints
+  std::array<double, 3> motor_ranges = {12.5, 65.0, 18.0};  ///< position [rad], velocity [rad/s], torque [N·m]
 
   /// Throws UsageError for options that do not go together, Error where cameras cannot be used.
   void check() const;

@@ -5,9 +5,9 @@
 #include "console/text.hpp"
 #include "sensing/log.hpp"
 
+#include "lumo/core/files.hpp"
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/core/write_whole.hpp"
-#include "lumo/sense/live/live_force.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
 #include "lumo/sense/recording/recording_plan.hpp"
 
@@ -36,8 +36,8 @@ MiniCheetahMotors motors_of(const CameraOptions& o) {
 
 void require_motors(const CameraOptions& o, int joints) {
   if (int(o.motors.size()) == joints) return;
-  throw UsageError(lumo::message("--motors has ", o.motors.size(), o.motors.size() == 1 ? " motor" : " motors", ", the log ", joints,
-                                      joints == 1 ? " joint" : " joints"));
+  throw UsageError(lumo::message("--motors has ", o.motors.size(), o.motors.size() == 1 ? " motor" : " motors",
+                                 ", the log ", joints, joints == 1 ? " joint" : " joints"));
 }
 
 double LiveLines::seconds(std::int64_t stamp_ns) {
@@ -58,8 +58,9 @@ bool LiveLines::operator()(std::optional<std::int64_t> picture_ns, bool used, co
 
 void LiveLines::close(Progress& progress) const {
   if (late_ms_.empty()) throw InputError(o_.device() + ": gives no pictures that say anything");
-  progress.note(lumo::message(late_ms_.size(), " pictures, ", unused_, " lines without an estimate; from stamp to estimate ",
-                                   cell(quantile(late_ms_, 0.5), 2), " ms (median), ", cell(quantile(late_ms_, 0.99), 2), " ms (99 %)"));
+  progress.note(lumo::message(late_ms_.size(), " pictures, ", unused_,
+                              " lines without an estimate; from stamp to estimate ", cell(quantile(late_ms_, 0.5), 2),
+                              " ms (median), ", cell(quantile(late_ms_, 0.99), 2), " ms (99 %)"));
 }
 
 std::string before_camera(const CameraOptions& o, Progress& progress, const std::function<void(LiveLines&)>& work) {
@@ -73,7 +74,7 @@ namespace {
 
 /// What the plan asks for next.
 std::string wanted(const Segment& s) {
-  std::string text = one_line(s.kind);
+  std::string text = one_line(s.kind_name());
   if (s.place >= 0) text += lumo::message(", place ", s.place, " (y ", short_number(s.y_mm), " mm)");
   if (s.load_N > 0.0) text += ", " + short_number(s.load_N) + " N";
   if (s.angle_deg != 0.0) text += ", " + short_number(s.angle_deg) + "°";
@@ -93,7 +94,8 @@ void announce(RecordingPlan& plan, double now_s, Progress& progress) {
 /// Unlike NewFolder's it keeps what is in it, whatever happens.
 void make_folder(const std::string& path) {
   std::error_code error;
-  if (fs::exists(path, error) && !(fs::is_directory(path, error) && fs::is_empty(path, error))) throw InputError("cannot write to '" + path + "': it is there and not empty");
+  if (fs::exists(path, error) && !(fs::is_directory(path, error) && fs::is_empty(path, error)))
+    throw InputError("cannot write to '" + path + "': it is there and not empty");
   fs::create_directories(fs::path(path) / "frames", error);
   if (error) throw InputError("cannot write to '" + path + "': " + error.message());
 }
@@ -104,45 +106,56 @@ Recorded record(const CameraOptions& o, const std::string& log, const std::strin
   Session session;
   if (!log.empty()) session = open_log(log, progress).session;
   session.video.clear();
-  session.joint_clock = session.wrench_clock = {};   // camera and motors are stamped on one clock
+  session.joint_clock = session.wrench_clock = {};  // camera and motors are stamped on one clock
   RecordingPlan plan(std::exchange(session.segments, {}));
   const bool planned = !plan.segments().empty();
-  const double seconds = o.seconds > 0.0 ? o.seconds : planned ? plan.seconds() : std::numeric_limits<double>::infinity();
+  const double seconds = o.seconds > 0.0 ? o.seconds
+                         : planned       ? plan.seconds()
+                                         : std::numeric_limits<double>::infinity();
   const std::string device = o.device();
   const auto camera = pictures().live(settings_of(o));
   std::optional<MiniCheetahMotors> motors;
   if (!o.can.empty()) motors.emplace(motors_of(o));
   make_folder(to);
   const GentleStop gentle;
-  bool whole = false;   // it lasted as long as it was to
+  bool whole = false;  // it lasted as long as it was to
   const auto going_on = [&](double now_s) {
     announce(plan, now_s, progress);
     whole = now_s > seconds;
     return !whole && !GentleStop::asked();
   };
-  progress.tell(to + (std::isinf(seconds) ? ": recording until it is interrupted" : ": recording for " + cell(seconds, 1) + " s"));
+  progress.tell(to + (std::isinf(seconds) ? ": recording until it is interrupted"
+                                          : ": recording for " + cell(seconds, 1) + " s"));
   std::string fault;
   Recorded r;
   {
     LogRecorder recorder(to, to_json(session), [](const ImageView& v) { return pictures().encode(".png", v); });
     try {
       NoActuator none;
-      if (motors) record_live(*camera, *motors, recorder, going_on, device);
-      else record_live(*camera, none, recorder, going_on, device);
+      if (motors)
+        record_live(*camera, *motors, recorder, going_on, {.name = device});
+      else
+        record_live(*camera, none, recorder, going_on, {.name = device});
       recorder.finish();
     } catch (const Error& e) {
       fault = e.what();
     }
     session.segments = plan.done(recorder.end_ns());
-    r = {"", recorder.frames(), recorder.samples(), recorder.lost_frames(), recorder.lost_samples(), session.segments.size()};
+    r = {"",
+         recorder.frames(),
+         recorder.samples(),
+         recorder.lost_frames(),
+         recorder.lost_samples(),
+         session.segments.size()};
   }
-  if (r.frames == 0) {   // nothing to keep
+  if (r.frames == 0) {  // nothing to keep
     std::error_code error;
     fs::remove_all(to, error);
     throw InputError(fault.empty() ? device + ": gives no pictures" : fault);
   }
   write_whole(to + "/session.json", to_json(session));
-  r.counts = lumo::message(to, ": ", r.frames, " pictures, ", r.samples, " joint samples; left out ", r.lost_frames, " and ", r.lost_samples);
+  r.counts = lumo::message(to, ": ", r.frames, " pictures, ", r.samples, " joint samples; left out ", r.lost_frames,
+                           " and ", r.lost_samples);
   if (planned) r.counts += lumo::message("; ", r.segments, " of ", plan.segments().size(), " segments done");
   if (fault.empty() && !whole && !GentleStop::asked()) fault = device + ": has gone";
   if (!fault.empty()) throw InputError(fault + "; recorded is " + r.counts);

@@ -13,7 +13,8 @@
 #include <string>
 #include <vector>
 
-/// Before a live camera: one line on standard output for each picture, until --seconds are over, the camera goes, or nobody reads.
+/// Before a live camera: one line on standard output for each picture, until --seconds are over, the camera goes, or
+/// nobody reads.
 namespace lumo::program {
 
 using namespace sense;
@@ -46,9 +47,10 @@ class LiveLines {
 /// Runs `work(lines)` before the camera; returns nothing to print. Throws InputError.
 std::string before_camera(const CameraOptions& o, Progress& progress, const std::function<void(LiveLines&)>& work);
 
-/// Records camera and motors as a log in `folder`, by the plan that the session of `log` is, if there is one. Throws InputError.
+/// Records camera and motors as a log in `folder`, by the plan that the session of `log` is, if there is one. Throws
+/// InputError.
 struct Recorded {
-  std::string counts;   ///< what was recorded, in words
+  std::string counts;  ///< what was recorded, in words
   std::size_t frames = 0, samples = 0, lost_frames = 0, lost_samples = 0, segments = 0;
 };
 Recorded record(const CameraOptions& o, const std::string& log, const std::string& folder, Progress& progress);

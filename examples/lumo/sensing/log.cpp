@@ -2,12 +2,11 @@
 
 namespace lumo::program {
 
-using namespace sense;
-
 std::unique_ptr<AnyCamera> LogCamera::open(const OpenLog& log) {
   using FileCamera = McapCamera<Decoder, Lz4, Zstd>;
   if (!log.session.video.empty()) return pictures().video(log.path + '/' + log.session.video, log.frames);
-  if (log.frames.empty()) throw InputError(log.path + (log.file ? ": has no pictures" : ": has no frames.csv, or it is empty"));
+  if (log.frames.empty())
+    throw InputError(log.path + (log.file ? ": has no pictures" : ": has no frames.csv, or it is empty"));
   if (log.file) return std::make_unique<Held<FileCamera>>(FileCamera(log.file, log.pictures, log.frames));
   return pictures().folder(log.path + "/frames", log.frames);
 }
@@ -18,19 +17,18 @@ JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
   if (log.joints.empty()) throw InputError(log.path + ": has no joint samples (joint.csv) to estimate a force from");
   const int joints = finger_of(log).joints();
   if (log.joints.front().effort.size() != joints)
-    throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm tells of ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
-  JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session, until_ns); });
+    throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm has ", joints,
+                                   joints == 1 ? " joint" : " joints", ", the samples have ",
+                                   log.joints.front().effort.size()));
+  JointReference reference = about(
+      log.path, [&] { return identify_joints(on_frames_clock(log), log.session.torque_constant_Nm_per_A, until_ns); });
   if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
   return reference;
 }
 
-std::vector<JointSample> on_frames_clock(const OpenLog& log) {
-  std::vector<JointSample> samples = log.joints;
-  for (JointSample& j : samples) j.stamp_ns = log.session.joint_clock(j.stamp_ns);
-  return samples;
+UnloadedStretch unloaded_stretch(const OpenLog& log) {
+  return UnloadedStretch::of(log.session, log.frames.empty() ? 0 : log.frames.front().stamp_ns);
 }
-
-UnloadedStretch unloaded_stretch(const OpenLog& log) { return UnloadedStretch::of(log.session, log.frames.empty() ? 0 : log.frames.front().stamp_ns); }
 
 OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics) {
   std::error_code error;
@@ -41,6 +39,14 @@ OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& 
   return {std::move(read.log), file, std::move(read.pictures)};
 }
 
+FingerOptics optics_of(const SensedLog& s, const std::string& path) {
+  FingerOptics optics;
+  optics.bins = s.bins;
+  optics.view = s.view;
+  optics.unloaded = unloaded_reference(s.profiles, s.stretch, path);
+  return optics;
+}
+
 SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress) {
   SensedLog s;
   s.bins = bins;
@@ -48,7 +54,6 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
   s.joints = on_frames_clock(s.log);
   s.stretch = unloaded_stretch(s.log);
   about(path, [&] {
-    for (const FrameRecord& f : s.log.frames) s.frame_ns.push_back(f.stamp_ns);
     LogCamera first(s.log);
     s.view = view_finger(first, s.log.session, s.stretch, path);
     GreenProfile readout = s.view.readout(bins);
@@ -61,8 +66,11 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
 
 OpenLog open_hand_log(const std::string& path, Progress& progress) {
   OpenLog log = open_log(path, progress);
-  if (log.session.links.empty()) throw InputError(log.session_place() + ": links is missing, nothing tells of a hand's links (docs/log_format.md)");
-  if (log.joints.empty()) throw InputError(path + ": has no joint samples (joint.csv), which tell the unloaded pictures apart");
+  if (log.session.links.empty())
+    throw InputError(log.session_place() +
+                     ": links is missing, which describes the links of a hand (docs/log_format.md)");
+  if (log.joints.empty())
+    throw InputError(path + ": has no joint samples (joint.csv), which distinguish the unloaded pictures");
   return log;
 }
 

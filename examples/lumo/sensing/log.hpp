@@ -1,12 +1,12 @@
 #pragma once
 
-#include "lumo/sense/force/log_estimates.hpp"
-#include "lumo/sense/recording/mcap/mcap_camera.hpp"
+#include "console/progress.hpp"
+#include "lumo/sense/estimate.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"
+#include "lumo/sense/recording/mcap/mcap_camera.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/lz4.hpp"
 #include "lumo/support/zstd.hpp"
-#include "console/progress.hpp"
 #include "sensing/pictures.hpp"
 
 #include <filesystem>
@@ -24,29 +24,31 @@ using namespace sense;
 using LogFile = McapReader<Lz4, Zstd>;
 
 /// A log, and what is needed to get at its pictures.
-struct OpenLog : RecordedLog {
-  std::shared_ptr<LogFile> file;       ///< none: `path` is a folder
-  std::vector<McapPicture> pictures;   ///< of the frames in `file`
+struct OpenLog : Recording {
+  std::shared_ptr<LogFile> file;      ///< none: `path` is a folder
+  std::vector<McapPicture> pictures;  ///< of the frames in `file`
 
   /// Who reads an error looks there.
   std::string session_place() const { return file ? path + ": session.json" : path + "/session.json"; }
   /// Of the virtual lab: truth.csv in the folder, or NAME.truth.csv beside NAME.mcap.
-  std::string truth_file() const { return file ? std::filesystem::path(path).replace_extension(".truth.csv").string() : path + "/truth.csv"; }
+  std::string truth_file() const {
+    return file ? std::filesystem::path(path).replace_extension(".truth.csv").string() : path + "/truth.csv";
+  }
 };
 
-/// Reads a log's folder, or an MCAP file; where that was cut, a note tells it and the log ends there. Throws InputError.
+/// Reads a log's folder, or an MCAP file; where that was cut, a note reports it and the log ends there. Throws
+/// InputError.
 OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics = {});
 
 /// A log of a hand: its session describes links, and it has joint samples. Throws InputError.
 OpenLog open_hand_log(const std::string& path, Progress& progress);
 
-/// A log's joint samples, stamped on the frames' clock.
-std::vector<JointSample> on_frames_clock(const OpenLog& log);
 /// When nothing touches the log's finger for the first time.
 UnloadedStretch unloaded_stretch(const OpenLog& log);
 /// As the session describes it.
 PlanarFinger finger_of(const OpenLog& log);
-/// What the log's samples before a time, without contact, tell of the finger's joints. Throws InputError where there are none, or of other joints than the session's.
+/// What the log's samples before a time, without contact, show of the finger's joints. Throws InputError where there
+/// are none, or of other joints than the session's.
 JointReference finger_joints(const OpenLog& log, std::int64_t until_ns);
 
 /// A log's pictures, from a folder, a video or an MCAP file.
@@ -66,17 +68,16 @@ static_assert(Camera<LogCamera>);
 /// A log as the sensing commands need it: read once.
 struct SensedLog {
   OpenLog log;
-  std::vector<JointSample> joints;       ///< on the frames' clock
-  std::vector<std::int64_t> frame_ns;
+  std::vector<JointSample> joints;  ///< on the frames' clock
   UnloadedStretch stretch;
   FingerView view;
-  std::vector<Profile> profiles;         ///< of `bins`
+  std::vector<Profile> profiles;  ///< of `bins`
   LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
 };
 
-/// What a lab left beside a log of what was really so; nothing where there is none. For whoever compares, when all estimates are made. Throws InputError.
-template <class Table>
-std::optional<Table> left_truth(const OpenLog& log) {
+/// What a lab left beside a log of what was really so; nullopt if there is none. For whoever compares, when all
+/// estimates are made. Throws InputError.
+template <class Table> std::optional<Table> left_truth(const OpenLog& log) {
   const std::string file = log.truth_file();
   std::error_code error;
   if (!std::filesystem::exists(file, error)) return std::nullopt;
@@ -85,8 +86,7 @@ std::optional<Table> left_truth(const OpenLog& log) {
 }
 
 /// A command's words on InvalidArgument are about the log, not about the command line.
-template <class Work>
-auto about(const std::string& path, Work work) {
+template <class Work> auto about(const std::string& path, Work work) {
   try {
     return work();
   } catch (const InvalidArgument& e) {
@@ -94,8 +94,12 @@ auto about(const std::string& path, Work work) {
   }
 }
 
-/// The truth where a lab left one, else what segments and the force sensor say. For whoever compares, when all estimates are made.
+/// The truth where a lab left one, else what segments and the force sensor say. For whoever compares, when all
+/// estimates are made.
 LogTruth truth_of(const OpenLog& log);
+
+/// What its unloaded pictures show. Throws InputError; `path` is named in it.
+FingerOptics optics_of(const SensedLog& s, const std::string& path);
 
 /// Throws InputError.
 SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress);

@@ -13,8 +13,8 @@
 #include <utility>
 #include <vector>
 
-/// What the program needs of OpenCV, which with the fifty libraries below it takes a quarter of a second to load. So it is in a module of its own, which is
-/// loaded when a picture is needed for the first time.
+/// What the program needs of OpenCV, which with the fifty libraries below it takes a quarter of a second to load. So it
+/// is in a module of its own, which is loaded when a picture is needed for the first time.
 namespace lumo::program {
 
 using namespace sense;
@@ -28,8 +28,7 @@ class AnyCamera {
 };
 static_assert(Camera<AnyCamera>);
 
-template <Camera C>
-class Held : public AnyCamera {
+template <Camera C> class Held : public AnyCamera {
  public:
   explicit Held(C camera) : camera_(std::move(camera)) {}
   std::optional<Frame> next() override { return camera_.next(); }
@@ -42,7 +41,7 @@ class Held : public AnyCamera {
 /// A live camera, exposure and gain locked.
 class LiveCamera : public AnyCamera {
  public:
-  virtual double exposure_s() const = 0;   ///< in force
+  virtual double exposure_s() const = 0;  ///< in force
   virtual double gain() const = 0;
 };
 
@@ -50,7 +49,7 @@ struct LiveSettings {
   std::string device;
   int width = 640, height = 480;
   double frames_per_s = 30.0, exposure_s = 0.001, gain = 64.0;
-  double wait_s = 0.001;   ///< for a frame
+  double wait_s = 0.001;  ///< for a frame
 };
 
 /// All throw InputError for what cannot be read, decoded or written.

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// The file that a key's responses are kept in; its name tells pads and settings apart.
+/// The file that a key's responses are kept in; its name distinguishes pads and settings.
 std::string cache_file(const ResponsesRequest& o, const std::string& log_path, const std::string& key) {
   std::error_code error;
   const fs::path log = fs::absolute(log_path, error).lexically_normal();

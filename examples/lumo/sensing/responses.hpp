@@ -16,7 +16,7 @@ using namespace sense;
 struct ResponsesRequest : Pad {
   bool coarse = false;
   int threads = 1;
-  std::optional<std::string> cache;   ///< folder; else beside `log`
+  std::optional<std::string> cache;  ///< folder; else beside `log`
 };
 
 /// Computed, or taken from the cache. Throws lumo's errors from the computation.

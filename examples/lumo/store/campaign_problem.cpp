@@ -28,9 +28,11 @@ Json problem_json(const CampaignProblem& p) {
   Json j = {{"campaign", 1}};
   append(j, conditions(p.material, name(p.ensemble), contacts(p.ensemble)));
   if (p.paper) j["mechanics"] = json(p.mechanics());
-  for (const Variable& v : problem.space.variables) j["variable " + v.name] = {{"lower", v.lower}, {"upper", v.upper}, {"step", v.step}, {"unit", v.unit}};
+  for (const Variable& v : problem.space.variables)
+    j["variable " + v.name] = {{"lower", v.lower}, {"upper", v.upper}, {"step", v.step}, {"unit", v.unit}};
   for (const LinearConstraint& c : problem.space.constraints) j["constraint " + c.name] = with_limits(c);
-  for (const Objective& o : problem.objectives) j["objective " + o.name] = {{"goal", o.maximize ? "maximize" : "minimize"}, {"reference", o.reference}};
+  for (const Objective& o : problem.objectives)
+    j["objective " + o.name] = {{"goal", o.maximize ? "maximize" : "minimize"}, {"reference", o.reference}};
   j["ray_error_percent"] = p.ray_error_percent;
   j["initial"] = problem.initial;
   j["sobol"] = problem.sobol;
@@ -39,12 +41,15 @@ Json problem_json(const CampaignProblem& p) {
   return j;
 }
 
-/// Does a problem of other results search the same designs for the same objectives? What else decides its numbers may differ.
+/// Does a problem of other results search the same designs for the same objectives? What else decides its numbers may
+/// differ.
 bool same_search(const Json& a, const Json& b) {
   const auto search = [](const Json& problem) {
-    nlohmann::json part;   // in any order
+    nlohmann::json part;  // in any order
     for (const auto& [key, value] : problem.items())
-      if (key.starts_with("variable ") || key.starts_with("constraint ") || key.starts_with("objective ") || key == "campaign" || key == "initial" || key == "sobol") part[key] = value;
+      if (key.starts_with("variable ") || key.starts_with("constraint ") || key.starts_with("objective ") ||
+          key == "campaign" || key == "initial" || key == "sobol")
+        part[key] = value;
     return part;
   };
   return search(a) == search(b);
@@ -62,12 +67,13 @@ CampaignProblem read_problem(const std::string& text, const std::string& store) 
     p.ensemble = j.at("ensemble").get<std::string>() == "curved" ? Ensemble::curved : Ensemble::flat;
     p.paper = j.contains("mechanics");
     p.results = j.at("results").get<int>();
-    if (j.contains("ray_error_percent") || p.results == results_version) p.ray_error_percent = j.at("ray_error_percent").get<double>();
+    if (j.contains("ray_error_percent") || p.results == results_version)
+      p.ray_error_percent = j.at("ray_error_percent").get<double>();
     p.source = j.at("source").get<std::string>();
     p.seed = j.at("seed").get<std::uint64_t>();
     if (p.results == results_version ? text == problem_text(p) : same_search(j, problem_json(p))) return p;
   } catch (const nlohmann::json::exception&) {
-  } catch (const InvalidArgument&) {   // an unknown silicone
+  } catch (const InvalidArgument&) {  // an unknown silicone
   }
   throw InputError("store '" + store + "' belongs to another problem, or to another version of lumo");
 }

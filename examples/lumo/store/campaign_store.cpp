@@ -2,7 +2,6 @@
 
 #include "lumo/objective/selection.hpp"
 #include "lumo/optimize/hypervolume.hpp"
-#include "lumo/optimize/pareto.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -11,35 +10,37 @@ namespace lumo::program {
 
 namespace {
 
-constexpr int any_number = 100000;   // a store does not say how many evaluations are wanted
+constexpr int any_number = 100000;  // a store does not say how many evaluations are wanted
 
-void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std::pair<double, double>>>& told) {
-  Eigen::MatrixXd y(2, Eigen::Index(told.size()));
+void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std::pair<double, double>>>& rated) {
+  Eigen::MatrixXd y(2, Eigen::Index(rated.size()));
   std::vector<std::pair<double, double>> objectives;
-  for (std::size_t k = 0; k < told.size(); ++k) {
-    y.col(Eigen::Index(k)) << told[k].second.first, told[k].second.second;
-    objectives.push_back(told[k].second);
+  for (std::size_t k = 0; k < rated.size(); ++k) {
+    y.col(Eigen::Index(k)) << rated[k].second.first, rated[k].second.second;
+    objectives.push_back(rated[k].second);
     campaign.hypervolume = lumo::hypervolume(y.leftCols(Eigen::Index(k) + 1), Eigen::Vector2d::Zero());
-    campaign.trials[told[k].first].hypervolume = campaign.hypervolume;
+    campaign.trials[rated[k].first].hypervolume = campaign.hypervolume;
   }
-  if (!told.empty())
-    for (const Eigen::Index k : pareto_front(y)) campaign.trials[told[std::size_t(k)].first].on_front = true;
+  if (!rated.empty())
+    for (const Eigen::Index k : pareto_front(y)) campaign.trials[rated[std::size_t(k)].first].on_front = true;
   if (const auto best = balanced_choice(objectives)) {
-    campaign.selected = told[*best].first;
+    campaign.selected = rated[*best].first;
     campaign.trials[*campaign.selected].selected = true;
   }
 }
 
 }  // namespace
 
-double StoredTrial::seconds() const { return notes.is_object() && notes.contains("seconds") ? value_at(notes["seconds"], "total") : undefined; }
+double StoredTrial::seconds() const {
+  return notes.is_object() && notes.contains("seconds") ? value_at(notes["seconds"], "total") : undefined;
+}
 
 int StoredCampaign::count(std::string_view state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
 }
 
-StoredCampaign read_campaign(const SqliteLog& log, const std::string& store) {
-  const std::vector<LogEntry> entries = log.entries();
+StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store) {
+  const std::vector<JournalEntry> entries = log.entries();
   StoredCampaign campaign;
   campaign.problem_text = entries.front().content;
   campaign.problem = read_problem(campaign.problem_text, store);
@@ -48,22 +49,24 @@ StoredCampaign read_campaign(const SqliteLog& log, const std::string& store) {
   with_optimizer(campaign.problem, any_number, [&](auto optimizer) {
     CampaignState state(std::move(optimizer));
     state.read(entries);
-    std::vector<std::pair<std::size_t, std::pair<double, double>>> told;
+    std::vector<std::pair<std::size_t, std::pair<double, double>>> rated;
     for (const Trial& t : state.optimizer().trials()) {
       StoredTrial s;
       s.id = t.id;
       std::copy_n(t.x.begin(), 5, s.theta_mm.begin());
-      s.state = t.state == Trial::State::told ? "evaluated" : t.state == Trial::State::failed ? "failed" : "under way";
+      s.state = t.state == Trial::State::observed ? "evaluated"
+                : t.state == Trial::State::failed ? "failed"
+                                                  : "under way";
       s.why = t.why;
       if (const auto number = state.answered(t.id)) {
         s.record = json_or_null(log.record(*number));
         s.notes = json_or_null(entries[std::size_t(*number)].notes);
       }
-      if (t.state == Trial::State::told) told.push_back({campaign.trials.size(), {t.outputs[0], t.outputs[1]}});
+      if (t.state == Trial::State::observed) rated.push_back({campaign.trials.size(), {t.outputs[0], t.outputs[1]}});
       campaign.trials.push_back(std::move(s));
     }
     campaign.asked = state.optimizer().trials();
-    rate(campaign, told);
+    rate(campaign, rated);
   });
   return campaign;
 }

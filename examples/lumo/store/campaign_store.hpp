@@ -1,7 +1,7 @@
 #pragma once
 
-#include "store/campaign_problem.hpp"
 #include "report/json.hpp"
+#include "store/campaign_problem.hpp"
 
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/support/sqlite.hpp"
@@ -16,29 +16,29 @@ namespace lumo::program {
 struct StoredTrial {
   int id = 0;
   std::array<double, 5> theta_mm{};
-  std::string state;                ///< "evaluated", "failed" or "under way"
-  std::string why;                  ///< it failed
-  Json record, notes;               ///< null while it is under way, or where they are damaged
+  std::string state;   ///< "evaluated", "failed" or "under way"
+  std::string why;     ///< it failed
+  Json record, notes;  ///< null while it is under way, or where they are damaged
   bool on_front = false, selected = false;
-  double hypervolume = undefined;   ///< of all that was evaluated up to it; undefined unless it was
+  double hypervolume = undefined;  ///< of all that was evaluated up to it; undefined unless it was
 
-  double seconds() const;           ///< that its evaluation took, as noted; undefined when it was not
+  double seconds() const;  ///< that its evaluation took, as noted; undefined when it was not
 };
 
 /// A campaign that was run, whole or in part.
 struct StoredCampaign {
   CampaignProblem problem;
-  std::string problem_text;              ///< as it stands in the store
+  std::string problem_text;  ///< as it stands in the store
   std::string digest, problem_digest;
   std::vector<StoredTrial> trials;
-  std::vector<Trial> asked;              ///< the same trials as the optimiser knows them
+  std::vector<Trial> asked;  ///< the same trials as the optimiser knows them
   double hypervolume = 0.0;
-  std::optional<std::size_t> selected;   ///< index into `trials`
+  std::optional<std::size_t> selected;  ///< index into `trials`
 
   int count(std::string_view state) const;
 };
 
 /// Reads the log in the file `store`. Throws StoreError, or InputError for another program's.
-StoredCampaign read_campaign(const SqliteLog& log, const std::string& store);
+StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store);
 
 }  // namespace lumo::program

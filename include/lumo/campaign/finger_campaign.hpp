@@ -20,13 +20,13 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
     const auto x = d.values();
     p.initial.emplace_back(x.begin(), x.end());
   }
-  p.sobol = 8;
+  p.sobol = 8;  // paper §III-D
   p.evaluations = evaluations;
   p.seed = seed;
   return p;
 }
 
-/// The first scenario that failed, and how; empty when all converged, or were held where that is accepted.
+/// The first scenario that failed, and how; empty if all converged, or were held where that is accepted.
 inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bool accept_held = false) {
   for (const ScenarioRecord& s : scenarios)
     if (!is_scored(s.status, accept_held))
@@ -35,7 +35,7 @@ inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bo
   return "";
 }
 
-/// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
+/// Why an evaluation has no objectives: the stage and the first scenario that failed; empty if it has both.
 inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   if (e.J_contact && e.J_obs) return "";
   if (std::string why = failed_press(e.observations.scenarios, accept_held); !why.empty()) return why;
@@ -43,31 +43,31 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
                       : "objective: no two states can be compared for J_obs";
 }
 
-/// Was it the machine's limits, not the body's, that ended a solve?
-inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
+/// Did the machine's limits end a solve, and not the body?
+inline bool is_machine_limit(const std::vector<ScenarioRecord>& scenarios) {
   return std::any_of(scenarios.begin(), scenarios.end(),
                      [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
 }
-/// The same of a body that was left without a mesh.
-inline bool of_the_machine(const MeshError& e) {
+/// Did they end a mesh?
+inline bool is_machine_limit(const MeshError& e) {
   return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory;
 }
 
-/// What a campaign keeps of an evaluation; what the machine ended may be tried again.
-inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
-  Verdict v;
-  v.why = failure_of(e, accept_held);
-  if (v.why.empty()) v.outputs = {e.J_contact->value, e.J_obs->value};
-  v.retry = of_the_machine(e.observations.scenarios);
-  return v;
+/// The part of an evaluation that a campaign keeps. It may try again what the machine ended.
+inline TrialResult trial_result(const Evaluation& e, bool accept_held = false) {
+  TrialResult result;
+  result.why = failure_of(e, accept_held);
+  if (result.why.empty()) result.outputs = {e.J_contact->value, e.J_obs->value};
+  result.retry = is_machine_limit(e.observations.scenarios);
+  return result;
 }
 
 /// The same of a mesh that could not be made.
-inline Verdict verdict_of(const MeshError& e) {
-  Verdict v;
-  v.why = message("mesh: ", e.what());
-  v.retry = of_the_machine(e);
-  return v;
+inline TrialResult trial_result(const MeshError& e) {
+  TrialResult result;
+  result.why = message("mesh: ", e.what());
+  result.retry = is_machine_limit(e);
+  return result;
 }
 
 }  // namespace lumo

@@ -2,31 +2,58 @@
 
 #include "lumo/core/error.hpp"
 
+#include <algorithm>
+#include <charconv>
 #include <concepts>
 #include <cstdint>
 #include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <system_error>
 #include <utility>
 #include <vector>
 
 namespace lumo {
 
-/// One entry of a campaign's log. Entries are only ever added; `notes` is what may differ between two runs of the same
-/// campaign (times, process numbers), everything else is the same to the last bit.
-struct LogEntry {
+/// One entry of a campaign's journal. Entries are only ever added. `notes` is what may differ between two runs of the
+/// same campaign (times, process numbers); everything else is the same to the last bit.
+struct JournalEntry {
+  enum class Kind { problem, ask, tell, fail };
   std::int64_t number = 0;  ///< from 0, without gaps
-  std::string kind;         ///< what happened
-  std::string content;      ///< what a resumed campaign needs of it
-  std::string record;       ///< the whole result
+  Kind kind = Kind::problem;
+  std::string content;  ///< what a resumed campaign needs of it
+  std::string record;   ///< the whole result
   std::string notes;
 };
 
-/// A log that cannot be opened, read or written.
+/// The kind as stores write it.
+inline std::string to_string(JournalEntry::Kind kind) {
+  switch (kind) {
+    case JournalEntry::Kind::ask:
+      return "ask";
+    case JournalEntry::Kind::tell:
+      return "tell";
+    case JournalEntry::Kind::fail:
+      return "fail";
+    default:
+      return "problem";
+  }
+}
+
+/// The kind that a store has written; nullopt if there is no such kind.
+inline std::optional<JournalEntry::Kind> journal_kind(std::string_view text) {
+  using enum JournalEntry::Kind;
+  for (const auto kind : {problem, ask, tell, fail})
+    if (to_string(kind) == text) return kind;
+  return std::nullopt;
+}
+
+/// A journal that cannot be opened, read or written.
 class StoreError : public Error {
  public:
   enum class Reason {
-    corrupt,    ///< what is there is not what was written
+    corrupt,    ///< its content is not what was written
     full,       ///< no space left
     busy,       ///< another process holds it for too long
     different,  ///< it belongs to another problem
@@ -42,45 +69,98 @@ class StoreError : public Error {
 /// Where a campaign is kept. Entry 0 is the problem. Laws: what `append` returned is there after any crash; two
 /// processes never append at once; `next` sees all entries, without their records, and nothing is added between its
 /// look and its entry.
-template <class L>
-concept CampaignLog = requires(L& log, const L& view,
-                               std::function<std::optional<LogEntry>(const std::vector<LogEntry>&)> next,
-                               std::int64_t number) {
-  { view.entries() } -> std::same_as<std::vector<LogEntry>>;
+template <class J>
+concept Journal = requires(J& journal, const J& view,
+                           std::function<std::optional<JournalEntry>(const std::vector<JournalEntry>&)> next,
+                           std::int64_t number) {
+  { view.entries() } -> std::same_as<std::vector<JournalEntry>>;
   { view.record(number) } -> std::same_as<std::string>;
-  { log.append(next) } -> std::same_as<std::optional<LogEntry>>;
-  { log.claim(number) } -> std::same_as<bool>;
+  { journal.append(next) } -> std::same_as<std::optional<JournalEntry>>;
+  { journal.claim(number) } -> std::same_as<bool>;
 };
 
-/// A log that lives as long as its process.
-class MemoryLog {
+/// A journal that lives as long as its process.
+class MemoryJournal {
  public:
-  explicit MemoryLog(std::string problem) { entries_.push_back({0, "problem", std::move(problem), "", ""}); }
+  explicit MemoryJournal(std::string problem) {
+    entries_.push_back({0, JournalEntry::Kind::problem, std::move(problem), "", ""});
+  }
 
   /// All entries, without their records.
-  std::vector<LogEntry> entries() const {
-    std::vector<LogEntry> list = entries_;
-    for (LogEntry& e : list) e.record.clear();
+  std::vector<JournalEntry> entries() const {
+    std::vector<JournalEntry> list = entries_;
+    for (JournalEntry& e : list) e.record.clear();
     return list;
   }
   std::string record(std::int64_t number) const { return entries_.at(std::size_t(number)).record; }
 
-  /// Adds what `next` makes of the entries so far, if anything; returns it with its number.
-  template <class Next> std::optional<LogEntry> append(Next&& next) {
-    std::optional<LogEntry> entry = next(entries());
+  /// Adds the entry that `next` makes of those so far, if any; returns it with its number.
+  template <class Next> std::optional<JournalEntry> append(Next&& next) {
+    std::optional<JournalEntry> entry = next(entries());
     if (!entry) return std::nullopt;
     entry->number = std::int64_t(entries_.size());
     entries_.push_back(*entry);
     return entry;
   }
 
-  /// May this process work on what the entry announces? Not when another living one does.
+  /// May this process work on the trial that the entry announces? Not while another living process does.
   bool claim(std::int64_t) { return true; }
 
  private:
-  std::vector<LogEntry> entries_;
+  std::vector<JournalEntry> entries_;
 };
 
-static_assert(CampaignLog<MemoryLog>);
+static_assert(Journal<MemoryJournal>);
+
+/// A trial in a journal: "<id> <design>" (ask), "<id> <outputs>" (tell) or "<id> retry|final <why>" (fail).
+struct TrialEntry {
+  JournalEntry::Kind kind = JournalEntry::Kind::ask;
+  int id = 0;
+  std::vector<double> values;  ///< the design, or its outputs
+  bool retry = false;
+  std::string why;
+};
+
+inline JournalEntry trial_entry(JournalEntry::Kind kind, int id, const std::vector<double>& values) {
+  std::string text = std::to_string(id);
+  for (const double v : values) text += ' ' + exact(v);
+  return {0, kind, std::move(text), "", ""};
+}
+inline JournalEntry ask_entry(int id, const std::vector<double>& design) {
+  return trial_entry(JournalEntry::Kind::ask, id, design);
+}
+inline JournalEntry tell_entry(int id, const std::vector<double>& outputs) {
+  return trial_entry(JournalEntry::Kind::tell, id, outputs);
+}
+inline JournalEntry fail_entry(int id, bool retry, const std::string& why) {
+  return {0, JournalEntry::Kind::fail, std::to_string(id) + (retry ? " retry " : " final ") + why, "", ""};
+}
+
+/// Throws StoreError for an entry that is none of these.
+inline TrialEntry parse_trial(const JournalEntry& entry) {
+  const auto refuse = [&] {
+    throw StoreError(StoreError::Reason::corrupt,
+                     message("entry ", entry.number, " is no trial: ", to_string(entry.kind), ' ', entry.content));
+  };
+  std::string_view rest = entry.content;
+  const auto read = [&](auto& value) {
+    const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value);
+    if (error != std::errc{} || (end != rest.data() + rest.size() && *end != ' ')) refuse();
+    rest.remove_prefix(std::min(rest.size(), std::size_t(end - rest.data()) + 1));
+  };
+  if (entry.kind == JournalEntry::Kind::problem) refuse();
+  TrialEntry t;
+  t.kind = entry.kind;
+  read(t.id);
+  if (t.id < 0) refuse();
+  if (entry.kind == JournalEntry::Kind::fail) {
+    t.retry = rest.starts_with("retry ");
+    if (!t.retry && !rest.starts_with("final ")) refuse();
+    t.why = rest.substr(std::string_view("retry ").size());
+    return t;
+  }
+  while (!rest.empty()) read(t.values.emplace_back());
+  return t;
+}
 
 }  // namespace lumo

@@ -54,7 +54,7 @@ struct LinearConstraint {
 /// A constraint of any form. Both are called only where bounds, lattice, linear constraints and the rules before hold.
 struct DesignRule {
   std::function<bool(std::span<const double>)> holds;
-  std::function<InfeasibleDesign(std::span<const double>)> refusal;  ///< what to say where it does not
+  std::function<InfeasibleDesign(std::span<const double>)> refusal;  ///< what check() throws if it does not hold
 };
 
 /// The designs that may be tried, in any number of dimensions: a box or lattice, linear constraints, and further rules.

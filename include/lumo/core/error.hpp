@@ -32,7 +32,7 @@ class InfeasibleDesign : public Error {
   double value() const { return value_; }
   double limit() const { return limit_; }
   const std::string& unit() const { return unit_; }
-  /// How far beyond the limit, in `unit()`; NaN where the value is not a number.
+  /// How far beyond the limit, in `unit()`; NaN if the value is not a number.
   double excess() const { return std::abs(value_ - limit_); }
 
  private:
@@ -78,7 +78,7 @@ class PressFailure : public NumericalError {
   using NumericalError::NumericalError;
 };
 
-/// A file or stream that cannot be read or written, or says what makes no sense.
+/// A file or stream that cannot be read or written, or whose contents are not valid.
 class InputError : public Error {
  public:
   using Error::Error;

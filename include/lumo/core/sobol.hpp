@@ -136,7 +136,8 @@ struct Sobol {
 };
 
 /// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
-/// different seeds are independent. Law: a pure function of (seed, index, dimension).
+/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
+/// keep a state and are not scrambled.
 struct OwenSobol {
   std::uint64_t seed = 0;
 

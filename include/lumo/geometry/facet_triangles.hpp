@@ -46,7 +46,7 @@ struct Projection {
 };
 
 /// Whether p, known to be on the line through a and b, is between them or at an end.
-inline bool within(const Point2& a, const Point2& b, const Point2& p) {
+inline bool between_ends(const Point2& a, const Point2& b, const Point2& p) {
   const std::size_t axis = std::abs(b[0] - a[0]) >= std::abs(b[1] - a[1]) ? 0 : 1;
   return std::min(a[axis], b[axis]) <= p[axis] && p[axis] <= std::max(a[axis], b[axis]);
 }
@@ -58,8 +58,8 @@ inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, con
   const int ca = orient2d(c, d, a);
   const int cb = orient2d(c, d, b);
   if (ac * ad < 0 && ca * cb < 0) return true;
-  return (ac == 0 && within(a, b, c)) || (ad == 0 && within(a, b, d)) || (ca == 0 && within(c, d, a)) ||
-         (cb == 0 && within(c, d, b));
+  return (ac == 0 && between_ends(a, b, c)) || (ad == 0 && between_ends(a, b, d)) ||
+         (ca == 0 && between_ends(c, d, a)) || (cb == 0 && between_ends(c, d, b));
 }
 
 /// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the
@@ -87,7 +87,7 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and
 /// no others. Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
-/// Empty result: the outline is not simple or not counter-clockwise about `normal`.
+/// nullopt if the outline is not simple or not counter-clockwise about `normal`.
 inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices,
                                                                    const std::vector<int>& loop, const Vec3d& normal,
                                                                    int facet, double slack) {

@@ -17,7 +17,8 @@ namespace lumo {
 
 /// A simple polygon filled with well-shaped triangles of wanted size: Delaunay refinement after Ruppert 1995. Signs of
 /// areas are exact, so that every state is a valid triangulation; whether a circle holds a point is rounded, which
-/// costs at most quality. Same input, same bits.
+/// costs at most quality. Same input, same bits. Own code: CGAL's meshes are heavy, Triangle is not free, and a mapped
+/// sweep cannot follow a wanted size.
 class PolygonRefinement {
  public:
   static constexpr std::size_t most_points = 200'000;
@@ -30,7 +31,7 @@ class PolygonRefinement {
     int from, to, edge;
   };
 
-  /// The polygon counter-clockwise, its corners the first points; edge i runs from corner i to the next. Nothing where
+  /// The polygon counter-clockwise, its corners the first points; edge i runs from corner i to the next. nullopt if
   /// it is not simple.
   static std::optional<PolygonRefinement> of(const std::vector<Point2>& polygon);
 
@@ -135,7 +136,9 @@ inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) con
   double size = 0.0;
   for (std::size_t i = 0; i < 3; ++i) {
     const double x = at(t.corners[i])[0] - p[0], y = at(t.corners[i])[1] - p[1];
-    rows[i][0] = x, rows[i][1] = y, rows[i][2] = x * x + y * y;
+    rows[i][0] = x;
+    rows[i][1] = y;
+    rows[i][2] = x * x + y * y;
     size = std::max(size, rows[i][2]);
   }
   const auto minor = [&](int i, int j) { return rows[i][0] * rows[j][1] - rows[i][1] * rows[j][0]; };
@@ -147,8 +150,10 @@ inline auto PolygonRefinement::walk(int t, const Point2& p) const -> Place {
   for (std::size_t steps = 0; steps <= 4 * triangles_.size(); ++steps) {
     int next = -2, side = 0;
     for (int k = 0; k < 3 && next == -2; ++k)
-      if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) < 0)
-        next = triangle(t).across[std::size_t(k)], side = k;
+      if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) < 0) {
+        next = triangle(t).across[std::size_t(k)];
+        side = k;
+      }
     if (next == -2) return {t, false, 0};
     if (next == -1) return {t, true, side};
     t = next;
@@ -287,7 +292,10 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
     todo.pop_back();
     const Circle round = circle(triangle(t));
     Point2 middle{};
-    for (const int corner : triangle(t).corners) middle[0] += at(corner)[0] / 3.0, middle[1] += at(corner)[1] / 3.0;
+    for (const int corner : triangle(t).corners) {
+      middle[0] += at(corner)[0] / 3.0;
+      middle[1] += at(corner)[1] / 3.0;
+    }
     const double wanted = edge_length(middle);
     if (round.radius <= wanted / std::numbers::sqrt3 * 1.1 && round.radius <= std::numbers::sqrt2 * round.shortest_edge)
       continue;

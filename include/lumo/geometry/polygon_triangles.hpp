@@ -24,7 +24,7 @@ class PolygonTriangles {
     for (const Vec3d& v : vertices) points_.push_back(project(v));
   }
 
-  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and
+  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. nullopt if outline and
   /// holes cross or touch.
   std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
 

@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/geometry/closed_surface.hpp"
 #include "lumo/geometry/facet_triangles.hpp"
-#include "lumo/mesh/mesher.hpp"
 
 #include <Eigen/Geometry>
 
@@ -16,7 +16,7 @@
 
 namespace lumo {
 
-/// A connected part of a surface. Faces outwards (volume > 0, a solid) or inwards (a cavity).
+/// A connected part of a surface. It faces outwards (volume > 0, a solid) or inwards (a cavity).
 struct Shell {
   std::vector<int> triangles;
   double area = 0.0;
@@ -40,7 +40,7 @@ class Groups {
 
 /// Every edge has two facets that run along it in opposite directions, and the facets around each vertex form one fan.
 /// Throws MeshError (open, not_manifold).
-inline void check_edges(const MeshInput& input) {
+inline void check_edges(const ClosedSurface& input) {
   using Reason = MeshError::Reason;
   struct Side {
     int low, high;
@@ -94,7 +94,7 @@ inline void check_edges(const MeshInput& input) {
 }
 
 /// The connected parts of a surface, with areas and enclosed volumes.
-inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles) {
+inline std::vector<Shell> find_shells(const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles) {
   Groups groups(input.vertices.size());
   for (const SurfaceTriangle& t : triangles) {
     groups.join(t.corners[0], t.corners[1]);
@@ -144,7 +144,7 @@ inline double winding(const std::vector<Vec3d>& vertices, const std::vector<Surf
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles,
+inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles,
                          const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3d& point, const Shell* without) {
     double sum = 0.0;

@@ -1,8 +1,8 @@
 #pragma once
 
-#include "lumo/core/byte_order.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
-#include "lumo/core/read_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/geometry/polygon_triangles.hpp"
 #include "lumo/geometry/triangle_surface.hpp"
 
@@ -25,7 +25,9 @@ namespace lumo {
 /// its format (with the line), MeshError when its surface does not bound a solid.
 inline TriangleSurface read_surface(const std::string& path, double unit_m = 1e-3);
 
-// Words of a text, line by line.
+namespace detail {
+
+/// Words of a text, line by line.
 class SurfaceText {
  public:
   SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
@@ -74,7 +76,7 @@ class SurfaceText {
   int line_ = 0;
 };
 
-// Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
+/// Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
 inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
   std::vector<Vec3d> corners;
   std::vector<int> order;
@@ -144,8 +146,8 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
   return s;
 }
 
-// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2
-// bytes of anything.
+/// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2
+/// bytes of anything.
 inline TriangleSurface read_stl_binary(std::string_view bytes) {
   TriangleSurface s;
   for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
@@ -162,7 +164,7 @@ inline TriangleSurface read_stl_binary(std::string_view bytes) {
   return s;
 }
 
-// One vertex for each place, in order of first mention.
+/// One vertex for each place, in order of first mention.
 inline TriangleSurface welded(const TriangleSurface& loose) {
   TriangleSurface s;
   using Place = std::array<double, 3>;
@@ -179,19 +181,21 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
   return s;
 }
 
-/// `kind`: ".obj" or ".stl".
-inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name,
-                                  double unit_m) {
+}  // namespace detail
+
+/// Reads a surface from a file's bytes; `kind`: ".obj" or ".stl", `name`: for messages. Throws as read_surface does.
+inline TriangleSurface parse_surface(std::string_view kind, const std::string& bytes, const std::string& name,
+                                     double unit_m) {
   TriangleSurface s;
   if (kind == ".obj") {
-    s = read_obj({bytes, name});
+    s = detail::read_obj({bytes, name});
   } else {
-    // A text, too, may begin with any 80 bytes; only the length tells.
+    // A text, too, may begin with any 80 bytes; only the length distinguishes a binary file.
     const std::uint64_t count = bytes.size() >= 84 ? number_at<std::uint32_t>(&bytes[80], ByteOrder::little) : 0;
     if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count)
-      s = read_stl_binary(bytes);
+      s = detail::read_stl_binary(bytes);
     else if (bytes.rfind("solid", 0) == 0)
-      s = read_stl_text({bytes, name});
+      s = detail::read_stl_text({bytes, name});
     else
       throw InputError(message("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count,
                                " triangles has ", 84 + 50 * count));
@@ -201,7 +205,7 @@ inline TriangleSurface surface_of(std::string_view kind, const std::string& byte
       throw InputError(message("surface file '", name, "': a coordinate is not finite"));  // before they are sorted
     v *= unit_m;
   }
-  s = welded(s);
+  s = detail::welded(s);
   validate_surface(s);
   return s;
 }
@@ -219,7 +223,7 @@ inline TriangleSurface read_surface(const std::string& path, double unit_m) {
   if (*size > most) throw InputError(message("surface file '", path, "' is larger than ", most, " bytes"));
   const auto bytes = read_whole(path);
   if (!bytes) throw InputError(message("cannot read surface file '", path, "'"));
-  return surface_of(kind, *bytes, path, unit_m);
+  return parse_surface(kind, *bytes, path, unit_m);
 }
 
 }  // namespace lumo

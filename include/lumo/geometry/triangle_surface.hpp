@@ -17,7 +17,7 @@ struct TriangleSurface {
 /// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see
 /// validate_surface.
 inline SurfaceReport validate_surface(const TriangleSurface& surface) {
-  MeshInput input;
+  ClosedSurface input;
   input.vertices = surface.vertices;
   for (const auto& t : surface.triangles) input.facets.push_back({{t[0], t[1], t[2]}, 0});
   return validate_surface(input);

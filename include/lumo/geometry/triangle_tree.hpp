@@ -43,7 +43,8 @@ inline Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b,
   return closest_point(p, a, b, c).point;
 }
 
-/// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
+/// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree. Own code: the
+/// promise is that lumo needs Eigen only.
 class TriangleTree {
  public:
   explicit TriangleTree(const TriangleSurface& surface) : surface_(&surface), order_(surface.triangles.size()) {
@@ -89,7 +90,8 @@ class TriangleTree {
     Eigen::AlignedBox3d box;
     for (int i = begin; i < end; ++i)
       for (std::size_t k = 0; k < 3; ++k) box.extend(corner(order_[std::size_t(i)], k));
-    nodes_[std::size_t(self)].low = box.min(), nodes_[std::size_t(self)].high = box.max();
+    nodes_[std::size_t(self)].low = box.min();
+    nodes_[std::size_t(self)].high = box.max();
     if (end - begin <= 4) return self;
     int axis;
     box.sizes().maxCoeff(&axis);
@@ -112,8 +114,11 @@ class TriangleTree {
       for (int i = n.first; i < n.first + n.count; ++i) {
         const int t = order_[std::size_t(i)];
         const TrianglePoint on = closest_point(p, corner(t, 0), corner(t, 1), corner(t, 2));
-        if (const double squared = (on.point - p).squaredNorm(); squared < least)
-          least = squared, best.triangle = t, best.at = on;
+        if (const double squared = (on.point - p).squaredNorm(); squared < least) {
+          least = squared;
+          best.triangle = t;
+          best.at = on;
+        }
       }
       return;
     }
@@ -122,7 +127,10 @@ class TriangleTree {
       return Eigen::AlignedBox3d(child.low, child.high).squaredExteriorDistance(p);
     };
     double to_near = away(nodes_[std::size_t(near)]), to_far = away(nodes_[std::size_t(far)]);
-    if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
+    if (to_far < to_near) {
+      std::swap(near, far);
+      std::swap(to_near, to_far);
+    }
     if (to_near < least) search(near, p, least, best);
     if (to_far < least) search(far, p, least, best);
   }

@@ -5,10 +5,9 @@
 #include "lumo/lab/hand_plan.hpp"
 #include "lumo/lab/pad_responses.hpp"
 #include "lumo/lab/random_stream.hpp"
-#include "lumo/lab/sensor.hpp"
-#include "lumo/lab/side_geometry.hpp"
+#include "lumo/lab/side_camera.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
-#include "lumo/sense/hand/hand_link.hpp"
+#include "lumo/sense/hand/link_map.hpp"
 #include "lumo/sense/recording/session.hpp"
 #include "lumo/sense/recording/tables.hpp"
 
@@ -28,6 +27,8 @@ namespace lumo {
 /// their joints. Every number is assumed. The distance of the fingers and the range of their joints were changed once
 /// after the first pictures, in which the fingers ran into each other; all else was fixed before.
 struct HandRig {
+  Rig rig;                        ///< camera, lamps, specimen and motors, as for one finger
+  SideGeometry side;              ///< of the pad on each link
   int width = 640, height = 480;  ///< of the picture [px]
   double scale_m_per_px = 0.55_mm;
   double link_m = 68.0_mm;                         ///< from joint to joint, and from the last joint to the tip
@@ -36,6 +37,7 @@ struct HandRig {
   double carrier_DN = 90.0, hole_DN = 14.0, ground_DN = 8.0;
   std::array<double, 2> hole_y_m{-22.0_mm, 22.0_mm};
   double hole_z_m = -4.0_mm, hole_radius_m = 1.8_mm;
+  double edge_m = 1.0_mm;          ///< of the pad's side, above and below, that an observer leaves out
   double joint_sigma_rad = 0.002;  ///< σ of a joint's reading
 };
 
@@ -46,8 +48,7 @@ class HandLab {
  public:
   /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which
   /// a link leaves the picture.
-  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {},
-          const HandRig& hand = {}, SideGeometry side = {});
+  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const HandRig& hand = {});
 
   const sense::Session& session() const { return session_; }
   const std::vector<sense::FrameRecord>& frames() const { return frames_; }
@@ -60,6 +61,19 @@ class HandLab {
   sense::LinkMap map(int link, const HandJoints& joints) const;
 
  private:
+  // Times of every plan; assumed.
+  static constexpr double first_rest_s = 0.5, pause_s = 0.3, settle_s = 0.05, first_frame_s = 0.01;
+
+  void check_plan() const;
+  void sweep_workspace();
+  void describe_links();
+  void close_grasps();
+  void record_frames();
+  void record_joints();
+  void add_segment(double from_s, double to_s, sense::SegmentKind kind) {
+    session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
+  }
+
   struct Key {
     double t_s;
     HandJoints joints;
@@ -69,13 +83,13 @@ class HandLab {
   void move_to(const HandJoints& joints) {
     double way = 0.0;
     for (std::size_t k = 0; k < 4; ++k) way = std::max(way, std::abs(joints[k] - keys_.back().joints[k]));
-    keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + 0.05, joints, -1, 0.0});
+    keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + settle_s, joints, -1, 0.0});
   }
   HandTruth at(double t_s) const;
   void require_seen(const HandJoints& joints) const {
     for (int l = 0; l < 4; ++l)
-      for (const double y : {-side_.half_length_m, side_.half_length_m})
-        for (const double z : {-hand_.carrier_m, side_.high_m}) {
+      for (const double y : {-hand_.side.half_length_m, hand_.side.half_length_m})
+        for (const double z : {-hand_.carrier_m, hand_.side.high_m}) {
           const auto p = map(l, joints).pixel(y, z);
           if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
             throw InvalidArgument(message("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ",
@@ -86,10 +100,8 @@ class HandLab {
   const PadLight* light_;
   HandPlan plan_;
   std::uint64_t seed_;
-  double noise_, per_DN_ = 1.0;
-  Rig rig_;
+  double noise_, per_DN_;
   HandRig hand_;
-  SideGeometry side_;
   sense::Session session_;
   std::vector<Key> keys_;
   std::vector<sense::FrameRecord> frames_;
@@ -116,16 +128,28 @@ inline auto HandLab::map(int link, const HandJoints& joints) const -> sense::Lin
   return m;
 }
 
-inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig,
-                        const HandRig& hand, SideGeometry side)
+inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const HandRig& hand)
     : light_(&light),
       plan_(std::move(plan)),
       seed_(seed),
       noise_(noise),
-      rig_(rig),
-      hand_(hand),
-      side_(std::move(side)) {
-  validate(rig_);
+      per_DN_(light.scale_to(hand.rig.camera.level_DN)),
+      hand_(hand) {
+  check_plan();
+  session_.title = plan_.title;
+  session_.clock = "virtual";
+  session_.material = light.responses().material;
+  session_.theta_mm = light.responses().theta_mm;
+  session_.torque_constant_Nm_per_A.assign(4, hand_.rig.motor.torque_constant_Nm_per_A);
+  sweep_workspace();
+  describe_links();
+  close_grasps();
+  record_frames();
+  record_joints();
+}
+
+inline void HandLab::check_plan() const {
+  validate(hand_.rig);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
   require_in_range("steps of the hand's sweep", plan_.sweep_steps, 2, 100, "");
   require_positive("speed of the hand's joints", plan_.speed_rad_per_s, "rad/s");
@@ -133,32 +157,39 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     require_seen(g.joints_rad);
     for (const HandTouch& c : g.touches) {
       require_in_range("link of a touch", c.link, 0, 3, "");
-      require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
-      require_in_range("load of a touch", c.load_N, 0.0, rig_.specimen.bears_N(light.max_load_N()), "N");
+      require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light_->reach_m(), "mm");
+      require_in_range("load of a touch", c.load_N, 0.0, hand_.rig.specimen.bears_N(light_->max_load_N()), "N");
     }
   }
-  const PadResponses& r = light.responses();
-  per_DN_ = light.scale_to(rig_.camera.level_DN);
+}
 
-  // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
+inline void HandLab::sweep_workspace() {
+  // Both fingers alike, to and fro.
   const auto node = [&](int k) {
     return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1);
   };
   keys_.push_back({0.0, {plan_.low_rad, plan_.low_rad, plan_.low_rad, plan_.low_rad}, -1, 0.0});
-  keys_.push_back({0.5, keys_.back().joints, -1, 0.0});
+  keys_.push_back({first_rest_s, keys_.back().joints, -1, 0.0});
   for (int i = 0; i < plan_.sweep_steps; ++i)
     for (int j = 0; j < plan_.sweep_steps; ++j) {
       const double a = node(i), b = node(i % 2 == 0 ? j : plan_.sweep_steps - 1 - j);
       move_to({a, b, a, b});
     }
+  add_segment(0.0, keys_.back().t_s, sense::SegmentKind::free);
+}
+
+inline void HandLab::describe_links() {
   for (int l = 0; l < 4; ++l) {
     const bool right = l >= 2;
     sense::SessionLink s;
     s.link.name = std::string(right ? "right" : "left") + (l % 2 == 0 ? " proximal" : " distal");
     s.link.joints = l % 2 == 0 ? std::vector<int>{l} : std::vector<int>{l - 1, l};
-    s.link.hole_m.resize(2, 2), s.hole_px.resize(2, 2);
-    s.link.hole_radius_m = hand_.hole_radius_m, s.link.z_clockwise = !right;
-    s.link.z_low_m = side_.low_m + 1.0_mm, s.link.z_high_m = side_.high_m - 1.0_mm;
+    s.link.hole_m.resize(2, 2);
+    s.hole_px.resize(2, 2);
+    s.link.hole_radius_m = hand_.hole_radius_m;
+    s.link.z_clockwise = !right;
+    s.link.z_low_m = hand_.side.low_m + hand_.edge_m;
+    s.link.z_high_m = hand_.side.high_m - hand_.edge_m;
     for (int k = 0; k < 2; ++k) {
       s.link.hole_m.col(k) << hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m;
       s.hole_px.col(k) =
@@ -166,57 +197,49 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     }
     session_.links.push_back(std::move(s));
   }
-  const double free_s = keys_.back().t_s;
-  struct Held {
-    double from_s, to_s;
-  };
-  std::vector<Held> held;
+}
+
+inline void HandLab::close_grasps() {
   for (int g = 0; g < int(plan_.grasps.size()); ++g) {
     const HandGrasp& grasp = plan_.grasps[std::size_t(g)];
     move_to(grasp.joints_rad);
     double t = keys_.back().t_s;
-    keys_.push_back({t + 0.3, grasp.joints_rad, -1, 0.0});
-    t += 0.3;
+    keys_.push_back({t + pause_s, grasp.joints_rad, -1, 0.0});
+    t += pause_s;
     keys_.push_back({t, grasp.joints_rad, g, 0.0});
     keys_.push_back({t + plan_.close_s, grasp.joints_rad, g, 1.0});
     keys_.push_back({t + plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 1.0});
     keys_.push_back({t + 2.0 * plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 0.0});
-    held.push_back({t + plan_.close_s, t + plan_.close_s + plan_.hold_s});
+    add_segment(t + plan_.close_s, t + plan_.close_s + plan_.hold_s, sense::SegmentKind::hold);
   }
-  const double end_s = keys_.back().t_s;
+}
 
-  session_.title = plan_.title;
-  session_.clock = "virtual";
-  session_.material = r.material;
-  session_.theta_mm = r.theta_mm;
-  session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
-  const auto segment = [&](double from_s, double to_s, const char* kind) {
-    session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
-  };
-  segment(0.0, free_s, "free");
-  for (const auto& [from, to] : held) segment(from, to, "hold");
-
-  const CameraRig& c = rig_.camera;
-  const LightRig& l = rig_.light;
+inline void HandLab::record_frames() {
+  const CameraRig& c = hand_.rig.camera;
+  const LightRig& l = hand_.rig.light;
   LampNoise lamps(l, seed_, 48);
-  SlowNoise room(Draws(seed_, 49), l.ambient_drift_s);
-  Draws jitter(seed_, 51), read(seed_, 52);
-  for (double t = 0.01; t < end_s; t += 1.0 / c.frames_per_s) {
+  SlowNoise room(RandomStream(seed_, 49), l.ambient_drift_s);
+  RandomStream jitter(seed_, 51);
+  for (double t = first_frame_s; t < keys_.back().t_s; t += 1.0 / c.frames_per_s) {
     HandTruth truth = at(t);
     truth.stamp_ns = lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(std::move(truth));
-    lamps_.push_back(rig_.specimen.lamps * (1.0 + noise_ * lamps.at(t)));
+    lamps_.push_back(hand_.rig.specimen.lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(l.ambient_DN * (1.0 + noise_ * l.ambient_drift * room.at(t)));
   }
+}
+
+inline void HandLab::record_joints() {
+  RandomStream read(seed_, 52);
   HandJoints before = keys_.front().joints;
-  for (double t = 0.0; t < end_s; t += 1.0 / rig_.motor.hz) {
+  for (double t = 0.0; t < keys_.back().t_s; t += 1.0 / hand_.rig.motor.hz) {
     const HandTruth now = at(t);
     sense::JointSample s{lab_stamp(t), sense::JointVector(4), sense::JointVector(4), sense::JointVector::Zero(4),
                          sense::Effort::current_A};
     for (int k = 0; k < 4; ++k) {
       s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
-      s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * rig_.motor.hz;
+      s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * hand_.rig.motor.hz;
     }
     before = now.joints_rad;
     joints_.push_back(std::move(s));
@@ -232,7 +255,10 @@ inline auto HandLab::at(double t_s) const -> HandTruth {
   for (std::size_t j = 0; j < 4; ++j) truth.joints_rad[j] = a.joints[j] + share * (b.joints[j] - a.joints[j]);
   const double load = a.share + share * (b.share - a.share);
   if (a.grasp >= 0 && a.grasp == b.grasp && load > 0.0)
-    for (HandTouch c : plan_.grasps[std::size_t(a.grasp)].touches) c.load_N *= load, truth.touches.push_back(c);
+    for (HandTouch c : plan_.grasps[std::size_t(a.grasp)].touches) {
+      c.load_N *= load;
+      truth.touches.push_back(c);
+    }
   return truth;
 }
 
@@ -247,30 +273,30 @@ inline sense::Image HandLab::image(std::size_t k) const {
   for (int l = 0; l < 4; ++l) {
     Eigen::VectorXd light = light_->responses().unloaded;
     for (const HandTouch& c : truth.touches)
-      if (c.link == l) light += light_->change(c.y_m, c.load_N / rig_.specimen.stiffness, 0.0);
+      if (c.link == l) light += light_->change(c.y_m, c.load_N / hand_.rig.specimen.stiffness, 0.0);
     const sense::LinkMap m = map(l, truth.joints_rad);
     const double scale = m.px_per_m();
     links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
   }
   const Eigen::VectorXd& position = light_->responses().position_m;
-  const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px,
+  const double spacing = position[1] - position[0], blur = hand_.rig.camera.blur_px * hand_.scale_m_per_px,
                room = room_DN_[k];
   const auto edge = [&](double distance) { return std::clamp(0.5 + 0.5 * distance / (1.5 * blur), 0.0, 1.0); };
   sense::Image image = sense::Image::black(hand_.width, hand_.height, sense::PixelFormat::grey);
-  Draws draws(seed_, 100000 + k), sensitivity(seed_, 53);
+  RandomStream draws(seed_, 100000 + k), sensitivity(seed_, 53);
   for (int v = 0; v < hand_.height; ++v) {
     std::uint8_t* row = image.row(v);
-    const double row_offset = noise_ * rig_.camera.row_DN * draws.normal();
+    const double row_offset = noise_ * hand_.rig.camera.row_DN * draws.normal();
     for (int u = 0; u < hand_.width; ++u) {
       double signal = hand_.ground_DN;
       for (const Seen& l : links) {
         const double du = (u - l.map.origin_px.x()) * hand_.scale_m_per_px,
                      dv = (v - l.map.origin_px.y()) * hand_.scale_m_per_px, side = l.map.z_clockwise ? 1.0 : -1.0;
         const double y = du * l.c + dv * l.s, z = side * (-du * l.s + dv * l.c),
-                     end = side_.half_length_m - std::abs(y);
-        if (end < -3.0 * blur || z < -hand_.carrier_m - 3.0 * blur || z > side_.high_m + 3.0 * blur) continue;
-        const double carrier = edge(end) * edge(side_.low_m - z) * edge(z + hand_.carrier_m),
-                     pad = edge(end) * edge(z - side_.low_m) * edge(side_.high_m - z);
+                     end = hand_.side.half_length_m - std::abs(y);
+        if (end < -3.0 * blur || z < -hand_.carrier_m - 3.0 * blur || z > hand_.side.high_m + 3.0 * blur) continue;
+        const double carrier = edge(end) * edge(hand_.side.low_m - z) * edge(z + hand_.carrier_m),
+                     pad = edge(end) * edge(z - hand_.side.low_m) * edge(hand_.side.high_m - z);
         double hole = 0.0;
         for (const double at : hand_.hole_y_m)
           hole = std::max(hole, edge(hand_.hole_radius_m - std::hypot(y - at, z - hand_.hole_z_m)));
@@ -281,14 +307,14 @@ inline sense::Image HandLab::image(std::size_t k) const {
           const double place = std::clamp((y - position[0]) / spacing, 0.0, double(position.size() - 1) - 1e-9);
           const auto bin = Eigen::Index(place);
           signal += pad * ((1.0 - (place - double(bin))) * l.light[bin] + (place - double(bin)) * l.light[bin + 1]);
-          for (const double at : side_.lamp_m) {
-            const double d = std::hypot(y - at, z - side_.lamp_height_m) / rig_.light.spot_sigma_m;
-            if (d < 5.0) signal += pad * lamps_[k] * rig_.light.spot_DN * std::exp(-0.5 * d * d);
+          for (const double at : hand_.side.lamp_m) {
+            const double d = std::hypot(y - at, z - hand_.side.lamp_height_m) / hand_.rig.light.spot_sigma_m;
+            if (d < 5.0) signal += pad * lamps_[k] * hand_.rig.light.spot_DN * std::exp(-0.5 * d * d);
           }
         }
       }
-      signal *= 1.0 + noise_ * rig_.camera.pixel_gain * sensitivity.normal();
-      row[u] = sensed(rig_.camera, signal, noise_, draws.normal(), row_offset);
+      signal *= 1.0 + noise_ * hand_.rig.camera.pixel_gain * sensitivity.normal();
+      row[u] = sensed(hand_.rig.camera, signal, noise_, draws.normal(), row_offset);
     }
   }
   return image;

@@ -46,7 +46,7 @@ inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.
   require_in_range("number of grasps", count, 1, 1000, "");
   require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
   HandPlan plan;
-  Draws draws(seed, 40);
+  RandomStream draws(seed, 40);
   for (int g = 0; g < count; ++g) {
     HandGrasp grasp;
     for (double& q : grasp.joints_rad)

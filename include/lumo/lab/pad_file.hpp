@@ -1,16 +1,17 @@
 #pragma once
 
-#include "lumo/core/read_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/core/sobol.hpp"
-#include "lumo/core/write_whole.hpp"
 #include "lumo/lab/pad_responses.hpp"
 
 #include <charconv>
 #include <cstdint>
 #include <cstdio>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 namespace lumo {
 
@@ -82,15 +83,18 @@ class BlockReader {
   std::string name_;
 };
 
-/// `key` says in one line what was computed and how; whoever reads the file must ask for the same.
+/// `key` names in one line what was computed and how; a reader must ask for the same.
 inline std::string to_text(const PadResponses& r, const std::string& key) {
   std::string t(pad_file_head);
   t += "key " + key + "\nmaterial " + r.material + '\n';
   const auto add = [&](const char* name, const Eigen::MatrixXd& m) { append_block(t, name, m); };
   add("theta_mm", Eigen::Map<const Eigen::VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
   add("diameter_m", Eigen::MatrixXd::Constant(1, 1, r.diameter_m));
-  add("position_m", r.position_m), add("unloaded", r.unloaded), add("place_m", r.place_m), add("load_N", r.load_N),
-      add("depth_m", r.depth_m);
+  add("position_m", r.position_m);
+  add("unloaded", r.unloaded);
+  add("place_m", r.place_m);
+  add("load_N", r.load_N);
+  add("depth_m", r.depth_m);
   for (const auto& m : r.change) add("change", m);
   add("tilt_place_m", r.tilt_place_m);
   for (const auto& m : r.tilt) add("tilt", m);
@@ -118,8 +122,10 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   const Eigen::MatrixXd diameter = reader.block("diameter_m");
   if (diameter.size() != 1) reader.fail("the diameter is missing");
   r.diameter_m = diameter(0, 0);
-  r.position_m = reader.column("position_m"), r.unloaded = reader.column("unloaded"),
-  r.place_m = reader.column("place_m"), r.load_N = reader.column("load_N");
+  r.position_m = reader.column("position_m");
+  r.unloaded = reader.column("unloaded");
+  r.place_m = reader.column("place_m");
+  r.load_N = reader.column("load_N");
   r.depth_m = reader.block("depth_m");
   for (Eigen::Index k = 0; k < r.place_m.size(); ++k) r.change.push_back(reader.block("change"));
   r.tilt_place_m = reader.column("tilt_place_m");
@@ -129,10 +135,10 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   return r;
 }
 
-/// Nothing when there is no such file. Throws InputError for one that cannot be used.
+/// nullopt if there is no such file. Throws InputError for one that cannot be used.
 inline std::optional<PadResponses> read_pad_responses(const std::string& path,
                                                       const std::optional<std::string>& key = {}) {
-  if (struct stat found; ::stat(path.c_str(), &found) != 0) return std::nullopt;
+  if (std::error_code unseen; !std::filesystem::exists(path, unseen)) return std::nullopt;
   const auto text = read_whole(path);
   if (!text) throw InputError(message(path, ": cannot be read"));
   return pad_responses_from_text(*text, key, path);

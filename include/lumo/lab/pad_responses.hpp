@@ -74,12 +74,15 @@ class PadLight {
   const PadResponses& responses() const { return r_; }
   double reach_m() const { return r_.place_m[r_.place_m.size() - 1]; }
   double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
-  /// What the light must be multiplied by for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
+  /// Factor on the light for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
   double scale_to(double level) const {
     double sum = 0.0;
     int bins = 0;
     for (Eigen::Index b = 0; b < r_.position_m.size(); ++b)
-      if (std::abs(r_.position_m[b]) <= 25e-3) sum += r_.unloaded[b], ++bins;
+      if (std::abs(r_.position_m[b]) <= 25e-3) {
+        sum += r_.unloaded[b];
+        ++bins;
+      }
     return level * bins / sum;
   }
 
@@ -137,7 +140,8 @@ class PadLight {
     for (Eigen::Index k = 0; k < n; ++k)
       secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) /
                       (load(k + 1) - load(k));
-    slope.col(0) = secant.col(0), slope.col(n) = secant.col(n - 1);
+    slope.col(0) = secant.col(0);
+    slope.col(n) = secant.col(n - 1);
     for (Eigen::Index k = 1; k < n; ++k) {
       const double a = load(k) - load(k - 1), b = load(k + 1) - load(k), wa = (a + 2.0 * b) / (3.0 * (a + b));
       for (Eigen::Index i = 0; i < value.rows(); ++i) {

@@ -3,6 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/lab/side_painter.hpp"
+#include "lumo/sense/recording/session.hpp"
 
 #include <array>
 #include <cmath>
@@ -16,7 +17,7 @@ struct LoadStep {
   double load_N = 0.0;
   double ramp_s = 0.3;
   double hold_s = 1.0;
-  std::string kind = "hold";  ///< of the hold's segment
+  sense::SegmentKind kind = sense::SegmentKind::hold;  ///< of the hold's segment
   int cycle = -1;
 };
 
@@ -78,7 +79,7 @@ inline LabPlan cycle_plan(int runs = 3) {
       const double y = lab_odd_places_m[std::size_t(p)];
       LabContact c{p, y, r, {}};
       for (int k = 0; k < 5; ++k)
-        for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, "cycle", k});
+        for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, sense::SegmentKind::cycle, k});
       plan.contacts.push_back(std::move(c));
       // The same contact anew: one hold at each load, for W_recontact and D_neighbor of these runs.
       plan.contacts.push_back({p, y, r, lab_holds({2, 5, 10, 15}, 0.3, 0.5)});

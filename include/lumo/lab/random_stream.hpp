@@ -11,9 +11,9 @@ namespace lumo {
 
 /// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was
 /// drawn elsewhere. The same on every machine up to its mathematical functions' last bit.
-class Draws {
+class RandomStream {
  public:
-  Draws(std::uint64_t seed, std::uint64_t stream) : key_(combine(combine(0x1ab0ull, seed), stream)) {}
+  RandomStream(std::uint64_t seed, std::uint64_t stream) : key_(combine(combine(0x1ab0ull, seed), stream)) {}
 
   double uniform() { return lumo::uniform(combine(key_, count_++)); }
   /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
@@ -34,7 +34,7 @@ class Draws {
 /// First-order Gauss–Markov noise of standard deviation 1.
 class SlowNoise {
  public:
-  SlowNoise(Draws draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
+  SlowNoise(RandomStream draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
   /// At a time not before the last one.
   double at(double t_s) {
     const double keep = std::exp(-(t_s - t_s_) / time_s_);
@@ -44,7 +44,7 @@ class SlowNoise {
   }
 
  private:
-  Draws draws_;
+  RandomStream draws_;
   double time_s_, value_, t_s_ = 0.0;
 };
 
@@ -55,7 +55,7 @@ class LampNoise {
   LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first)
       : drift_(rig.lamp_drift),
         white_(rig.lamp_white),
-        slow_(Draws(seed, first), rig.lamp_drift_s),
+        slow_(RandomStream(seed, first), rig.lamp_drift_s),
         fast_(seed, first + 2) {}
   double at(double t_s) {
     const double slow = drift_ * slow_.at(t_s);
@@ -65,7 +65,7 @@ class LampNoise {
  private:
   double drift_, white_;
   SlowNoise slow_;
-  Draws fast_;
+  RandomStream fast_;
 };
 
 }  // namespace lumo

@@ -10,9 +10,9 @@
 
 namespace lumo {
 
-// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md tells what each does).
-// They were fixed before any decoder, localiser or force estimator was run on a log of the lab; the lab's `noise`
-// multiplies all that is marked σ.
+// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md explains each). They were
+// fixed before any decoder, localiser or force estimator ran on a log of the lab. The lab's `noise` multiplies all that
+// is marked σ.
 
 /// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is
 /// recorded. The picture is its green plane.
@@ -73,6 +73,15 @@ struct SiliconeRig {
   std::array<double, 3> time_s{0.1, 1.0, 10.0};
 };
 
+/// How a joint moves without contact: to and fro as a cosine, with a rest after each sweep. Moving shows friction,
+/// resting what sticks. Assumed.
+struct FreeRunRig {
+  double beat_s = 0.75;  ///< of a sweep and its rest
+  double sweep_s = 0.5;
+  double swing_rad = 0.35;                ///< to both sides
+  double rest_velocity_rad_per_s = 0.02;  ///< Coulomb friction turns within about it
+};
+
 /// The joints under local position control, with current for torque: one, or a second one alike before it.
 struct MotorRig {
   int joints = 1;
@@ -91,6 +100,7 @@ struct MotorRig {
   double hold_rad = 0.15;                   ///< where it holds; assumed
   double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
   double hz = 250.0;
+  FreeRunRig free_run;
 };
 
 /// How the pad at hand differs from the computed one.
@@ -113,10 +123,21 @@ struct Rig {
   MotorRig motor;
 };
 
+/// What a pixel gives for the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number,
+/// times `noise`), the row's offset, black level, full well, gamma, 8 bits (EMVA 1288's linear model).
+inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise, double normal, double row_offset) {
+  signal = std::max(signal, 0.0);
+  signal += noise * std::sqrt(camera.shot_DN * signal + camera.read_DN * camera.read_DN) * normal + row_offset;
+  double value = std::clamp(signal + camera.black_DN, 0.0, camera.full_DN);
+  const double inverse_gamma = 1.0 / camera.gamma;
+  if (inverse_gamma != 1.0) value = camera.full_DN * std::pow(value / camera.full_DN, inverse_gamma);
+  return std::uint8_t(std::lround(value));
+}
+
 /// The lab's clock.
 inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
 
-/// Throws InvalidArgument for numbers that make no sense.
+/// Throws InvalidArgument for numbers out of range.
 inline void validate(const Rig& r) {
   require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
   require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");

@@ -2,7 +2,6 @@
 
 #include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/rig.hpp"
-#include "lumo/lab/sensor.hpp"
 #include "lumo/lab/side_camera.hpp"
 #include "lumo/sense/devices/frame.hpp"
 
@@ -15,7 +14,7 @@
 namespace lumo {
 
 /// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel
-/// noise, gamma, 8 bits. The light of a bin fills the height of the visible side evenly (the responses do not tell
+/// noise, gamma, 8 bits. The light of a bin fills the height of the visible side evenly (the responses hold no
 /// more). LEDs are spots behind the side: in the pad's middle, as deep as refraction lets them seem, so that their
 /// pitch looks smaller than the side's.
 class SidePainter {
@@ -26,7 +25,8 @@ class SidePainter {
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the
   /// window's middle.
-  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
+  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
+                     RandomStream draws) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -59,7 +59,7 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, c
   const auto edge = [&](double distance) { return 0.5 * std::erfc(-distance / (std::sqrt(2.0) * blur)); };
   const Eigen::Index bins = position_m.size();
   pixels_.resize(std::size_t(camera.width) * std::size_t(camera.height));
-  Draws sensitivity(seed, 101);
+  RandomStream sensitivity(seed, 101);
   for (int v = 0; v < camera.height; ++v)
     for (int u = 0; u < camera.width; ++u) {
       Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
@@ -86,7 +86,7 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, c
 }
 
 inline sense::Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
-                                       Draws draws) const {
+                                       RandomStream draws) const {
   const CameraRig& camera = view_.camera();
   sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {

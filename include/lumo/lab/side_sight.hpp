@@ -45,7 +45,7 @@ static_assert(ExitReadout<SideSight>);
 
 /// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as
 /// the sight does). `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for
-/// numbers that make no sense.
+/// numbers out of range.
 inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
   require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
   require_positive("range of the side's sight", sight.half_range_m, "m");
@@ -54,8 +54,10 @@ inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& si
   body.regions = 2 * n;
   std::vector<int> other_side(std::size_t(2 * n)), other_end(std::size_t(2 * n));
   for (int b = 0; b < n; ++b) {
-    other_side[std::size_t(b)] = b + n, other_side[std::size_t(b + n)] = b;
-    other_end[std::size_t(b)] = n - 1 - b, other_end[std::size_t(b + n)] = 2 * n - 1 - b;
+    other_side[std::size_t(b)] = b + n;
+    other_side[std::size_t(b + n)] = b;
+    other_end[std::size_t(b)] = n - 1 - b;
+    other_end[std::size_t(b + n)] = 2 * n - 1 - b;
   }
   body.region_image_x = other_side;
   body.region_image_y = other_end;

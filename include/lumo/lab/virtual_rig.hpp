@@ -5,7 +5,7 @@
 #include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/relaxation.hpp"
 #include "lumo/lab/rig.hpp"
-#include "lumo/lab/side_geometry.hpp"
+#include "lumo/lab/side_camera.hpp"
 #include "lumo/lab/side_painter.hpp"
 #include "lumo/sense/devices/camera.hpp"
 #include "lumo/sense/recording/csv.hpp"
@@ -22,7 +22,7 @@
 
 namespace lumo {
 
-/// What was really so at a frame. For whoever compares estimates with it, never for who makes them.
+/// What was really so at a frame: for comparisons with estimates, never for their making.
 struct TruthSample {
   std::int64_t stamp_ns = 0;
   int contact = -1;  ///< number in the plan; −1: none
@@ -43,12 +43,12 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
   return t;
 }
 
-/// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes
-/// from computed responses only. A pure function of responses, plan, seed and `noise`, which multiplies every σ of the
+/// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. All light comes
+/// from computed responses. A pure function of responses, plan, seed and `noise`, which multiplies every σ of the
 /// rig.
 class VirtualRig {
  public:
-  /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond
+  /// `light` stays the caller's. Throws InvalidArgument for numbers out of range, or loads and places beyond
   /// those computed.
   VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {},
              SideGeometry side = {});
@@ -65,6 +65,12 @@ class VirtualRig {
   sense::Image image(std::size_t k) const;
 
  private:
+  // Times of every plan; assumed.
+  static constexpr double settle_s = 0.5, margin_s = 0.02;  ///< cut from an unloaded stretch's start (at most) and end
+  static constexpr double settling_share = 0.2;             ///< of a hold, cut from its start: the pad creeps
+  static constexpr double release_s = 0.2, last_rest_s = 1.0, first_frame_s = 0.01;
+  static constexpr int most_trials = 1000;  ///< to place the camera so that it shows the side
+
   struct Contact {
     double y_m, tilt_rad, stick_Nm;
     std::vector<double> load_N;  ///< of each step, as it came out
@@ -81,7 +87,7 @@ class VirtualRig {
 
   void draw_contacts();
   void lay_out_time();
-  void add_segment(double from_s, double to_s, const char* kind) {
+  void add_segment(double from_s, double to_s, sense::SegmentKind kind) {
     session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
   }
   void deform();
@@ -156,7 +162,8 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
   session_.material = r.material;
   session_.theta_mm = r.theta_mm;
   session_.joint_to_origin_m = rig_.motor.joint_to_origin_m;
-  session_.led_depth_m = side_.half_width_m, session_.camera_distance_m = rig_.camera.distance_m;
+  session_.led_depth_m = side_.half_width_m;
+  session_.camera_distance_m = rig_.camera.distance_m;
   session_.torque_constant_Nm_per_A.assign(std::size_t(rig_.motor.joints), rig_.motor.torque_constant_Nm_per_A);
   if (rig_.motor.joints == 2) session_.joint_to_joint_m = {rig_.motor.joint_to_joint_m};
   draw_contacts();
@@ -168,7 +175,7 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
 }
 
 inline void VirtualRig::draw_contacts() {
-  Draws draws(seed_, 1);
+  RandomStream draws(seed_, 1);
   const double reach = light_->reach_m();
   for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(),
@@ -182,33 +189,31 @@ inline void VirtualRig::draw_contacts() {
 
 inline void VirtualRig::lay_out_time() {
   double t = plan_.free_run_s;
-  if (t > 0.0) add_segment(0.0, t, "free");
+  if (t > 0.0) add_segment(0.0, t, sense::SegmentKind::free);
   for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
     const LabContact& c = plan_.contacts[i];
     phases_.push_back({t, t + c.rest_s, 0.0, 0.0, -1});
-    const double from = t + std::min(0.5, 0.5 * c.rest_s), to = t + c.rest_s - 0.02;
-    add_segment(from, to, "unloaded");
-    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, "dark");
+    const double from = t + std::min(settle_s, 0.5 * c.rest_s), to = t + c.rest_s - margin_s;
+    add_segment(from, to, sense::SegmentKind::unloaded);
+    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, sense::SegmentKind::dark);
     t += c.rest_s;
     double load = 0.0;
     for (std::size_t k = 0; k < c.steps.size(); ++k) {
       const LoadStep& s = c.steps[k];
       phases_.push_back({t, t + s.ramp_s, load, contacts_[i].load_N[k], int(i)});
-      t += s.ramp_s, load = contacts_[i].load_N[k];
+      t += s.ramp_s;
+      load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
-      sense::Segment g;
-      g.from_ns = lab_stamp(t + 0.2 * s.hold_s), g.to_ns = lab_stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place,
-      g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
-      g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi,
-      g.diameter_mm = 1e3 * light_->responses().diameter_m;
-      session_.segments.push_back(g);
+      session_.segments.push_back({lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place,
+                                   1e3 * c.y_m, c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi,
+                                   1e3 * light_->responses().diameter_m});
       t += s.hold_s;
     }
-    phases_.push_back({t, t + 0.2, load, 0.0, int(i)});
-    t += 0.2;
+    phases_.push_back({t, t + release_s, load, 0.0, int(i)});
+    t += release_s;
   }
-  phases_.push_back({t, t + 1.0, 0.0, 0.0, -1});
-  end_s_ = t + 1.0;
+  phases_.push_back({t, t + last_rest_s, 0.0, 0.0, -1});
+  end_s_ = t + last_rest_s;
 }
 
 inline void VirtualRig::deform() {
@@ -251,7 +256,7 @@ inline void VirtualRig::record_joints() {
   for (int joint = 0; joint < m.joints; ++joint) {
     const bool last_joint = joint + 1 == m.joints;
     const std::uint64_t stream = last_joint ? 2 : 60;
-    Draws once(seed_, stream), draws(seed_, stream + 1), stick(seed_, stream + 2), own(seed_, stream + 3);
+    RandomStream once(seed_, stream), draws(seed_, stream + 1), stick(seed_, stream + 2), own(seed_, stream + 3);
     const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()),
                  bias = noise_ * m.bias_Nm * once.normal();
     // Both hold the same angle, so that the pad's link is turned against the one before it.
@@ -273,15 +278,15 @@ inline void VirtualRig::record_joints() {
              friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
       if (i == 0) v = 0.0;
       last_load = load;
-      if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of
-                                   // what sticks
-        const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat),
-                     phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
-        q = m.hold_rad - way * swing * std::cos(pi * phase),
+      if (t < plan_.free_run_s) {
+        const auto& [beat, sweep, swing, rest_velocity] = m.free_run;
+        const double k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0),
+                     way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
+        q = m.hold_rad - way * swing * std::cos(pi * phase);
         v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
         if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
         moving = phase < 1.0;
-        friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
+        friction = moving ? m.coulomb_Nm * std::tanh(v / rest_velocity) + m.viscous_Nm_s_per_rad * v : rest_stick;
       }
       const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
       sense::JointSample& sample = joints_[i];
@@ -294,7 +299,7 @@ inline void VirtualRig::record_joints() {
 
 inline void VirtualRig::record_forces() {
   const ContactRig& c = rig_.contact;
-  Draws draws(seed_, 5);
+  RandomStream draws(seed_, 5);
   const double bias = noise_ * c.sensor_bias_N * draws.normal();
   for (double t = 0.0; t < end_s_; t += 1.0 / c.sensor_hz) {
     const Sampled s = at(t);
@@ -310,12 +315,12 @@ inline void VirtualRig::record_forces() {
 inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
-  Draws once(seed_, 6), jitter(seed_, 7);
-  // Whoever places it by hand looks at the picture, and places it again where the pad does not lie in it.
+  RandomStream once(seed_, 6), jitter(seed_, 7);
+  // Placed by hand: where the picture does not show the whole pad, the camera is placed again.
   std::vector<SideCamera> cameras;
   for (int trial = 0;
-       trial == 0 || (trial < 1000 && !std::all_of(cameras.begin(), cameras.end(),
-                                                   [](const SideCamera& view) { return view.shows_side(); }));
+       trial == 0 || (trial < most_trials && !std::all_of(cameras.begin(), cameras.end(),
+                                                          [](const SideCamera& view) { return view.shows_side(); }));
        ++trial) {
     const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(),
                           noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
@@ -329,11 +334,11 @@ inline void VirtualRig::record_frames() {
   }
   for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
   LampNoise lamps(l, seed_, 8);
-  SlowNoise room(Draws(seed_, 9), l.ambient_drift_s);
+  SlowNoise room(RandomStream(seed_, 9), l.ambient_drift_s);
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s,
                averaged = half > 0.0 ? std::sin(half) / half : 1.0;
   int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
-  for (double t = 0.01; t < end_s_; t += 1.0 / c.frames_per_s) {
+  for (double t = first_frame_s; t < end_s_; t += 1.0 / c.frames_per_s) {
     const Sampled s = at(t);
     // The next contact's view is set while nothing touches.
     for (const Phase& p : phases_)
@@ -344,8 +349,13 @@ inline void VirtualRig::record_frames() {
     TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
-      truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N,
-      truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
+      truth = {truth.stamp_ns,
+               s.contact,
+               now.y_m,
+               s.load_N,
+               now.tilt_rad,
+               s.equivalent_N,
+               light_->depth_m(now.y_m, s.equivalent_N)};
     }
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
@@ -362,7 +372,7 @@ inline sense::Image VirtualRig::image(std::size_t k) const {
   Eigen::VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
   light *= per_DN_ * lamps_[k];
-  return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
+  return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, RandomStream(seed_, 1000 + k));
 }
 
 }  // namespace lumo

@@ -13,6 +13,26 @@
 
 namespace lumo {
 
+/// A mesher's raw answer, in plain numbers.
+struct RawFill {
+  std::vector<double> coordinates;   ///< 3 per vertex; the given vertices first, in order
+  std::vector<std::int32_t> tets;    ///< 4 vertices each
+  std::vector<std::int32_t> faces;   ///< 3 vertices of each boundary triangle, in any sense and order
+  std::vector<std::int32_t> facets;  ///< for each face, the number of its facet + 1
+};
+
+/// Corners of the face opposite to corner i of a positive tetrahedron, counter-clockwise seen from outside.
+inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+
+/// Makes a LinearTets of a raw answer, whose coordinates times `scale` are the input's, and checks it against the
+/// surface that was to be filled: finite, positive volumes, faces shared by two tetrahedra of opposite sense or on the
+/// boundary, boundary faces on their facets, volume and area those of the input to 1e-6. Throws MeshError: crashed for
+/// an answer that cannot be a mesh, inverted, open, not_manifold, or inaccurate.
+inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface, const RawFill& raw,
+                               double scale = 1.0);
+
+namespace detail {
+
 /// A triangle with its corners in ascending order, for matching, and where it came from.
 struct SortedFace {
   std::array<int, 3> key;
@@ -32,44 +52,56 @@ struct SortedFace {
   bool operator<(const SortedFace& other) const { return key != other.key ? key < other.key : from < other.from; }
 };
 
-/// Corners of the face opposite to corner i of a positive tetrahedron, counter-clockwise seen from outside.
-inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+/// The steps of checked_fill, in order.
+class FillCheck {
+ public:
+  explicit FillCheck(const MeshInput& input) : input_(input) {}
 
-/// Makes a LinearTets of a mesher's raw answer and checks it against the surface that was to be filled: finite,
-/// positive volumes, faces shared by two tetrahedra of opposite sense or on the boundary, boundary faces on their
-/// facets, volume and area those of the input to 1e-6. `faces` and `facets` (number + 1) name the boundary triangles,
-/// in any sense and order. Throws MeshError: crashed for an answer that makes no sense, inverted, open, not_manifold,
-/// or inaccurate.
-inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface,
-                               const std::vector<double>& coordinates, double scale,
-                               const std::vector<std::int32_t>& tets, const std::vector<std::int32_t>& faces,
-                               const std::vector<std::int32_t>& facets) {
+  void take_vertices(const RawFill& raw, double scale);
+  double take_tets(const std::vector<std::int32_t>& tets);  ///< their volume
+  void find_boundary(const RawFill& raw);
+  double take_faces(double reach);  ///< their area; none is farther than `reach` off its facet
+  LinearTets result() { return std::move(mesh_); }
+
+ private:
   using Reason = MeshError::Reason;
-  LinearTets mesh;
-  const int count = static_cast<int>(coordinates.size() / 3);
-  const int given = static_cast<int>(input.vertices.size());
-  if (count < given || tets.size() < 4)
+  struct Boundary {
+    int side, facet;
+    auto operator<=>(const Boundary&) const = default;
+  };
+  const Vec3d& at(int i) const { return mesh_.vertices[std::size_t(i)]; }
+
+  const MeshInput& input_;
+  LinearTets mesh_;
+  std::vector<SortedFace> sides_;   ///< of all tetrahedra
+  std::vector<Boundary> boundary_;  ///< in the order of the tetrahedra, whatever the mesher's order was
+};
+
+inline void FillCheck::take_vertices(const RawFill& raw, double scale) {
+  const std::size_t count = raw.coordinates.size() / 3, given = input_.vertices.size();
+  if (count < given || raw.tets.size() < 4)
     throw MeshError(Reason::crashed,
-                    message("mesher returned ", count, " vertices and ", tets.size() / 4, " tetrahedra"));
-  mesh.vertices.reserve(static_cast<std::size_t>(count));
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
-    const Vec3d point = scale * Vec3d(coordinates[3 * i], coordinates[3 * i + 1], coordinates[3 * i + 2]);
+                    message("mesher returned ", count, " vertices and ", raw.tets.size() / 4, " tetrahedra"));
+  mesh_.vertices.reserve(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const double* c = &raw.coordinates[3 * i];
+    const Vec3d point = scale * Vec3d(c[0], c[1], c[2]);
     if (!point.allFinite())
       throw MeshError(Reason::crashed, message("mesher returned vertex ", i, " that is not finite"));
-    mesh.vertices.push_back(point);
+    mesh_.vertices.push_back(point);
   }
-  for (std::size_t i = 0; i < static_cast<std::size_t>(given); ++i)
-    if (mesh.vertices[i] != input.vertices[i])
+  for (std::size_t i = 0; i < given; ++i)
+    if (mesh_.vertices[i] != input_.vertices[i])
       throw MeshError(Reason::inaccurate, message("mesher moved the given vertex ", i));
-  const auto at = [&](int i) -> const Vec3d& { return mesh.vertices[static_cast<std::size_t>(i)]; };
-  const auto valid = [&](int i) { return i >= 0 && i < count; };
+}
 
+inline double FillCheck::take_tets(const std::vector<std::int32_t>& tets) {
+  const int count = int(mesh_.vertices.size());
   double volume = 0.0;
-  std::vector<SortedFace> sides;
-  sides.reserve(tets.size());
+  sides_.reserve(tets.size());
   for (std::size_t i = 0; i + 3 < tets.size(); i += 4) {
     std::array<int, 4> tet{tets[i], tets[i + 1], tets[i + 2], tets[i + 3]};
-    if (!std::all_of(tet.begin(), tet.end(), valid))
+    if (!std::all_of(tet.begin(), tet.end(), [count](int v) { return v >= 0 && v < count; }))
       throw MeshError(Reason::crashed, message("mesher returned tetrahedron ", i / 4, " with a bad index"));
     double six = (at(tet[1]) - at(tet[0])).cross(at(tet[2]) - at(tet[0])).dot(at(tet[3]) - at(tet[0]));
     if (six < 0.0) {  // the mesher's sense of orientation need not be ours
@@ -79,72 +111,80 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
     if (!(six > 0.0))
       throw MeshError(Reason::inverted, message("tetrahedron ", i / 4, " has volume ", six / 6.0, ", must be > 0"));
     volume += six / 6.0;
-    const int number = static_cast<int>(mesh.tets.size());
+    const int number = int(mesh_.tets.size());
     for (int k = 0; k < 4; ++k) {
-      const auto& face = outward_faces[static_cast<std::size_t>(k)];
-      sides.emplace_back(
-          std::array<int, 3>{tet[static_cast<std::size_t>(face[0])], tet[static_cast<std::size_t>(face[1])],
-                             tet[static_cast<std::size_t>(face[2])]},
-          4 * number + k);
+      const auto& [a, b, c] = outward_faces[std::size_t(k)];
+      sides_.emplace_back(std::array<int, 3>{tet[std::size_t(a)], tet[std::size_t(b)], tet[std::size_t(c)]},
+                          4 * number + k);
     }
-    mesh.tets.push_back(tet);
+    mesh_.tets.push_back(tet);
   }
+  return volume;
+}
 
-  std::sort(sides.begin(), sides.end());
+inline void FillCheck::find_boundary(const RawFill& raw) {
+  std::sort(sides_.begin(), sides_.end());
   std::vector<SortedFace> named;
-  for (std::size_t i = 0; i < facets.size() && 3 * i + 2 < faces.size(); ++i)
-    named.emplace_back(std::array<int, 3>{faces[3 * i], faces[3 * i + 1], faces[3 * i + 2]}, facets[i]);
+  for (std::size_t i = 0; i < raw.facets.size() && 3 * i + 2 < raw.faces.size(); ++i)
+    named.emplace_back(std::array<int, 3>{raw.faces[3 * i], raw.faces[3 * i + 1], raw.faces[3 * i + 2]}, raw.facets[i]);
   std::sort(named.begin(), named.end());
-  struct Boundary {
-    int side, facet;
-    auto operator<=>(const Boundary&) const = default;
-  };
-  std::vector<Boundary> boundary;  // in the order of the tetrahedra, whatever the mesher's order was
-  for (std::size_t i = 0; i < sides.size();) {
+  for (std::size_t i = 0; i < sides_.size();) {
+    const SortedFace& side = sides_[i];
     std::size_t end = i + 1;
-    while (end < sides.size() && sides[end].key == sides[i].key) ++end;
-    if (end - i > 2 || (end - i == 2 && sides[i].odd == sides[i + 1].odd))
+    while (end < sides_.size() && sides_[end].key == side.key) ++end;
+    if (end - i > 2 || (end - i == 2 && side.odd == sides_[i + 1].odd))
       throw MeshError(Reason::not_manifold,
-                      message("tetrahedron ", sides[i].from / 4, " overlaps its neighbour ", sides[i + 1].from / 4));
+                      message("tetrahedron ", side.from / 4, " overlaps its neighbour ", sides_[i + 1].from / 4));
     if (end - i == 1) {
-      const auto found = std::lower_bound(named.begin(), named.end(), sides[i],
+      const auto found = std::lower_bound(named.begin(), named.end(), side,
                                           [](const SortedFace& a, const SortedFace& b) { return a.key < b.key; });
-      if (found == named.end() || found->key != sides[i].key || found->from < 1 ||
-          found->from > static_cast<int>(input.facets.size()))
-        throw MeshError(Reason::open,
-                        message("a boundary face of tetrahedron ", sides[i].from / 4, " lies on no facet"));
-      boundary.push_back({sides[i].from, found->from - 1});
+      if (found == named.end() || found->key != side.key || found->from < 1 || found->from > int(input_.facets.size()))
+        throw MeshError(Reason::open, message("a boundary face of tetrahedron ", side.from / 4, " lies on no facet"));
+      boundary_.push_back({side.from, found->from - 1});
     }
     i = end;
   }
-  std::sort(boundary.begin(), boundary.end());
+  std::sort(boundary_.begin(), boundary_.end());
+}
+
+inline double FillCheck::take_faces(double reach) {
   std::vector<Vec3d> normals;
-  for (const Facet& facet : input.facets) normals.push_back(polygon_normal(input.vertices, facet.loop).normalized());
-  const double reach = 1e-6 * (surface.high - surface.low).norm();
+  for (const Facet& facet : input_.facets) normals.push_back(polygon_normal(input_.vertices, facet.loop).normalized());
   double area = 0.0;
-  for (const auto& [side, facet] : boundary) {
-    const auto& tet = mesh.tets[static_cast<std::size_t>(side / 4)];
-    const auto& local = outward_faces[static_cast<std::size_t>(side % 4)];
-    const std::array<int, 3> face{tet[static_cast<std::size_t>(local[0])], tet[static_cast<std::size_t>(local[1])],
-                                  tet[static_cast<std::size_t>(local[2])]};
+  for (const auto& [side, number] : boundary_) {
+    const auto& tet = mesh_.tets[std::size_t(side / 4)];
+    const auto& [a, b, c] = outward_faces[std::size_t(side % 4)];
+    const std::array<int, 3> face{tet[std::size_t(a)], tet[std::size_t(b)], tet[std::size_t(c)]};
     area += 0.5 * (at(face[1]) - at(face[0])).cross(at(face[2]) - at(face[0])).norm();
-    const Vec3d& normal = normals[static_cast<std::size_t>(facet)];
-    const Vec3d& origin = at(input.facets[static_cast<std::size_t>(facet)].loop[0]);
+    const Facet& facet = input_.facets[std::size_t(number)];
     for (int vertex : face)
-      if (const double height = std::abs(normal.dot(at(vertex) - origin)); height > reach)
-        throw MeshError(Reason::inaccurate,
-                        message("boundary vertex ", vertex, " is ", height, " off facet ", facet, ", at most ", reach));
-    mesh.faces.push_back(face);
-    mesh.patches.push_back(input.facets[static_cast<std::size_t>(facet)].patch);
+      if (const double height = std::abs(normals[std::size_t(number)].dot(at(vertex) - at(facet.loop[0])));
+          height > reach)
+        throw MeshError(Reason::inaccurate, message("boundary vertex ", vertex, " is ", height, " off facet ", number,
+                                                    ", at most ", reach));
+    mesh_.faces.push_back(face);
+    mesh_.patches.push_back(facet.patch);
   }
+  return area;
+}
+
+}  // namespace detail
+
+inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface, const RawFill& raw, double scale) {
+  constexpr double tolerance = 1e-6;  // relative
+  detail::FillCheck check(input);
+  check.take_vertices(raw, scale);
+  const double volume = check.take_tets(raw.tets);
+  check.find_boundary(raw);
+  const double area = check.take_faces(tolerance * (surface.high - surface.low).norm());
   const auto compare = [](const char* what, double value, double wanted, const char* unit) {
-    if (!(std::abs(value - wanted) <= 1e-6 * wanted))
-      throw MeshError(Reason::inaccurate, message("mesh ", what, " is ", value, ", the surface's is ", wanted,
-                                                  ", may differ by 1e-6 relative [unit", unit, "]"));
+    if (!(std::abs(value - wanted) <= tolerance * wanted))
+      throw MeshError(MeshError::Reason::inaccurate, message("mesh ", what, " is ", value, ", the surface's is ",
+                                                             wanted, ", may differ by 1e-6 relative [unit", unit, "]"));
   };
   compare("volume", volume, surface.volume, "^3");
   compare("area", area, surface.area, "^2");
-  return mesh;
+  return check.result();
 }
 
 }  // namespace lumo

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
-#include "lumo/morphology/body.hpp"
+#include "lumo/geometry/closed_surface.hpp"
 
 #include <array>
 #include <concepts>
@@ -10,10 +10,8 @@
 
 namespace lumo {
 
-/// Closed polyhedral surface to be filled, with a wanted edge length and optional interior points.
-struct MeshInput {
-  std::vector<Vec3d> vertices;               ///< [m] or any unit: the mesher is scale-free
-  std::vector<Facet> facets;                 ///< closed, manifold, counter-clockwise seen from outside
+/// A closed surface to be filled, with a wanted edge length. Vertices of no facet are interior points.
+struct MeshInput : ClosedSurface {
   std::function<double(const Vec3d&)> edge;  ///< wanted edge length, same unit; may be empty
   bool keep_surface = false;                 ///< do not split the given facets
 };

@@ -9,8 +9,6 @@ namespace lumo {
 /// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that
 /// coordinate exactly 0 are shared; all other nodes lie on the positive side. Original nodes keep their numbers; images
 /// follow.
-inline TetMesh mirrored(const TetMesh& half, int axis);
-
 inline TetMesh mirrored(const TetMesh& half, int axis) {
   TetMesh whole = half;
   const std::size_t n = half.nodes.size();

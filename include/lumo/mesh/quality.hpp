@@ -43,7 +43,8 @@ inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) 
 inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
   const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
   if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
-  // The Jacobian of a quadratic map is linear in the barycentric coordinates: its value at the four corners tells all.
+  // The Jacobian of a quadratic map is linear in the barycentric coordinates: its values at the four corners determine
+  // it.
   static constexpr int mid[4][4] = {{-1, 4, 6, 7}, {4, -1, 5, 8}, {6, 5, -1, 9}, {7, 8, 9, -1}};
   std::array<Mat3d, 4> corner;
   for (int k = 0; k < 4; ++k) {

@@ -3,9 +3,16 @@
 #include "lumo/geometry/polygon_refinement.hpp"
 #include "lumo/mesh/fill_check.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <limits>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
 
 namespace lumo {
 
@@ -18,6 +25,9 @@ struct SweptMesher {
   /// flat ends and one quadrilateral for each edge of its section, or one with holes, interior points or
   /// `keep_surface`.
   LinearTets fill(const MeshInput& input) const;
+
+  static constexpr int samples = 64;  ///< along y, at which a point of the section is asked for its wanted edge length
+  static constexpr std::size_t most_layers = 10'000, most_vertices = 5'000'000;  ///< against wishes too short
 };
 
 static_assert(Mesher<SweptMesher>);
@@ -41,7 +51,8 @@ struct Prism {
 
 inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
   Prism p;
-  p.low = surface.low.y(), p.high = surface.high.y();
+  p.low = surface.low.y();
+  p.high = surface.high.y();
   const auto at = [&](int v) -> const Vec3d& { return input.vertices[std::size_t(v)]; };
   const auto all_at = [&](const Facet& f, double y) {
     return std::all_of(f.loop.begin(), f.loop.end(), [&](int v) { return at(v).y() == y; });
@@ -89,7 +100,7 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
   std::vector<double> layers(steps + 1, 0.0);
   for (std::size_t i = 0; i < steps; ++i) layers[i + 1] = layers[i] + 1.0 / (double(steps) * thickness[i]);
   const double count = std::max(1.0, std::ceil(layers.back() - 1e-9));
-  if (!(count <= 10'000.0))
+  if (!(count <= double(SweptMesher::most_layers)))
     throw MeshError(MeshError::Reason::out_of_memory,
                     message("swept mesher: ", count, " layers are wanted, at most 10000"));
   std::vector<double> places{0.0};
@@ -101,6 +112,99 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
   }
   places.push_back(1.0);
   return places;
+}
+
+/// Wanted edge length at a point of the section and a place along y.
+using SectionWish = std::function<double(const Point2& point, double y)>;
+
+/// What one layer may be thick [share of the prism's length] at each of evenly spaced places along y.
+inline std::vector<double> layer_thickness(const Prism& prism, const std::vector<Point2>& points,
+                                           const SectionWish& wanted) {
+  constexpr int places = 4 * SweptMesher::samples;
+  const double length = prism.high - prism.low;
+  std::vector<double> thickness;
+  for (int i = 0; i < places; ++i) {
+    double least = length;
+    for (const Point2& p : points) least = std::min(least, wanted(p, prism.low + length * (i + 0.5) / places));
+    thickness.push_back(least / length);
+  }
+  return thickness;
+}
+
+/// Points of the section in layers along y, and the tetrahedra between them.
+class Sweep {
+ public:
+  Sweep(const Prism& prism, const PolygonRefinement& section, const std::vector<double>& places)
+      : prism_(prism), section_(section), places_(places), count_(section.points().size()) {}
+
+  RawFill fill(const MeshInput& input) {
+    add_vertices(input);
+    for (std::size_t layer = 0; layer + 1 < places_.size(); ++layer) add_layer(layer);
+    for (const auto& [corners, across] : section_.triangles()) {
+      const std::size_t last = places_.size() - 1;
+      add_face({at(0, corners[0]), at(0, corners[1]), at(0, corners[2])}, prism_.low_end);
+      add_face({at(last, corners[0]), at(last, corners[1]), at(last, corners[2])}, prism_.high_end);
+    }
+    return std::move(raw_);
+  }
+
+ private:
+  std::int32_t at(std::size_t layer, int point) const { return vertex_[layer * count_ + std::size_t(point)]; }
+  void add_vertex(const Vec3d& v) { raw_.coordinates.insert(raw_.coordinates.end(), {v.x(), v.y(), v.z()}); }
+  void add_face(const std::array<std::int32_t, 3>& face, int facet) {
+    raw_.faces.insert(raw_.faces.end(), face.begin(), face.end());
+    raw_.facets.push_back(facet + 1);
+  }
+  void add_vertices(const MeshInput& input);
+  void add_layer(std::size_t layer);
+
+  const Prism& prism_;
+  const PolygonRefinement& section_;
+  const std::vector<double>& places_;
+  std::size_t count_;                 ///< points of the section
+  std::vector<std::int32_t> vertex_;  ///< of each point in each layer
+  RawFill raw_;
+};
+
+/// Given vertices come first, as they were.
+inline void Sweep::add_vertices(const MeshInput& input) {
+  for (const Vec3d& v : input.vertices) add_vertex(v);
+  const std::size_t given = prism_.section.size(), layers = places_.size();
+  vertex_.assign(count_ * layers, -1);
+  for (std::size_t layer = 0; layer < layers; ++layer)
+    for (std::size_t i = 0; i < count_; ++i) {
+      std::int32_t& v = vertex_[layer * count_ + i];
+      if (i < given && layer == 0) {
+        v = prism_.at_low[i];
+      } else if (i < given && layer + 1 == layers) {
+        v = prism_.at_high[i];
+      } else {
+        v = std::int32_t(raw_.coordinates.size() / 3);
+        const double length = prism_.high - prism_.low;
+        const double y = layer + 1 == layers ? prism_.high : prism_.low + length * places_[layer];
+        add_vertex(Vec3d(section_.points()[i][0], y, -section_.points()[i][1]));
+      }
+    }
+}
+
+/// Each quadrilateral's diagonal leaves its point of lower number on one level and ends on the other; levels take
+/// turns, so that no direction is preferred.
+inline void Sweep::add_layer(std::size_t layer) {
+  const std::size_t base = layer + layer % 2, top = layer + 1 - layer % 2;
+  for (const auto& t : section_.triangles()) {
+    auto [i, j, k] = t.corners;
+    if (i > j) std::swap(i, j);
+    if (j > k) std::swap(j, k);
+    if (i > j) std::swap(i, j);
+    raw_.tets.insert(raw_.tets.end(), {at(base, i), at(base, j), at(base, k), at(top, k)});
+    raw_.tets.insert(raw_.tets.end(), {at(base, i), at(base, j), at(top, j), at(top, k)});
+    raw_.tets.insert(raw_.tets.end(), {at(base, i), at(top, i), at(top, j), at(top, k)});
+  }
+  for (const auto& piece : section_.outline()) {
+    const auto [i, j] = std::minmax(piece.from, piece.to);
+    add_face({at(base, i), at(base, j), at(top, j)}, prism_.side[std::size_t(piece.edge)]);
+    add_face({at(base, i), at(top, i), at(top, j)}, prism_.side[std::size_t(piece.edge)]);
+  }
 }
 
 }  // namespace detail
@@ -116,7 +220,6 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
                                                              ", ", -p[1], ") is ", edge, ", must be > 0"));
     return edge;
   };
-  constexpr int samples = 64;  // along y
   auto section = PolygonRefinement::of(prism.section);
   if (!section) detail::refuse_prism("the section is not simple");
   const bool filled = section->refine([&](const Point2& p) {
@@ -124,69 +227,12 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
     for (int i = 0; i <= samples; ++i) least = std::min(least, wanted(p, prism.low + length * i / samples));
     return least;
   });
-  const std::size_t given = prism.section.size(), count = section->points().size();
-  std::vector<double> thickness;
-  for (int i = 0; i < 4 * samples && filled; ++i) {
-    double least = length;
-    for (const Point2& p : section->points())
-      least = std::min(least, wanted(p, prism.low + length * (i + 0.5) / (4 * samples)));
-    thickness.push_back(least / length);
-  }
-  const std::vector<double> places = filled ? detail::layer_places(thickness) : std::vector<double>{};
-  const std::size_t layers = places.size();
-  if (!filled || count * layers > 5'000'000)
+  std::vector<double> places;
+  if (filled) places = detail::layer_places(detail::layer_thickness(prism, section->points(), wanted));
+  if (!filled || section->points().size() * places.size() > most_vertices)
     throw MeshError(MeshError::Reason::out_of_memory,
                     "swept mesher: the wanted edges are too short, at most 5 million vertices");
-
-  // Given vertices come first, as they were.
-  std::vector<double> coordinates;
-  const auto put = [&](const Vec3d& v) { coordinates.insert(coordinates.end(), {v.x(), v.y(), v.z()}); };
-  for (const Vec3d& v : input.vertices) put(v);
-  std::vector<std::int32_t> vertex(count * layers, -1);  // of each point in each layer
-  for (std::size_t layer = 0; layer < layers; ++layer)
-    for (std::size_t i = 0; i < count; ++i) {
-      std::int32_t& v = vertex[layer * count + i];
-      if (i < given && layer == 0)
-        v = prism.at_low[i];
-      else if (i < given && layer + 1 == layers)
-        v = prism.at_high[i];
-      else {
-        v = std::int32_t(coordinates.size() / 3);
-        const double y = layer + 1 == layers ? prism.high : prism.low + length * places[layer];
-        put(Vec3d(section->points()[i][0], y, -section->points()[i][1]));
-      }
-    }
-  const auto at = [&](std::size_t layer, int point) { return vertex[layer * count + std::size_t(point)]; };
-
-  std::vector<std::int32_t> tets, faces, facets;
-  const auto name = [&](std::array<std::int32_t, 3> face, int facet) {
-    faces.insert(faces.end(), face.begin(), face.end());
-    facets.push_back(facet + 1);
-  };
-  for (std::size_t layer = 0; layer + 1 < layers; ++layer) {
-    // Each quadrilateral's diagonal leaves its point of lower number on one level and ends on the other; levels take
-    // turns, so that no direction is preferred.
-    const std::size_t base = layer + layer % 2, top = layer + 1 - layer % 2;
-    for (const auto& t : section->triangles()) {
-      auto [i, j, k] = t.corners;
-      if (i > j) std::swap(i, j);
-      if (j > k) std::swap(j, k);
-      if (i > j) std::swap(i, j);
-      tets.insert(tets.end(), {at(base, i), at(base, j), at(base, k), at(top, k)});
-      tets.insert(tets.end(), {at(base, i), at(base, j), at(top, j), at(top, k)});
-      tets.insert(tets.end(), {at(base, i), at(top, i), at(top, j), at(top, k)});
-    }
-    for (const auto& piece : section->outline()) {
-      const auto [i, j] = std::minmax(piece.from, piece.to);
-      name({at(base, i), at(base, j), at(top, j)}, prism.side[std::size_t(piece.edge)]);
-      name({at(base, i), at(top, i), at(top, j)}, prism.side[std::size_t(piece.edge)]);
-    }
-  }
-  for (const auto& t : section->triangles()) {
-    name({at(0, t.corners[0]), at(0, t.corners[1]), at(0, t.corners[2])}, prism.low_end);
-    name({at(layers - 1, t.corners[0]), at(layers - 1, t.corners[1]), at(layers - 1, t.corners[2])}, prism.high_end);
-  }
-  return checked_fill(input, surface, coordinates, 1.0, tets, faces, facets);
+  return checked_fill(input, surface, detail::Sweep(prism, *section, places).fill(input));
 }
 
 }  // namespace lumo

@@ -36,4 +36,6 @@ struct Matern52Kernel {
   }
 };
 
+static_assert(CovarianceKernel<RbfKernel> && CovarianceKernel<Matern52Kernel>);
+
 }  // namespace lumo

@@ -106,7 +106,7 @@ inline double log_expected_excess(double a) {
   return std::log(a * normal_probability(a) + normal_density(a));
 }
 
-/// log(eˣ − eʸ) for x ≥ y; −∞ when they are equal.
+/// log(eˣ − eʸ) for x ≥ y; −∞ if they are equal.
 inline double log_difference(double x, double y) {
   if (!(y < x)) return -std::numeric_limits<double>::infinity();
   const double d = y - x;

@@ -14,12 +14,12 @@
 
 namespace lumo {
 
-/// Where a bounded minimisation ended.
+/// End of a bounded minimisation.
 struct Minimum {
   Eigen::VectorXd x;
   double value = 0.0;
   Eigen::VectorXd gradient;
-  Eigen::MatrixXd hessian;  ///< as the search has learnt it
+  Eigen::MatrixXd hessian;  ///< as the search has built it up
   int evaluations = 0;
   bool converged = false;  ///< projected gradient or progress below tolerance
 };
@@ -32,19 +32,72 @@ struct QuasiNewton {
   double gradient_tolerance = 1e-6;  ///< largest entry of the projected gradient
   double value_tolerance = 1e-9;     ///< relative decrease in one step
   double longest_step = 2.0;         ///< largest change of one variable in one step
+  double shortest_step = 1e-12;      ///< the line search ends below this change
+  double cut = 0.3;                  ///< of the step after a trial that is refused
+  double descent = 1e-4;             ///< share of the slope's decrease that a step must have (Armijo)
 
-  /// `function(x, gradient)` returns the value and fills the gradient; where it is not finite the search steps back.
-  /// `start` is moved between the bounds; `hessian`, positive definite, from the search for a like minimum saves steps.
-  /// Throws InvalidArgument when sizes differ or the value at the start is not finite.
+  /// `function(x, gradient)` returns the value and fills the gradient. The search steps back from values that are not
+  /// finite. `start` is moved between the bounds. `hessian`, positive definite, from the search for a like minimum
+  /// saves steps. Throws InvalidArgument if sizes differ or the value at the start is not finite.
   template <class Function>
-  Minimum minimize(Function&& function, std::type_identity_t<Eigen::VectorXd> start, const Eigen::VectorXd& lower,
+  Minimum minimize(Function&& function, const Eigen::VectorXd& start, const Eigen::VectorXd& lower,
                    const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
+
+ private:
+  struct Point {
+    Eigen::VectorXd x;
+    double value = 0.0;
+    Eigen::VectorXd gradient;
+  };
+
+  static Eigen::VectorXd step_of(Minimum& best, const std::vector<Eigen::Index>& free, bool& fresh);
+  static void update(Eigen::MatrixXd& hessian, const Eigen::VectorXd& s, Eigen::VectorXd y, bool fresh);
 };
 
+namespace detail {
+
+/// Variables that may move: one at a bound that the gradient pushes it against stays there.
+inline std::vector<Eigen::Index> free_variables(const Minimum& at, const Eigen::VectorXd& lower,
+                                                const Eigen::VectorXd& upper) {
+  std::vector<Eigen::Index> free;
+  for (Eigen::Index i = 0; i < at.x.size(); ++i)
+    if (!((at.x[i] <= lower[i] && at.gradient[i] >= 0.0) || (at.x[i] >= upper[i] && at.gradient[i] <= 0.0)))
+      free.push_back(i);
+  return free;
+}
+
+}  // namespace detail
+
+// Newton's step of the free variables, or the steepest descent if that does not lead downwards.
+inline Eigen::VectorXd QuasiNewton::step_of(Minimum& best, const std::vector<Eigen::Index>& free, bool& fresh) {
+  Eigen::VectorXd step = Eigen::VectorXd::Zero(best.x.size());
+  const Eigen::MatrixXd block = best.hessian(free, free);
+  step(free) = -block.llt().solve(Eigen::VectorXd(best.gradient(free)));
+  if (step.allFinite() && step.dot(best.gradient) < 0.0) return step;
+  best.hessian.setIdentity();
+  fresh = true;
+  step.setZero();
+  step(free) = -Eigen::VectorXd(best.gradient(free));
+  return step;
+}
+
+// BFGS after the step `s` that changed the gradient by `y`.
+inline void QuasiNewton::update(Eigen::MatrixXd& hessian, const Eigen::VectorXd& s, Eigen::VectorXd y, bool fresh) {
+  constexpr double least = 0.2;  // share of the curvature along a step that is kept: Powell 1978
+  const Eigen::Index n = s.size();
+  if (fresh && s.dot(y) > 0.0) hessian = Eigen::MatrixXd::Identity(n, n) * (y.squaredNorm() / s.dot(y));
+  const Eigen::VectorXd hs = hessian * s;
+  const double curvature = s.dot(hs);
+  if (s.dot(y) < least * curvature) {
+    const double damping = 0.8 * curvature / (curvature - s.dot(y));
+    y = damping * y + (1.0 - damping) * hs;
+  }
+  hessian += y * y.transpose() / s.dot(y) - hs * hs.transpose() / curvature;
+}
+
 template <class Function>
-Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<Eigen::VectorXd> start,
-                              const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
-                              const std::optional<Eigen::MatrixXd>& known) const {
+Minimum QuasiNewton::minimize(Function&& function, const Eigen::VectorXd& start, const Eigen::VectorXd& lower,
+                              const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(
@@ -57,75 +110,46 @@ Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<Eigen::V
   if (!std::isfinite(best.value) || !best.gradient.allFinite())
     throw InvalidArgument(message("function is ", best.value, " where the minimiser starts, must be finite"));
 
-  Eigen::MatrixXd hessian = known.value_or(Eigen::MatrixXd::Identity(n, n));
+  best.hessian = known.value_or(Eigen::MatrixXd::Identity(n, n));
   bool fresh = !known;  // the Hessian has seen no curvature yet
-  Eigen::VectorXd step(n), trial(n), slope(n);
+  Point trial{Eigen::VectorXd(n), 0.0, Eigen::VectorXd(n)};
   while (best.evaluations < max_evaluations) {
-    // A variable at a bound that the gradient pushes it against stays there.
-    std::vector<Eigen::Index> free;
+    const std::vector<Eigen::Index> free = detail::free_variables(best, lower, upper);
     double steepest = 0.0;
-    for (Eigen::Index i = 0; i < n; ++i) {
-      if ((best.x[i] <= lower[i] && best.gradient[i] >= 0.0) || (best.x[i] >= upper[i] && best.gradient[i] <= 0.0))
-        continue;
-      free.push_back(i);
-      steepest = std::max(steepest, std::abs(best.gradient[i]));
-    }
+    for (const Eigen::Index i : free) steepest = std::max(steepest, std::abs(best.gradient[i]));
     if (steepest <= gradient_tolerance) {
       best.converged = true;
       break;
     }
-    step.setZero();
-    const Eigen::MatrixXd block = hessian(free, free);
-    step(free) = -block.llt().solve(Eigen::VectorXd(best.gradient(free)));
-    if (!step.allFinite() || step.dot(best.gradient) >= 0.0) {
-      hessian.setIdentity();
-      fresh = true;
-      step.setZero();
-      step(free) = -Eigen::VectorXd(best.gradient(free));
-    }
+    const Eigen::VectorXd step = step_of(best, free, fresh);
     const double longest = step.cwiseAbs().maxCoeff();
     double scale = std::min({1.0, longest_step / longest, fresh ? 0.5 / longest : 1.0});
-
     bool moved = false;
-    double value = best.value;
-    for (; scale * longest > 1e-12 && best.evaluations < max_evaluations; scale *= 0.3) {
-      trial = (best.x + scale * step).cwiseMax(lower).cwiseMin(upper);
-      value = function(trial, slope);
+    for (; !moved && scale * longest > shortest_step && best.evaluations < max_evaluations; scale *= cut) {
+      trial.x = (best.x + scale * step).cwiseMax(lower).cwiseMin(upper);
+      trial.value = function(trial.x, trial.gradient);
       ++best.evaluations;
-      if (std::isfinite(value) && slope.allFinite() && value <= best.value + 1e-4 * best.gradient.dot(trial - best.x) &&
-          value < best.value) {
-        moved = true;
-        break;
-      }
+      moved = std::isfinite(trial.value) && trial.gradient.allFinite() &&
+              trial.value <= best.value + descent * best.gradient.dot(trial.x - best.x) && trial.value < best.value;
     }
     if (!moved) {
       best.converged = best.evaluations < max_evaluations;  // no descent left that rounding would let through
       if (fresh) break;
-      hessian.setIdentity();
+      best.hessian.setIdentity();
       fresh = true;
       continue;
     }
-    const Eigen::VectorXd s = trial - best.x;
-    Eigen::VectorXd y = slope - best.gradient;
-    if (fresh && s.dot(y) > 0.0) hessian = Eigen::MatrixXd::Identity(n, n) * (y.squaredNorm() / s.dot(y));
-    const Eigen::VectorXd hs = hessian * s;
-    const double curvature = s.dot(hs);
-    if (s.dot(y) < 0.2 * curvature) {
-      const double damping = 0.8 * curvature / (curvature - s.dot(y));
-      y = damping * y + (1.0 - damping) * hs;
-    }
-    hessian += y * y.transpose() / s.dot(y) - hs * hs.transpose() / curvature;
+    update(best.hessian, trial.x - best.x, trial.gradient - best.gradient, fresh);
     fresh = false;
-    const double decrease = best.value - value;
-    best.x = trial;
-    best.value = value;
-    best.gradient = slope;
-    if (decrease <= value_tolerance * std::max(1.0, std::abs(value))) {
+    const double decrease = best.value - trial.value;
+    best.x = trial.x;
+    best.value = trial.value;
+    best.gradient = trial.gradient;
+    if (decrease <= value_tolerance * std::max(1.0, std::abs(best.value))) {
       best.converged = true;
       break;
     }
   }
-  best.hessian = std::move(hessian);
   return best;
 }
 

@@ -10,17 +10,16 @@
 
 namespace lumo {
 
-/// How likely an evaluation is to succeed, for objectives that are not defined everywhere and do not say where: a
-/// Gaussian process of 1 where one succeeded and 0 where it failed for good, and the probability that it is above one
-/// half. Labels are taken as numbers with noise, so that no iteration is needed. Source: hidden constraints of Lee,
+/// Probability that an evaluation succeeds, for objectives that are not defined everywhere, and it is not known where:
+/// a Gaussian process of 1 for a success and 0 for a failure of the design, and the probability that it is above one
+/// half. Labels are taken as numbers with noise, so no iteration is needed. Source: hidden constraints of Lee,
 /// Gramacy, Linkletter & Gray, Pacific J. Optim. 7 (2011); their probability as a factor of the acquisition: Gelbart,
 /// Snoek & Adams, UAI 2014.
 template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
  public:
-  static constexpr double least_probability =
-      1e-12;  ///< so that a design remains to be chosen where all are thought to fail
+  static constexpr double least_probability = 1e-12;  ///< leaves a choice between designs that are all thought to fail
   static constexpr double negligible =
-      1e-3;  ///< utility that is not worth a failure: of objectives in units of their spread
+      1e-3;  ///< utility that is not worth a failure, in units of the objectives' spread
 
   /// Designs (d × n each) inside [lower, upper], at least one in all. Throws InvalidArgument as GaussianProcess::fit().
   SuccessModel(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed, const Eigen::VectorXd& lower,
@@ -28,11 +27,19 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
       : process_(GaussianProcess<Kernel>::fit(labelled(succeeded, failed, lower, upper), config)) {}
 
   /// log P(success) at the columns of `x`, from log least_probability to 0.
-  Eigen::VectorXd log_probability(const Eigen::MatrixXd& x) const;
+  Eigen::VectorXd log_probability(const Eigen::MatrixXd& x) const {
+    const auto label = process_.predict(x);
+    Eigen::VectorXd log(x.cols());
+    for (Eigen::Index i = 0; i < x.cols(); ++i) {
+      const double deviation = std::max(std::sqrt(label.variance[i]), 1e-9);  // labels are of order 1
+      log[i] = std::log(std::max(normal_probability((label.mean[i] - 0.5) / deviation), least_probability));
+    }
+    return log;
+  }
 
-  /// log((utility + negligible) P(success)) from log utility at the columns of `x`. Where a search has converged on the
-  /// edge of what fails, all that still promises anything lies beyond it, by many orders of magnitude; without the
-  /// constant it would be asked to no end.
+  /// log((utility + negligible) P(success)) from log utility at the columns of `x`. Once a search has converged on the
+  /// edge of the failures, all utility lies beyond the edge, by many orders of magnitude; without the constant the
+  /// search would ask for designs there without end.
   Eigen::VectorXd expected(const Eigen::VectorXd& log_utility, const Eigen::MatrixXd& x) const {
     const Eigen::VectorXd floor = Eigen::VectorXd::Constant(x.cols(), std::log(negligible)),
                           high = log_utility.cwiseMax(floor), low = log_utility.cwiseMin(floor);
@@ -51,16 +58,5 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
 
   GaussianProcess<Kernel> process_;
 };
-
-template <CovarianceKernel Kernel>
-Eigen::VectorXd SuccessModel<Kernel>::log_probability(const Eigen::MatrixXd& x) const {
-  const auto label = process_.predict(x);
-  Eigen::VectorXd log(x.cols());
-  for (Eigen::Index i = 0; i < x.cols(); ++i) {
-    const double deviation = std::max(std::sqrt(label.variance[i]), 1e-9);  // labels are of order 1
-    log[i] = std::log(std::max(normal_probability((label.mean[i] - 0.5) / deviation), least_probability));
-  }
-  return log;
-}
 
 }  // namespace lumo

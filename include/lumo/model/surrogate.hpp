@@ -13,7 +13,7 @@ namespace lumo {
 
 /// How observed outputs become objectives. Laws: objectives(outputs) works column by column (outputs × points →
 /// objectives × points); there are outputs(m) outputs for m objectives, and objective(k) is the one that output k
-/// counts for; identity() only where objectives() returns its argument, so that what is normal stays normal; scaling
+/// counts for; identity() only if objectives() returns its argument, so that normal outputs stay normal; scaling
 /// all outputs of an objective by s > 0 scales the objective by s.
 template <class R>
 concept Reduction = requires(const R& reduction, const Eigen::MatrixXd& outputs, int k) {
@@ -44,7 +44,7 @@ struct MinimumOverTerms {
       least.row(Eigen::Index(j)) = y.middleRows(first, terms[j]).colwise().minCoeff();
     return least;
   }
-  /// Throws InvalidArgument when there are not as many counts as objectives, or one is not positive.
+  /// Throws InvalidArgument unless there are as many counts as objectives, and all are positive.
   int outputs(int objectives) const {
     if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
       throw InvalidArgument(message("minimum over terms needs a positive number of terms for each of ", objectives,
@@ -64,20 +64,20 @@ struct MinimumOverTerms {
 static_assert(Reduction<EachOutput>);
 static_assert(Reduction<MinimumOverTerms>);
 
-/// Designs that are told or under way, as acquisitions see them. All objectives are maximised.
+/// Designs that are observed or pending, as acquisitions see them. All objectives are maximised.
 struct Evidence {
-  Eigen::MatrixXd x;        ///< told: d × n
-  Eigen::MatrixXd outputs;  ///< told: outputs × n
-  Eigen::MatrixXd pending;  ///< d × p: asked and not yet told
+  Eigen::MatrixXd x;        ///< observed: d × n
+  Eigen::MatrixXd outputs;  ///< observed: outputs × n
+  Eigen::MatrixXd pending;  ///< d × p: asked and not yet observed
   Eigen::VectorXd lower, upper;
   Eigen::VectorXd reference;  ///< per objective
 };
 
-/// Joint posterior of a Gaussian process at base points, drawn once, and of any further point given each draw. With
-/// nothing to draw at there is one empty draw, and what is conditional on it is the plain posterior.
+/// Joint posterior of a Gaussian process at base points, drawn once, and of any further point given each draw. Without
+/// base points there is one empty draw, and the conditional on it is the plain posterior.
 template <CovarianceKernel Kernel> class ConditionalPosterior {
  public:
-  /// `normals`: base points × draws. Throws InvalidArgument when they do not fit.
+  /// `normals`: base points × draws. Throws InvalidArgument if they do not fit.
   ConditionalPosterior(const GaussianProcess<Kernel>& gp, const Eigen::MatrixXd& base, const Eigen::MatrixXd& normals)
       : gp_(&gp), base_(gp.normalized(base)), normals_(normals) {
     if (normals.rows() != base.cols())

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
+#include "lumo/geometry/closed_surface.hpp"
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/morphology/optical_data.hpp"
 #include "lumo/morphology/shape.hpp"
@@ -23,12 +24,6 @@ struct Patch {
   bool visible = true;  ///< on the outside: light that leaves here may lie in a region
 };
 
-/// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.
-struct Facet {
-  std::vector<int> loop;
-  int patch = -1;  ///< index into Body::patches, or Body::mirror_patch for a face in a symmetry plane
-};
-
 /// A rigid axis-aligned box that the silicone can come to rest on.
 struct RigidBox {
   Vec3d center{0.0, 0.0, 0.0};  ///< [m]
@@ -49,8 +44,10 @@ struct Body {
   std::string name;
   std::vector<Patch> patches;
   std::vector<Vec3d> vertices;  ///< of the boundary of the meshed sector [m]
-  std::vector<Facet> facets;    ///< closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves
-  Symmetry symmetry;            ///< the whole body is the sector and its mirror images
+  /// Closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves. Facet::patch: index into `patches`, or
+  /// mirror_patch for a face in a symmetry plane.
+  std::vector<Facet> facets;
+  Symmetry symmetry;  ///< the whole body is the sector and its mirror images
   Sizing sizing;
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
@@ -67,7 +64,7 @@ struct Body {
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
-  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nothing: it is not a region.
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
   std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };
 

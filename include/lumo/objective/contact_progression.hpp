@@ -7,7 +7,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <concepts>
+#include <cstddef>
 #include <optional>
+#include <utility>
+#include <vector>
 
 namespace lumo {
 
@@ -17,8 +21,8 @@ struct Estimate {
   double error = 0.0;
 };
 
-/// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). What the loads do not define is
-/// empty.
+/// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). A term is empty if the loads do
+/// not define it.
 struct ContactTerms {
   std::optional<Estimate> form;    ///< q_form: patch radius at 2 N over indenter radius
   std::optional<Estimate> stable;  ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
@@ -40,10 +44,21 @@ struct ContactLoads {
   double first = 1.0, second = 2.0, third = 5.0, fourth = 10.0;
 };
 
-/// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
-/// count.
-inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
-                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {});
+/// The worst scenario's contact progression (paper Eq. 5) and the index of the scenario that sets it; nullopt without
+/// scenarios, or if one of them has no score.
+template <class Record>
+requires requires(const Record& s) {
+  { s.terms } -> std::convertible_to<ContactTerms>;
+}
+std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<Record>& scenarios) {
+  std::optional<std::pair<Estimate, std::size_t>> worst;
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    const auto score = scenarios[k].terms.score();
+    if (!score) return std::nullopt;
+    if (!worst || score->value < worst->first.value) worst = std::pair(*score, k);
+  }
+  return worst;
+}
 
 /// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper
 /// Table II.
@@ -53,7 +68,7 @@ inline double progressive_constraint_gain(double depth, double baseline_depth) {
 
 namespace detail {
 
-/// A term in [0, 1]; where it is cut off, what of its error reaches back over the edge.
+/// A term in [0, 1]. The error of a term that is cut off is the part of it that reaches back over the edge.
 inline Estimate clipped(const Estimate& e) {
   const double value = std::clamp(e.value, 0.0, 1.0);
   return {value, std::max(0.0, e.error - std::abs(e.value - value))};
@@ -77,8 +92,10 @@ inline std::optional<Estimate> ContactTerms::score() const {
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
+/// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
+/// count.
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
-                                  double radius_m, const MechanicalError& error, const ContactLoads& loads) {
+                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
   const auto at = [&](double load) -> const MechanicalState* {
     for (const MechanicalState& s : states)
       if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;

@@ -12,7 +12,7 @@
 
 namespace lumo {
 
-/// Response of one state with what it is compared by (paper Eq. 6–7).
+/// Response of one state with the quantities that it is compared by (paper Eq. 6–7).
 struct ObservedState {
   std::size_t scenario;  ///< the caller's number of the scenario
   double diameter_m, angle_rad, y_m, load_N;
@@ -28,7 +28,7 @@ struct Separation {
 };
 
 /// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and
-/// what the dent reflects nearly cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like
+/// reflections from the dent nearly cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like
 /// it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
 struct OpticalError {
   double mesh = 0.12;
@@ -39,28 +39,16 @@ inline Eigen::MatrixXd response_change(const Response& loaded, const Response& u
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 
-/// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
-/// mean over pairs of *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding
-/// 1948): unlike the square of the mean difference it is not raised by noise. Where noise makes it negative the
-/// distance is 0. The error is that of the larger of distance and noise.
-inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
-
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
   return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N &&
          a.y_m != b.y_m;
 }
 
-/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
-/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
-/// Ascending; empty: done, or nothing can be compared. A pure function, so that a campaign that retraces them
-/// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
-inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
-
-/// Empty when no two states can be compared. Cost: all pairs.
-inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
-                                                    const OpticalError& error = {});
-
+/// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
+/// mean over pairs of *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding
+/// 1948): noise does not raise it, unlike the square of the mean difference. The distance is 0 if noise makes the
+/// square negative. The error is that of the larger of distance and noise.
 inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
   const Eigen::MatrixXd d = a - b;
   const Eigen::RowVectorXd mean = d.colwise().mean();
@@ -70,8 +58,8 @@ inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixX
   const double noise2 = off.squaredNorm() / (n * (n - 1.0)), square = mean.squaredNorm() - noise2;
   const double distance = std::sqrt(std::max(0.0, square)), scale = std::sqrt(std::max(square, noise2));
   if (scale == 0.0) return {0.0, 0.0};
-  // To first order the distance moves with the replicates' components along the mean difference; where there is little
-  // but noise that overstates the error somewhat, since the mean difference is noise, too.
+  // The distance moves, to first order, with the replicates' components along the mean difference. This overstates the
+  // error somewhat if the mean difference is mostly noise.
   return {distance, std::sqrt((off * mean.transpose()).squaredNorm() / (n * (n - 1.0))) / scale};
 }
 
@@ -89,7 +77,11 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 
 }  // namespace detail
 
-inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
+/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
+/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
+/// Ascending; empty if done, or if no states can be compared. A pure function: a campaign that retraces these states
+/// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
+inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
@@ -104,8 +96,9 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   return {wanted.begin(), wanted.end()};
 }
 
+/// nullopt if no two states can be compared. Cost: all pairs.
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
-                                                    const OpticalError& error) {
+                                                    const OpticalError& error = {}) {
   const std::vector<Separation> pairs = detail::separations(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) {
     return a.distance.value < b.distance.value;

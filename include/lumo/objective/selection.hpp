@@ -9,10 +9,13 @@
 namespace lumo {
 
 /// The design to build: argmax of min(J_contact/max J_contact, J_obs/max J_obs), the first of equals. Pairs (J_contact,
-/// J_obs); nothing when there are none, or one objective is nowhere positive. Source: paper §III-D.
+/// J_obs); nullopt without pairs, or if an objective is positive in none. Source: paper §III-D.
 inline std::optional<std::size_t> balanced_choice(const std::vector<std::pair<double, double>>& objectives) {
   double contact = 0.0, observation = 0.0;
-  for (const auto& [c, o] : objectives) contact = std::max(contact, c), observation = std::max(observation, o);
+  for (const auto& [c, o] : objectives) {
+    contact = std::max(contact, c);
+    observation = std::max(observation, o);
+  }
   if (!(contact > 0.0 && observation > 0.0)) return std::nullopt;
   std::size_t best = 0;
   const auto score = [&](std::size_t k) {

@@ -8,8 +8,8 @@
 
 namespace lumo {
 
-/// What fills the body, for light that runs straight through it. Made from the Medium data of a body.
-/// Laws: transmittance(0) = 1, T(a + b) = T(a)·T(b), not increasing. What is not transmitted is booked as absorbed.
+/// The filling of a body, for light that runs straight through it. Made from the Medium data of a body.
+/// Laws: transmittance(0) = 1, T(a + b) = T(a)·T(b), not increasing. The rest is booked as absorbed.
 template <class M>
 concept TransparentMedium = std::constructible_from<M, Medium> && requires(const M& medium, double path_m) {
   { medium.refractive_index() } -> std::convertible_to<double>;
@@ -28,7 +28,10 @@ class BeerLambert {
 
   double refractive_index() const { return medium_.refractive_index; }
   /// Share of the power left after `path_m` metres.
-  double transmittance(double path_m) const { return std::exp(-medium_.extinction_per_m * path_m); }
+  template <class S> auto transmittance(const S& path_m) const {
+    using std::exp;
+    return exp(-medium_.extinction_per_m * path_m);
+  }
 
  private:
   Medium medium_;

@@ -19,7 +19,7 @@ struct Escape {
 
 /// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position,
 /// direction) reaches it. Optional: `std::optional<std::vector<int>> image_channels(const Body&, int axis) const`,
-/// channel → its mirror image in the plane across axis 0 or 1 (empty: itself; nothing: it has none), lets one of two
+/// channel → its mirror image in the plane across axis 0 or 1 (empty: itself; nullopt: none), lets one of two
 /// mirrored states stand for both. Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light
 /// that is not seen.
 template <class R>
@@ -34,12 +34,12 @@ struct Connection {
   double solid_angle_sr = 0.0;
 };
 
-/// A readout behind openings that are small seen from the body: few paths come there by themselves. What Lambertian
-/// faces send is gathered from ways that start at an opening (next-event estimation: Coveyou, Cain & Yost 1967); light
-/// that never met such a face is traced forward, as for others. Laws: connect(k, p, u, v) leads from the point p
-/// through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is the integral of f
-/// over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes one has one
-/// channel.
+/// A readout behind openings that are small seen from the body: few paths come there by themselves. Light that
+/// Lambertian faces send is gathered from ways that start at an opening (next-event estimation: Coveyou, Cain & Yost
+/// 1967); light that never met such a face is traced forward, as for others. Laws: connect(k, p, u, v) leads from the
+/// point p through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is the
+/// integral of f over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes
+/// one has one channel.
 template <class R>
 concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3d& p, int k, double u) {
   { readout.openings() } -> std::convertible_to<int>;

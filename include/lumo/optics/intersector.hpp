@@ -17,7 +17,7 @@ struct SceneTriangle {
 
 /// The first triangle on a ray.
 struct RayHit {
-  double t = std::numeric_limits<double>::infinity();  ///< along the unit direction [m]; infinite: nothing
+  double t = std::numeric_limits<double>::infinity();  ///< along the unit direction [m]; infinite: no triangle
   int triangle = -1;
   explicit operator bool() const { return triangle >= 0; }
 };

@@ -29,13 +29,46 @@ struct Photodiode {
 class Photodiodes {
  public:
   /// Throws InvalidArgument for no photodiodes, or one without area or acceptance.
-  explicit Photodiodes(std::vector<Photodiode> diodes);
+  explicit Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::move(diodes)) {
+    if (diodes_.empty()) throw InvalidArgument("photodiodes: none given, at least one is needed");
+    for (const Photodiode& d : diodes_) {
+      if (!d.center.allFinite()) throw InvalidArgument("photodiode: its centre is not finite");
+      require_positive("area of a photodiode", d.area_m2(), "m2");
+      require_in_range("acceptance angle of a photodiode", d.acceptance_rad * 180.0 / pi, 0.1, 90.0, "deg");
+    }
+  }
 
   int channels(const Body&) const { return int(diodes_.size()); }
-  /// Of several photodiodes behind each other the first one.
-  int channel(const Escape& escape) const;
+  /// The first one of several photodiodes behind each other.
+  int channel(const Escape& escape) const {
+    int best = -1;
+    double nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < diodes_.size(); ++k) {
+      const Photodiode& d = diodes_[k];
+      if (!(escape.direction.dot(d.normal()) < 0.0) || !accepts(d, escape.direction)) continue;
+      const double way = (d.center - escape.position).dot(d.normal()) / escape.direction.dot(d.normal());
+      if (!(way > 0.0 && way < nearest)) continue;
+      const Vec3d p = escape.position + way * escape.direction - d.center, n = d.half_u.cross(d.half_v);
+      const double a = p.cross(d.half_v).dot(n) / n.squaredNorm(), b = d.half_u.cross(p).dot(n) / n.squaredNorm();
+      if (d.round ? a * a + b * b < 1.0 : std::abs(a) < 1.0 && std::abs(b) < 1.0) {
+        best = int(k);
+        nearest = way;
+      }
+    }
+    return best;
+  }
   int openings() const { return int(diodes_.size()); }
-  Connection connect(int k, const Vec3d& from, double u, double v) const;
+  Connection connect(int k, const Vec3d& from, double u, double v) const {
+    const Photodiode& d = diodes_[std::size_t(k)];
+    const Vec3d at = d.center + (d.round ? on_unit_disc(u, v, d.half_u, d.half_v)
+                                         : Vec3d((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
+    const Vec3d way = at - from;
+    const double length = way.norm();
+    if (!(length > 0.0)) return {};
+    const Vec3d direction = way / length;
+    if (!(direction.dot(d.normal()) < 0.0) || !accepts(d, direction)) return {};
+    return {direction, -direction.dot(d.normal()) * d.area_m2() / (length * length)};
+  }
 
  private:
   static bool accepts(const Photodiode& d, const Vec3d& direction) {
@@ -46,41 +79,5 @@ class Photodiodes {
 };
 
 static_assert(ConnectedReadout<Photodiodes>);
-
-inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::move(diodes)) {
-  if (diodes_.empty()) throw InvalidArgument("photodiodes: none given, at least one is needed");
-  for (const Photodiode& d : diodes_) {
-    if (!d.center.allFinite()) throw InvalidArgument("photodiode: its centre is not finite");
-    require_positive("area of a photodiode", d.area_m2(), "m2");
-    require_in_range("acceptance angle of a photodiode", d.acceptance_rad * 180.0 / pi, 0.1, 90.0, "deg");
-  }
-}
-
-inline int Photodiodes::channel(const Escape& escape) const {
-  int best = -1;
-  double nearest = std::numeric_limits<double>::infinity();
-  for (std::size_t k = 0; k < diodes_.size(); ++k) {
-    const Photodiode& d = diodes_[k];
-    if (!(escape.direction.dot(d.normal()) < 0.0) || !accepts(d, escape.direction)) continue;
-    const double way = (d.center - escape.position).dot(d.normal()) / escape.direction.dot(d.normal());
-    if (!(way > 0.0 && way < nearest)) continue;
-    const Vec3d p = escape.position + way * escape.direction - d.center, n = d.half_u.cross(d.half_v);
-    const double a = p.cross(d.half_v).dot(n) / n.squaredNorm(), b = d.half_u.cross(p).dot(n) / n.squaredNorm();
-    if (d.round ? a * a + b * b < 1.0 : std::abs(a) < 1.0 && std::abs(b) < 1.0) best = int(k), nearest = way;
-  }
-  return best;
-}
-
-inline Connection Photodiodes::connect(int k, const Vec3d& from, double u, double v) const {
-  const Photodiode& d = diodes_[std::size_t(k)];
-  const Vec3d at = d.center + (d.round ? on_unit_disc(u, v, d.half_u, d.half_v)
-                                       : Vec3d((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
-  const Vec3d way = at - from;
-  const double length = way.norm();
-  if (!(length > 0.0)) return {};
-  const Vec3d direction = way / length;
-  if (!(direction.dot(d.normal()) < 0.0) || !accepts(d, direction)) return {};
-  return {direction, -direction.dot(d.normal()) * d.area_m2() / (length * length)};
-}
 
 }  // namespace lumo

@@ -12,13 +12,13 @@ namespace lumo {
 /// A camera with one small round opening. Channel row·columns + column holds the power [W] that passes the opening into
 /// that pixel; pixels are numbered from the upper left corner of the upright image. The opening holds an ideal thin
 /// lens focused at `focus_m`: what lies at another distance z is blurred to a disc of about 2 aperture_m |z/focus_m −
-/// 1| there, and nothing else is approximate.
+/// 1| there. There is no other approximation.
 class PinholeCamera {
  public:
   struct Config {
     Vec3d position{0.0, 0.0, 0.0};                 ///< of the opening [m]
     Vec3d view{0.0, 0.0, 1.0};                     ///< the way that the camera looks
-    Vec3d up{0.0, 1.0, 0.0};                       ///< what is up in the image; not along `view`
+    Vec3d up{0.0, 1.0, 0.0};                       ///< upwards in the image; not along `view`
     double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
     int columns = 32;
     int rows = 32;
@@ -27,18 +27,52 @@ class PinholeCamera {
   };
 
   /// Throws InvalidArgument for numbers out of range.
-  explicit PinholeCamera(const Config& config);
+  explicit PinholeCamera(const Config& config) : config_(config) {
+    require_in_range("columns of the camera", config.columns, 1, 4096, "");
+    require_in_range("rows of the camera", config.rows, 1, 4096, "");
+    require_in_range("field of view", config.field_of_view_rad * 180.0 / pi, 0.1, 170.0, "deg");
+    require_in_range("radius of the camera's opening", config.aperture_m * 1e3, 1e-6, 1e3, "mm");
+    require_positive("focus distance of the camera", config.focus_m, "m");
+    if (!config.position.allFinite()) throw InvalidArgument("camera: its position is not finite");
+    view_ = config.view.normalized();
+    right_ = view_.cross(config.up).normalized();
+    up_ = right_.cross(view_);
+    if (!(std::abs(up_.norm() - 1.0) < 1e-9))
+      throw InvalidArgument("camera: the directions of view and up are not finite, or are parallel");
+    half_width_ = std::tan(0.5 * config.field_of_view_rad);
+    half_height_ = half_width_ * config.rows / config.columns;
+  }
 
   const Config& config() const { return config_; }
   int channels(const Body&) const { return config_.columns * config_.rows; }
-  int channel(const Escape& escape) const;
+  int channel(const Escape& escape) const {
+    const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
+    if (!(toward > 0.0 && z > 0.0)) return -1;
+    const Vec3d hit = escape.position + (z / toward) * escape.direction;
+    if (!((hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m)) return -1;
+    return pixel(hit - (config_.focus_m / toward) * escape.direction);
+  }
   int openings() const { return 1; }
-  Connection connect(int, const Vec3d& from, double u, double v) const;
+  Connection connect(int, const Vec3d& from, double u, double v) const {
+    const Vec3d way = config_.position + config_.aperture_m * on_unit_disc(u, v, right_, up_) - from;
+    const double length = way.norm(), toward = -way.dot(view_);
+    if (!(toward > 0.0)) return {};
+    return {way / length, toward / length * pi * config_.aperture_m * config_.aperture_m / (length * length)};
+  }
   /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
-  int pixel(const Vec3d& p) const;
+  int pixel(const Vec3d& p) const {
+    const Vec3d way = p - config_.position;
+    const double z = way.dot(view_);
+    return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
+  }
 
  private:
-  int pixel_of(double right, double up) const;
+  int pixel_of(double right, double up) const {
+    const double column = 0.5 * (right / half_width_ + 1.0) * config_.columns,
+                 row = 0.5 * (1.0 - up / half_height_) * config_.rows;
+    if (!(column >= 0.0 && column < config_.columns && row >= 0.0 && row < config_.rows)) return -1;
+    return int(row) * config_.columns + int(column);
+  }
 
   Config config_;
   Vec3d view_, right_, up_;
@@ -46,49 +80,5 @@ class PinholeCamera {
 };
 
 static_assert(ConnectedReadout<PinholeCamera>);
-
-inline PinholeCamera::PinholeCamera(const Config& config) : config_(config) {
-  require_in_range("columns of the camera", config.columns, 1, 4096, "");
-  require_in_range("rows of the camera", config.rows, 1, 4096, "");
-  require_in_range("field of view", config.field_of_view_rad * 180.0 / pi, 0.1, 170.0, "deg");
-  require_in_range("radius of the camera's opening", config.aperture_m * 1e3, 1e-6, 1e3, "mm");
-  require_positive("focus distance of the camera", config.focus_m, "m");
-  if (!config.position.allFinite()) throw InvalidArgument("camera: its position is not finite");
-  view_ = config.view.normalized();
-  right_ = view_.cross(config.up).normalized();
-  up_ = right_.cross(view_);
-  if (!(std::abs(up_.norm() - 1.0) < 1e-9))
-    throw InvalidArgument("camera: the directions of view and up are not finite, or are parallel");
-  half_width_ = std::tan(0.5 * config.field_of_view_rad);
-  half_height_ = half_width_ * config.rows / config.columns;
-}
-
-inline int PinholeCamera::pixel_of(double right, double up) const {
-  const double column = 0.5 * (right / half_width_ + 1.0) * config_.columns,
-               row = 0.5 * (1.0 - up / half_height_) * config_.rows;
-  if (!(column >= 0.0 && column < config_.columns && row >= 0.0 && row < config_.rows)) return -1;
-  return int(row) * config_.columns + int(column);
-}
-
-inline int PinholeCamera::pixel(const Vec3d& p) const {
-  const Vec3d way = p - config_.position;
-  const double z = way.dot(view_);
-  return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
-}
-
-inline int PinholeCamera::channel(const Escape& escape) const {
-  const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
-  if (!(toward > 0.0 && z > 0.0)) return -1;
-  const Vec3d hit = escape.position + (z / toward) * escape.direction;
-  if (!((hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m)) return -1;
-  return pixel(hit - (config_.focus_m / toward) * escape.direction);
-}
-
-inline Connection PinholeCamera::connect(int, const Vec3d& from, double u, double v) const {
-  const Vec3d way = config_.position + config_.aperture_m * on_unit_disc(u, v, right_, up_) - from;
-  const double length = way.norm(), toward = -way.dot(view_);
-  if (!(toward > 0.0)) return {};
-  return {way / length, toward / length * pi * config_.aperture_m * config_.aperture_m / (length * length)};
-}
 
 }  // namespace lumo

@@ -1,17 +1,51 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
-#include "lumo/optics/ledger.hpp"
 
 #include <Eigen/Core>
 
 #include <cmath>
+#include <cstddef>
+#include <numeric>
 #include <vector>
 
 namespace lumo {
 
-/// What the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once for
-/// each colour of the emitters.
+/// Balance of the emitted power of a run [W]. Law: emitted = sum of everything else, to rounding.
+struct EnergyLedger {
+  double emitted = 0.0;
+  std::vector<double> channels;       ///< left for good, per channel of the readout (ExitPower: per region)
+  double to_indenter = 0.0;           ///< left through the contact set, into the opaque indenter
+  double elsewhere = 0.0;             ///< left for good, but through no region
+  double absorbed_in_medium = 0.0;    ///< in the silicone
+  double absorbed_at_surfaces = 0.0;  ///< at opaque surfaces: carrier and LEDs
+  double roulette = 0.0;              ///< ended minus added by Russian roulette; expectation 0, either sign
+  double refinement = 0.0;  ///< channels as first traced minus channels as refined; expectation 0, either sign
+  double lost = 0.0;        ///< rays that leaked or bounced too often; target ≤ 1e-6 of emitted
+
+  double accounted() const {
+    return std::accumulate(channels.begin(), channels.end(), 0.0) + to_indenter + elsewhere + absorbed_in_medium +
+           absorbed_at_surfaces + roulette + refinement + lost;
+  }
+  /// |emitted − accounted| / emitted.
+  double imbalance() const { return emitted > 0.0 ? std::abs(emitted - accounted()) / emitted : std::abs(accounted()); }
+};
+
+/// Adds `factor` × the accounts of `part`, `emitted` too.
+inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {
+  for (std::size_t c = 0; c < sum.channels.size(); ++c) sum.channels[c] += factor * part.channels[c];
+  sum.emitted += factor * part.emitted;
+  sum.to_indenter += factor * part.to_indenter;
+  sum.elsewhere += factor * part.elsewhere;
+  sum.absorbed_in_medium += factor * part.absorbed_in_medium;
+  sum.absorbed_at_surfaces += factor * part.absorbed_at_surfaces;
+  sum.roulette += factor * part.roulette;
+  sum.refinement += factor * part.refinement;
+  sum.lost += factor * part.lost;
+}
+
+/// Power that the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once
+/// for each colour of the emitters.
 struct Response {
   std::vector<double> power_W;  ///< mean over replicates
   std::vector<double> error_W;  ///< standard error of the mean, from the scatter of the replicates

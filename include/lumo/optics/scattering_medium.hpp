@@ -10,10 +10,10 @@
 
 namespace lumo {
 
-/// A medium that also turns light aside. transmittance() is the share that runs straight on; of the rest, albedo() is
-/// scattered. Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not come through `path_m` ends,
-/// drawn with the density −dT/ds on [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is the
-/// same forwards and backwards (reciprocity).
+/// A medium that also scatters light. transmittance() is the share that runs straight on; albedo() is the share of the
+/// rest that is scattered. Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not pass `path_m`
+/// ends, drawn with the density −dT/ds on [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is
+/// the same forwards and backwards (reciprocity).
 template <class M>
 concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double x) {
   { medium.albedo() } -> std::convertible_to<double>;
@@ -22,7 +22,7 @@ concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double 
 };
 
 /// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
-/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. With albedo 0 it is BeerLambert, to the last
+/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. It is BeerLambert for albedo 0, to the last
 /// bit. Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
 class ScatteringMedium {
  public:
@@ -34,7 +34,7 @@ class ScatteringMedium {
   }
 
   double refractive_index() const { return straight_.refractive_index(); }
-  double transmittance(double path_m) const { return straight_.transmittance(path_m); }
+  template <class S> auto transmittance(const S& path_m) const { return straight_.transmittance(path_m); }
   double albedo() const { return medium_.scattering_albedo; }
   double free_path_m(double path_m, double u) const {
     const double depth = medium_.extinction_per_m * path_m;
@@ -43,8 +43,8 @@ class ScatteringMedium {
   }
   double scattering_cosine(double u) const {
     const double g = medium_.anisotropy, s = 2.0 * u - 1.0;
-    if (std::abs(g) < 1e-4)
-      return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);  // the formula's limit, where it would cancel
+    constexpr double nearly_isotropic = 1e-4;  // below it the formula cancels: take its limit
+    if (std::abs(g) < nearly_isotropic) return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);
     const double q = (1.0 - g * g) / (1.0 + g * s);
     return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
   }

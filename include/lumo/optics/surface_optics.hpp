@@ -8,14 +8,15 @@
 
 #include <cmath>
 #include <concepts>
+#include <type_traits>
 #include <variant>
 
 namespace lumo {
 
 // The policies themselves (Dielectric, Lambertian, Mirror, Absorber) are data of a body: morphology/optical_data.hpp.
-// Here is what light does there. Dielectric is the one that lets light through; the tracer splits it by fresnel().
+// This header has their reflection. Dielectric lets light through; the tracer splits it by fresnel().
 
-/// Reflectance of an opaque surface [–], in [0, 1]. What is not reflected is booked as absorbed there.
+/// Reflectance of an opaque surface [–], in [0, 1]. The rest is booked as absorbed there.
 constexpr double reflectance(const Lambertian& s) { return s.albedo; }
 constexpr double reflectance(const Mirror& s) { return s.reflectance; }
 constexpr double reflectance(const Absorber&) { return 0.0; }
@@ -30,9 +31,9 @@ inline Vec3d cosine_direction(const Vec3d& t1, const Vec3d& t2, const Vec3d& n, 
 
 }  // namespace detail
 
-/// Where opaque surfaces send light: unit direction for the incoming unit direction `d`, unit normal `n` on the lit
-/// side, and two numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image paths take
-/// image directions.
+/// Direction in which opaque surfaces send light: a unit vector for the incoming unit direction `d`, unit normal `n` on
+/// the lit side, and two numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image
+/// paths take image directions.
 inline Vec3d reflected(const Lambertian&, const Vec3d&, const Vec3d& n, double u, double v, const Vec3d& mirror) {
   const Vec3d m = mirror.cwiseProduct(n);
   Vec3d t1, t2;
@@ -54,12 +55,10 @@ concept OpaqueSurface = requires(const S& s, const Vec3d& v) {
 static_assert(OpaqueSurface<Lambertian> && OpaqueSurface<Mirror> && OpaqueSurface<Absorber>);
 static_assert(!OpaqueSurface<Dielectric>);
 
-template <std::same_as<SurfaceOptics> Optics> inline bool is_dielectric(const Optics& s) {
-  return std::holds_alternative<Dielectric>(s);
-}
+inline bool is_dielectric(const SurfaceOptics& s) { return std::holds_alternative<Dielectric>(s); }
 
 /// Throws InvalidArgument for a reflectance outside [0, 1].
-template <std::same_as<SurfaceOptics> Optics> inline void validate(const Optics& optics) {
+inline void validate(const SurfaceOptics& optics) {
   std::visit(
       [](const auto& s) {
         if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>)

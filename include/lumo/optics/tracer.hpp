@@ -10,10 +10,8 @@
 #include "lumo/optics/bvh.hpp"
 #include "lumo/optics/exit_power.hpp"
 #include "lumo/optics/optical_scene.hpp"
-#include "lumo/optics/ray_focus.hpp"
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/transport/face_set.hpp"
-#include "lumo/optics/transport/light_nodes.hpp"
 #include "lumo/optics/transport/next_event.hpp"
 #include "lumo/optics/transport/path_tracer.hpp"
 #include "lumo/optics/transport/radiosity.hpp"
@@ -38,24 +36,22 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
   return {s.x && m.x && b.x, s.y && m.y && b.y};
 }
 
-/// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout
-/// sees.
+/// Traces light from a body's emitters through its deformed shape to the channels of the readout.
 ///
 /// Emitters in the medium (or in air beside it), both Fresnel branches at smooth interfaces, opaque carrier, straight
 /// rays in air (model: paper §III). Channels of the response: those of the readout for the light of the first colour,
 /// then for that of the next. A medium that scatters sends on light twice from each straight piece, straight and
 /// scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
-/// 1. Paths from the emitters, on a random grid or net of directions that is the same for every design, state and
-/// emitter, until they are
-///    absorbed, leave for good, or fall on a Lambertian face. What leaves through regions after reflections is spread
-///    between neighbouring paths (exit_beams.hpp).
-/// 2. Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear between nodes
-/// (carrier_exchange.hpp).
-/// 3. What leaves through faces with regions is gathered backwards from them (exit_gather.hpp): direct light and light
-/// of Lambertian faces. With exit_rays = 0 steps 1 and 3 are plain forward tracing. Draws of later events are keyed by
-/// (path, event). Same arguments, same bits, whatever the thread; const and thread-safe: run one state per task.
-/// Errors: of the integration, stated in the Response; of light that is linear between nodes (scene.sub_facets,
-/// scene.carrier_cell_m), and of spreading, which are not in it.
+/// 1. trace_emitters: paths from the emitters, on a random grid or net of directions that is the same for every design,
+///    state and emitter, until they are absorbed, leave for good, or fall on a Lambertian face. Light that leaves
+///    through regions after reflections is spread between neighbouring paths (splatting.hpp).
+/// 2. trace_faces: Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear
+///    between nodes (radiosity.hpp).
+/// 3. Light that leaves through faces with regions is gathered backwards from them (next_event.hpp): direct light and
+///    light of Lambertian faces. Steps 1 and 3 are plain forward tracing if exit_rays = 0.
+/// Random numbers of later events are keyed by (path, event). Same arguments, same bits, whatever the thread; const and
+/// thread-safe: run one state per task. Errors: of the integration, stated in the Response; of light that is linear
+/// between nodes (scene.sub_facets, scene.carrier_cell_m), and of spreading, which are not in it.
 template <TransparentMedium Medium = BeerLambert, ExitReadout Readout = ExitPower, Intersector Backend = Bvh>
 class Tracer {
  public:
@@ -63,13 +59,11 @@ class Tracer {
     int rays_per_emitter = 1 << 16;  ///< over all replicates; a power of two
     int replicates = 8;          ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
     int carrier_rays = 1 << 15;  ///< over all replicates and Lambertian faces, by area; at least one on each triangle
-    int exit_rays =
-        1 << 18;  ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
+    int exit_rays = 1 << 18;     ///< likewise over the faces with regions that light is gathered from; 0: not done
     double roulette_below = 0.005;  ///< branches below this share of their path's start weight may be ended
-    double scattered_below =
-        0.25;                ///< the same for branches that were scattered in the medium, of which there are many
-    int max_events = 4096;   ///< a branch that meets more surfaces is booked as lost
-    std::uint64_t seed = 0;  ///< another number, another independent pattern
+    double scattered_below = 0.25;  ///< the same for the many branches that were scattered in the medium
+    int max_events = 4096;          ///< a branch that meets more surfaces is booked as lost
+    std::uint64_t seed = 0;         ///< another number, another independent pattern
     OpticalScene::Config scene{};
   };
 
@@ -81,14 +75,38 @@ class Tracer {
 
   /// Channels of the response: those of the readout for each colour; 0 without emitters.
   int channels(const Body& body) const { return color_count(body.emitters) * readout_.channels(body); }
-  /// Channel → its mirror image in the plane across `axis` (0: x, 1: y). Nothing where the emitters are not symmetric
-  /// or the readout does not say.
-  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const;
+  /// Channel → its mirror image in the plane across `axis` (0: x, 1: y). nullopt if the emitters are not symmetric or
+  /// the readout does not know.
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
+    if constexpr (requires {
+                    { readout_.image_channels(body, axis) } -> std::convertible_to<std::optional<std::vector<int>>>;
+                  }) {
+      const Symmetry light = RayPattern::symmetry_of(body.emitters);
+      if (axis == 0 ? !light.x : !light.y) return std::nullopt;
+      const std::optional<std::vector<int>> one = readout_.image_channels(body, axis);
+      if (!one) return std::nullopt;
+      std::vector<int> all;
+      for (int color = 0; color < color_count(body.emitters); ++color)
+        for (int c : *one) all.push_back(color * int(one->size()) + c);
+      return all;
+    } else {
+      return std::nullopt;
+    }
+  }
 
   /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for
   /// each number of `pattern`. Compare its responses with its own only. Throws InvalidArgument for a factor that is no
   /// power of two, or out of range.
-  Tracer refined(int factor, std::uint64_t pattern = 0) const;
+  Tracer refined(int factor, std::uint64_t pattern = 0) const {
+    require_in_range("refinement factor", factor, 1, 1 << 12, "");
+    if (!std::has_single_bit(unsigned(factor)))
+      throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
+    Config c = config_;
+    for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays})
+      *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
+    if (pattern > 0) c.seed = combine(config_.seed, pattern);
+    return Tracer(c, readout_, backend_);
+  }
 
   /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
   Response trace(const Body& body, const TetMesh& mesh) const {
@@ -102,167 +120,162 @@ class Tracer {
   }
 
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
-  /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it.
+  /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
   /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                 const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const;
+                 const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+    check(body, symmetry, focus);
+    const Medium medium{body.medium};
+    const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
+    const auto scene = backend_.build(surface.triangles());
+    using Scene = std::remove_const_t<decltype(scene)>;
+    const LightNodes nodes(surface, symmetry);
+    const double replicates = config_.replicates;
+    const FaceSet lambertian(surface, symmetry, {.total = config_.carrier_rays / replicates},
+                             [&](int t) { return nodes.of(t)[0] >= 0; });
+    const FaceSet exits(surface, symmetry,
+                        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus},
+                        [&](int t) {
+                          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
+                                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
+                        });
+    const int channels = readout_.channels(body), colors = color_count(body.emitters);
+    require_in_range("readout channels", channels, 0, 1 << 24, "");
+    const LitBody<Scene, Medium, Readout> lit{
+        surface, scene, medium,  BeerLambert(body.surroundings).refractive_index(), readout_, channels,
+        nodes,   exits, symmetry};
+    PathTracer<Scene, Medium, Readout> path(lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
+    struct Color {
+      RayPattern pattern;
+      NextEventGather<Scene, Medium, Readout> gather;
+    };
+    std::vector<Color> light;
+    for (int c = 0; c < colors; ++c) {
+      std::vector<Emitter> emitters;
+      std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
+                   [&](const Emitter& e) { return e.channel() == c; });
+      const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
+      light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
+    }
+
+    Response response;
+    response.replicates.resize(config_.replicates, colors * channels);
+    response.direct.resize(config_.replicates, colors * channels);
+    for (int r = 0; r < config_.replicates; ++r) {
+      const auto sequence = [&](std::uint64_t use) {
+        return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)};
+      };
+      std::vector<Tally> totals;
+      for (const Color& color : light) {
+        trace_emitters(lit, color.pattern, sequence(0), path);
+        totals.push_back(path.accounts().take());
+      }
+      const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
+      for (int k = 0; k < colors; ++k) {
+        Tally& total = totals[std::size_t(k)];
+        const std::vector<double> sent = solve_radiosity(nodes, transport, total);
+        light[std::size_t(k)].gather.run(sequence(2), sent, total);
+        book(total, r, k * channels, response);
+      }
+    }
+    for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
+      response.ledger.channels.push_back(response.replicates.col(c).mean());
+    response.power_W = response.ledger.channels;
+    response.error_W = standard_error(response.replicates);
+    response.rays = path.rays;
+    response.segments = path.segments;
+    return response;
+  }
 
  private:
+  /// Throws InvalidArgument unless settings, body and focus can be traced.
+  void check(const Body& body, Symmetry symmetry, const RayFocus& focus) const {
+    const auto power_of_two = [](const char* what, int value, int low) {
+      require_in_range(what, value, low, 1 << 28, "");
+      if (!std::has_single_bit(unsigned(value)))
+        throw InvalidArgument(message(what, " is ", value, ", must be a power of two"));
+    };
+    power_of_two("replicates", config_.replicates, 2);
+    power_of_two("rays per emitter", config_.rays_per_emitter, 4 * config_.replicates);
+    require_in_range("carrier rays", config_.carrier_rays, 1, 1 << 30, "");
+    require_in_range("exit rays", config_.exit_rays, 0, 1 << 30, "");
+    require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
+    require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
+    require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
+    if (body.surroundings.extinction_per_m != 0.0)
+      throw InvalidArgument(
+          message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
+
+    require_in_range("focus of the rays", focus.y_m, -1e3, 1e3, "m");
+    require_in_range("length of the rays' focus", focus.length_m, 0.0, 1e3, "m");
+    require_in_range("least density of rays", focus.least, 1e-6, 1.0, "");
+    if (symmetry.y && !focus.is_symmetric())
+      throw InvalidArgument(
+          message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
+    validate(body.emitters);
+  }
+  template <class Scene>
+  void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern, const OwenSobol& sequence,
+                      PathTracer<Scene, Medium, Readout>& path) const {
+    // A body may have been pressed onto an emitter that was in air.
+    const auto covered = [&](const PrimaryRay& ray) {
+      const RayHit in = body.scene.first_hit(ray.origin, ray.direction, true),
+                   out = body.scene.first_hit(ray.origin, ray.direction, false);
+      return in && (!out || in.t < out.t);
+    };
+    constexpr bool connected = ConnectedReadout<Readout>;  // an opening is too small to be found between rays
+    Splatting splatting(path);
+    for (const RayPattern::Beam& beam : pattern.beams()) {
+      const bool air = beam.source.in_air();
+      if (config_.exit_rays > 0 && !connected && !air) {
+        splatting.run(beam, sequence);
+        continue;
+      }
+      for (std::uint32_t i = 0; i < beam.rays; ++i) {
+        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
+        path.run({.ray = ray,
+                  .mirror = beam.mirror,
+                  .power_W = beam.power_W,
+                  .inside = !air || covered(ray),
+                  // Few ways from a face and an emitter lead through an opening.
+                  .gathers_direct = !connected && beam.source.has_intensity() && !air});
+      }
+    }
+  }
+  template <class Scene>
+  RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body, const FaceSet& lambertian,
+                                 const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
+    const double images = (body.symmetry.x ? 2.0 : 1.0) * (body.symmetry.y ? 2.0 : 1.0);
+    RadiosityTransport transport(body.nodes.size(), body.channels);
+    for (std::size_t k = 0; k < lambertian.size(); ++k)
+      for (std::uint32_t i = 0; i < lambertian[k].count; ++i) {
+        FaceSet::Sample x = lambertian.sample(k, body.surface, sequence, i);
+        const bool inside = x.at.face >= 0;
+        const Vec3d lit = inside ? Vec3d(-x.normal) : x.normal;
+        x.ray.direction =
+            reflected(Lambertian{}, -lit, lit, sequence(x.index, 0), sequence(x.index, 1), lambertian[k].mirror);
+        path.run({.ray = x.ray,
+                  .mirror = lambertian[k].mirror,
+                  .power_W = 1.0 / images,
+                  .from_emitter = false,
+                  .inside = inside});
+        transport.add(path.accounts().take(), body.nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
+      }
+    return transport;
+  }
+  /// Books replicate `r` of one colour in the channels from `first` on.
+  void book(Tally& total, int r, Eigen::Index first, Response& response) const {
+    for (std::size_t c = 0; c < total.ledger.channels.size(); ++c) {
+      response.replicates(r, first + Eigen::Index(c)) = total.ledger.channels[c];
+      response.direct(r, first + Eigen::Index(c)) = total.direct[c];
+    }
+    total.ledger.channels.clear();
+    add_scaled(response.ledger, total.ledger, 1.0 / config_.replicates);
+  }
+
   Config config_{};
   Readout readout_{};
   Backend backend_{};
 };
-
-template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int factor, std::uint64_t pattern) const {
-  require_in_range("refinement factor", factor, 1, 1 << 12, "");
-  if (!std::has_single_bit(unsigned(factor)))
-    throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
-  Config c = config_;
-  for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays})
-    *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
-  if (pattern > 0) c.seed = combine(config_.seed, pattern);
-  return Tracer(c, readout_, backend_);
-}
-
-template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels(const Body& body, int axis) const {
-  if constexpr (requires {
-                  { readout_.image_channels(body, axis) } -> std::convertible_to<std::optional<std::vector<int>>>;
-                }) {
-    const Symmetry light = RayPattern::symmetry_of(body.emitters);
-    if (axis == 0 ? !light.x : !light.y) return std::nullopt;
-    const std::optional<std::vector<int>> one = readout_.image_channels(body, axis);
-    if (!one) return std::nullopt;
-    std::vector<int> all;
-    for (int color = 0; color < color_count(body.emitters); ++color)
-      for (int c : *one) all.push_back(color * int(one->size()) + c);
-    return all;
-  } else {
-    return std::nullopt;
-  }
-}
-
-template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh,
-                                                 const std::vector<Vec3d>& displacement,
-                                                 const std::vector<double>& contact_field, Symmetry symmetry,
-                                                 const RayFocus& focus) const {
-  const auto power_of_two = [](const char* what, int value, int low) {
-    require_in_range(what, value, low, 1 << 28, "");
-    if (!std::has_single_bit(unsigned(value)))
-      throw InvalidArgument(message(what, " is ", value, ", must be a power of two"));
-  };
-  power_of_two("replicates", config_.replicates, 2);
-  power_of_two("rays per emitter", config_.rays_per_emitter, 4 * config_.replicates);
-  require_in_range("carrier rays", config_.carrier_rays, 1, 1 << 30, "");
-  require_in_range("exit rays", config_.exit_rays, 0, 1 << 30, "");
-  require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
-  require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
-  require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
-  if (body.surroundings.extinction_per_m != 0.0)
-    throw InvalidArgument(
-        message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
-
-  require_in_range("focus of the rays", focus.y_m, -1e3, 1e3, "m");
-  require_in_range("length of the rays' focus", focus.length_m, 0.0, 1e3, "m");
-  require_in_range("least density of rays", focus.least, 1e-6, 1.0, "");
-  if (symmetry.y && !focus.is_symmetric())
-    throw InvalidArgument(
-        message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
-  validate(body.emitters);
-  const Medium medium{body.medium};
-  const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
-  const auto scene = backend_.build(surface.triangles());
-  const LightNodes nodes(surface, symmetry);
-  const FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1, {},
-                        [&](int t) { return nodes.of(t)[0] >= 0; });
-  const FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, focus, [&](int t) {
-    return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
-           (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
-  });
-  const int channels = readout_.channels(body), colors = color_count(body.emitters);
-  require_in_range("readout channels", channels, 0, 1 << 24, "");
-  const double images = (symmetry.x ? 2.0 : 1.0) * (symmetry.y ? 2.0 : 1.0);
-  const double outer_index = BeerLambert(body.surroundings).refractive_index();
-
-  Response response;
-  response.replicates.resize(config_.replicates, colors * channels);
-  response.direct.resize(config_.replicates, colors * channels);
-  EnergyLedger& sum = response.ledger;
-  PathTracer path(surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry,
-                  {config_.roulette_below, config_.scattered_below, config_.max_events});
-  ExitBeams beams(path);
-  struct Color {
-    RayPattern pattern;
-    ExitGather<std::remove_const_t<decltype(scene)>, Medium, Readout> gather;
-  };
-  std::vector<Color> light;
-  for (int c = 0; c < colors; ++c) {
-    std::vector<Emitter> emitters;
-    std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
-                 [&](const Emitter& e) { return e.channel() == c; });
-    light.push_back(
-        {RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry, focus),
-         {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
-  }
-  const auto covered = [&](const PrimaryRay& ray) {  // has the body been pressed onto an emitter that was in air?
-    const RayHit in = scene.first_hit(ray.origin, ray.direction, true),
-                 out = scene.first_hit(ray.origin, ray.direction, false);
-    return in && (!out || in.t < out.t);
-  };
-  constexpr bool gathers_direct =
-      !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
-  for (int r = 0; r < config_.replicates; ++r) {
-    const auto sequence = [&](std::uint64_t use) {
-      return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)};
-    };
-    std::vector<Tally> totals;
-    for (const Color& color : light) {
-      for (const RayPattern::Beam& beam : color.pattern.beams()) {
-        if (config_.exit_rays > 0 && !ConnectedReadout<Readout> &&
-            !beam.source.in_air())  // an opening is too small to be found between rays
-          beams.run(beam, sequence(0));
-        else
-          for (std::uint32_t i = 0; i < beam.rays; ++i) {
-            const PrimaryRay ray = RayPattern::ray(beam, sequence(0), i);
-            const bool air = beam.source.in_air();
-            path.run(ray, beam.mirror, beam.power_W, true, !air || covered(ray), nullptr,
-                     gathers_direct && beam.source.has_intensity() && !air);
-          }
-      }
-      totals.push_back(path.accounts().take());
-    }
-    CarrierTransport transport(nodes.size(), channels);
-    for (std::size_t k = 0; k < carrier.size(); ++k)
-      for (std::uint32_t i = 0; i < carrier[k].count; ++i) {
-        FaceSet::Sample x = carrier.sample(k, surface, sequence(1), i);
-        const bool inside = x.at.face >= 0;
-        const Vec3d lit = inside ? Vec3d(-x.normal) : x.normal;
-        x.ray.direction =
-            reflected(Lambertian{}, -lit, lit, sequence(1)(x.index, 0), sequence(1)(x.index, 1), carrier[k].mirror);
-        path.run(x.ray, carrier[k].mirror, 1.0 / images, false, inside);
-        transport.add(path.accounts().take(), nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
-      }
-    for (int k = 0; k < colors; ++k) {
-      Tally& total = totals[std::size_t(k)];
-      const std::vector<double> sent = exchange(nodes, transport, total);
-      light[std::size_t(k)].gather.run(sequence(2), sent, total);
-      for (int c = 0; c < channels; ++c) {
-        response.replicates(r, k * channels + c) = total.ledger.channels[std::size_t(c)];
-        response.direct(r, k * channels + c) = total.direct[std::size_t(c)];
-      }
-      total.ledger.channels.clear();
-      add_scaled(sum, total.ledger, 1.0 / config_.replicates);
-    }
-  }
-  response.rays = path.rays;
-  response.segments = path.segments;
-  for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
-    sum.channels.push_back(response.replicates.col(c).mean());
-  response.power_W = sum.channels;
-  response.error_W = standard_error(response.replicates);
-  return response;
-}
 
 }  // namespace lumo

@@ -12,9 +12,9 @@
 
 namespace lumo {
 
-/// What a design promises: prepared once on models and evidence, then called with candidates (d × n) for the logarithm
-/// of its utility (n). Laws: a pure function of its arguments; larger is better; −∞ or finite, never NaN; what is told
-/// or pending conditions it.
+/// Utility of a design: prepared once on models and evidence, then called with candidates (d × n) for its logarithm
+/// (n). Laws: a pure function of its arguments; larger is better; −∞ or finite, never NaN; conditioned on observed and
+/// pending designs.
 template <class A, class Models, class R>
 concept Acquisition = requires(const A& acquisition, const Models& models, const R& reduction, const Evidence& evidence,
                                std::uint64_t seed, const Eigen::MatrixXd& x) {
@@ -34,7 +34,7 @@ inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std
   return z;
 }
 
-/// Where base draws are made: at what is told (if that is noisy) and what is pending.
+/// Points of the base draws: observed designs (if they are noisy) and pending ones.
 inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
   if (!noisy) return evidence.pending;
   Eigen::MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
@@ -42,13 +42,13 @@ inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
   return base;
 }
 
-/// Objectives that stand in draw `s`: the drawn ones, and what was told where that is taken as it is.
+/// Objectives that stand in draw `s`: the drawn ones, and the observed ones unless they are drawn, too.
 template <Reduction R>
 Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s, const R& reduction,
                                     const Evidence& evidence, bool noisy) {
-  const Eigen::Index told = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
-  Eigen::MatrixXd outputs(Eigen::Index(draws.size()), told + drawn);
-  if (told > 0) outputs.leftCols(told) = evidence.outputs;
+  const Eigen::Index observed = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
+  Eigen::MatrixXd outputs(Eigen::Index(draws.size()), observed + drawn);
+  if (observed > 0) outputs.leftCols(observed) = evidence.outputs;
   for (std::size_t j = 0; j < draws.size(); ++j) outputs.row(Eigen::Index(j)).tail(drawn) = draws[j].col(s).transpose();
   if (outputs.cols() == 0) return Eigen::MatrixXd(evidence.reference.size(), 0);
   return reduction.objectives(outputs);

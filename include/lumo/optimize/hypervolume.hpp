@@ -2,15 +2,41 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/optimize/pareto.hpp"
 
 #include <Eigen/Core>
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 #include <vector>
 
 namespace lumo {
+
+/// Does `a` dominate `b`: at least as good everywhere, better somewhere? All objectives are maximised.
+template <class A, class B> bool dominates(const Eigen::DenseBase<A>& a, const Eigen::DenseBase<B>& b) {
+  return (a.derived().array() >= b.derived().array()).all() && (a.derived().array() > b.derived().array()).any();
+}
+
+/// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by
+/// index.
+inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
+  std::vector<Eigen::Index> order(std::size_t(y.cols()));
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) {
+    for (Eigen::Index j = 0; j < y.rows(); ++j)
+      if (y(j, i) != y(j, k)) return y(j, i) > y(j, k);
+    return false;
+  });
+  // No point dominates one before it in this order.
+  std::vector<Eigen::Index> front;
+  for (const Eigen::Index i : order) {
+    const bool beaten = y.rows() == 2 ? !front.empty() && dominates(y.col(front.back()), y.col(i))
+                                      : std::any_of(front.begin(), front.end(),
+                                                    [&](Eigen::Index k) { return dominates(y.col(k), y.col(i)); });
+    if (!beaten) front.push_back(i);
+  }
+  return front;
+}
 
 /// Boxes that overlap at their faces only: objectives × boxes; upper corners may be infinite.
 struct BoxDecomposition {
@@ -19,37 +45,43 @@ struct BoxDecomposition {
 
 namespace detail {
 
-/// Slices the space above `reference` that no column of `y` dominates along objective `along`, and each slice along
-/// those after it.
-inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd& low, Eigen::VectorXd& high,
-                  const Eigen::VectorXd& reference, std::vector<Eigen::VectorXd>& lower,
-                  std::vector<Eigen::VectorXd>& upper) {
-  const double infinite = std::numeric_limits<double>::infinity();
-  if (along + 1 == reference.size()) {
-    low[along] = y.cols() ? std::max(reference[along], y.row(along).maxCoeff()) : reference[along];
-    high[along] = infinite;
-    lower.push_back(low);
-    upper.push_back(high);
-    return;
+/// Slices the space above `reference` that no point dominates into boxes.
+struct BoxSlicer {
+  const Eigen::VectorXd& reference;
+  Eigen::VectorXd low, high;  ///< of the slice at hand
+  std::vector<Eigen::VectorXd> lower, upper;
+
+  explicit BoxSlicer(const Eigen::VectorXd& r) : reference(r), low(r.size()), high(r.size()) {}
+
+  /// Slices the space that no column of `y` dominates along objective `along`, and each slice along those after it.
+  void slice(const Eigen::MatrixXd& y, Eigen::Index along) {
+    const double infinite = std::numeric_limits<double>::infinity();
+    if (along + 1 == reference.size()) {
+      low[along] = y.cols() ? std::max(reference[along], y.row(along).maxCoeff()) : reference[along];
+      high[along] = infinite;
+      lower.push_back(low);
+      upper.push_back(high);
+      return;
+    }
+    std::vector<double> levels = {reference[along]};
+    for (Eigen::Index i = 0; i < y.cols(); ++i) levels.push_back(y(along, i));
+    std::sort(levels.begin(), levels.end());
+    levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
+    for (std::size_t k = 0; k < levels.size(); ++k) {
+      const double top = k + 1 < levels.size() ? levels[k + 1] : infinite;
+      std::vector<Eigen::Index> reach;  // those that dominate inside the slice
+      for (Eigen::Index i = 0; i < y.cols(); ++i)
+        if (y(along, i) >= top) reach.push_back(i);
+      low[along] = levels[k];
+      high[along] = top;
+      slice(y(Eigen::all, reach), along + 1);
+    }
   }
-  std::vector<double> levels = {reference[along]};
-  for (Eigen::Index i = 0; i < y.cols(); ++i) levels.push_back(y(along, i));
-  std::sort(levels.begin(), levels.end());
-  levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
-  for (std::size_t k = 0; k < levels.size(); ++k) {
-    const double top = k + 1 < levels.size() ? levels[k + 1] : infinite;
-    std::vector<Eigen::Index> reach;  // those that dominate inside the slice
-    for (Eigen::Index i = 0; i < y.cols(); ++i)
-      if (y(along, i) >= top) reach.push_back(i);
-    low[along] = levels[k];
-    high[along] = top;
-    slice(y(Eigen::all, reach), along + 1, low, high, reference, lower, upper);
-  }
-}
+};
 
 }  // namespace detail
 
-/// Decomposes what no column of `y` (objectives × points, maximised) dominates and lies above `reference`. Exact for
+/// Decomposes the space above `reference` that no column of `y` (objectives × points, maximised) dominates. Exact for
 /// any number of objectives: one more box than the front has points for two, more than proportional for three and
 /// above.
 inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
@@ -60,19 +92,18 @@ inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen
     if ((y.col(i).array() > reference.array()).all()) above.push_back(i);
   Eigen::MatrixXd front = y.cols() ? Eigen::MatrixXd(y(Eigen::all, above)) : Eigen::MatrixXd(reference.size(), 0);
   front = Eigen::MatrixXd(front(Eigen::all, pareto_front(front)));
-  std::vector<Eigen::VectorXd> lower, upper;
-  Eigen::VectorXd low(reference.size()), high(reference.size());
-  detail::slice(front, 0, low, high, reference, lower, upper);
-  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size())),
-                         Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size()))};
-  for (std::size_t k = 0; k < lower.size(); ++k) {
-    boxes.lower.col(Eigen::Index(k)) = lower[k];
-    boxes.upper.col(Eigen::Index(k)) = upper[k];
+  detail::BoxSlicer slicer(reference);
+  slicer.slice(front, 0);
+  const auto count = Eigen::Index(slicer.lower.size());
+  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), count), Eigen::MatrixXd(reference.size(), count)};
+  for (Eigen::Index k = 0; k < count; ++k) {
+    boxes.lower.col(k) = slicer.lower[std::size_t(k)];
+    boxes.upper.col(k) = slicer.upper[std::size_t(k)];
   }
   return boxes;
 }
 
-/// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above
+/// Volume above `reference` that the columns of `y` (objectives × points, maximised) dominate; points not above
 /// it add nothing. Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While,
 /// Hingston, Barone & Huband, 2006.
 inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {

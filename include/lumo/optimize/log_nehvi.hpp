@@ -7,14 +7,14 @@ namespace lumo {
 
 /// Log noisy expected hypervolume improvement with only the standing designs drawn: given a draw of them, a candidate's
 /// objectives are independent and normal, so its improvement is known in closed form. Stays exact far from the front,
-/// where sampling the candidate too finds no improvement and ranks by distance. Needs a reduction that is the identity.
+/// where a sampled candidate finds no improvement and is ranked by distance. Needs a reduction that is the identity.
 /// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with
 /// Expected Hypervolume Improvement", NeurIPS 2021.
 struct LogNehvi {
   int draws = 16;
-  bool noisy = true;  ///< false: told values stand as they are, and only pending designs are drawn
-  /// Told designs are not drawn when, so many deviations of both towards each other, another still beats them in all
-  /// objectives: they would hardly ever be in a front, and cost time.
+  bool noisy = true;  ///< false: observed values stand as they are, and only pending designs are drawn
+  /// Observed designs are not drawn if another still beats them in all objectives after so many deviations of both
+  /// towards each other: they would hardly ever be in a front, and cost time.
   double hopeless = 3.0;
 
   template <CovarianceKernel Kernel> class Prepared {
@@ -28,8 +28,10 @@ struct LogNehvi {
       for (const auto& p : posteriors_) at.push_back(p.at(x));
       Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
       const auto load = [&](Eigen::Index i, Eigen::Index s) {
-        for (Eigen::Index j = 0; j < m; ++j)
-          mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
+        for (Eigen::Index j = 0; j < m; ++j) {
+          mean[j] = at[std::size_t(j)].mean(i, s);
+          deviation[j] = at[std::size_t(j)].deviation[i];
+        }
       };
       for (Eigen::Index s = 0; s < drawn; ++s)
         for (Eigen::Index i = 0; i < x.cols(); ++i) {
@@ -56,7 +58,7 @@ struct LogNehvi {
     std::vector<ExpectedHypervolume> improvements_;
   };
 
-  /// Models are looked at, not copied: they must outlive what is returned. Throws InvalidArgument for a reduction other
+  /// Models are referred to, not copied: they must outlive the result. Throws InvalidArgument for a reduction other
   /// than the identity.
   template <CovarianceKernel Kernel, Reduction R>
   Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
@@ -79,7 +81,7 @@ struct LogNehvi {
   }
 
  private:
-  /// Told designs that may be in a front, and all that are pending.
+  /// Observed designs that may be in a front, and all that are pending.
   template <CovarianceKernel Kernel>
   Eigen::MatrixXd contenders(const std::vector<GaussianProcess<Kernel>>& models, const Evidence& evidence) const {
     const Eigen::Index n = evidence.x.cols(), m = Eigen::Index(models.size());

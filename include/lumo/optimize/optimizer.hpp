@@ -14,9 +14,9 @@
 namespace lumo {
 
 /// Bayesian optimisation by ask and tell: it never calls an objective. First come the problem's initial designs, then
-/// Sobol points, then the candidate of highest acquisition under Gaussian processes of what was told, given what is
-/// still pending. Once a trial has failed for a reason of its design it is that of highest acquisition times the
-/// probability of success. Answers may come in any order. Law: a proposal is a function of the problem, the
+/// Sobol points, then the candidate of highest acquisition under Gaussian processes of the observed trials, given those
+/// still pending. Once a trial has failed for a reason of its design, the acquisition is multiplied by the probability
+/// of success. Answers may come in any order. Law: a proposal is a function of the problem, the
 /// configuration and the trials before it, to the bit; so whoever keeps the trials can restore() them and go on. No
 /// design is asked twice, except after a failure that may be retried.
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi,
@@ -28,191 +28,162 @@ class Optimizer {
     typename GaussianProcess<Kernel>::Config model = {};
     AcquisitionPolicy acquisition = {};
     Source source = {};
-    R reduction = {};  ///< told outputs → objectives, after those of an objective that is minimised have changed sign
+    R reduction = {};  ///< outputs → objectives, after those of an objective that is minimised have changed sign
     int retries = 2;   ///< of one design after failures that may be retried
   };
 
-  /// Throws InvalidArgument for a problem that makes no sense, InfeasibleDesign for an initial design outside the
+  /// Throws InvalidArgument for a problem that cannot be solved, InfeasibleDesign for an initial design outside the
   /// space.
   explicit Optimizer(Problem problem, Config config = {})
       : config_(std::move(config)),
-        log_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
+        trials_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
 
-  /// The next design to evaluate, now pending; nothing when status() says why.
-  std::optional<Trial> ask();
+  /// The next design to evaluate, now pending; nullopt if there is none: status() states why.
+  std::optional<Trial> ask() {
+    if (observed() + pending() >= problem().evaluations) return std::nullopt;
+    auto x = trials_.scheduled();
+    if (!x) x = chosen();
+    exhausted_ = !x;
+    if (!x) return std::nullopt;
+    return trials_.open(int(trials().size()), std::move(*x));
+  }
 
-  /// Outputs of a pending trial. Throws InvalidArgument when it is not pending, or the outputs are too few, too many or
+  /// Outputs of a pending trial. Throws InvalidArgument if it is not pending, or the outputs are too few, too many or
   /// not finite.
-  void tell(int id, std::vector<double> outputs) { log_.tell(id, std::move(outputs)); }
+  void tell(int id, std::vector<double> outputs) { trials_.tell(id, std::move(outputs)); }
 
-  /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument when it is
+  /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument if it is
   /// not pending.
   void fail(int id, bool retry, std::string why) {
-    log_.fail(id, retry, std::move(why));
+    trials_.fail(id, retry, std::move(why));
     exhausted_ = exhausted_ && !retry;
   }
 
   /// Takes over the next trial of an earlier run, pending; tell() or fail() follow. Throws InvalidArgument or
-  /// InfeasibleDesign when it cannot have been asked.
-  void restore(int id, Design x) { log_.open(id, std::move(x)); }
+  /// InfeasibleDesign if it cannot have been asked.
+  void restore(int id, Design x) { trials_.open(id, std::move(x)); }
 
   OptimizerStatus status() const {
-    if (told() >= problem().evaluations) return OptimizerStatus::finished;
-    if (told() + pending() >= problem().evaluations) return OptimizerStatus::waiting;
+    if (observed() >= problem().evaluations) return OptimizerStatus::finished;
+    if (observed() + pending() >= problem().evaluations) return OptimizerStatus::waiting;
     if (exhausted_) return pending() > 0 ? OptimizerStatus::waiting : OptimizerStatus::exhausted;
     return OptimizerStatus::running;
   }
 
-  const Problem& problem() const { return log_.problem(); }
-  const std::vector<Trial>& trials() const { return log_.trials(); }  ///< by id
-  int told() const { return log_.count(Trial::State::told); }
-  int pending() const { return log_.count(Trial::State::pending); }
+  const Problem& problem() const { return trials_.problem(); }
+  const std::vector<Trial>& trials() const { return trials_.trials(); }  ///< by id
+  int observed() const { return trials_.count(Trial::State::observed); }
+  int pending() const { return trials_.count(Trial::State::pending); }
 
-  /// Told trials that no other dominates, from the best in the first objective on.
-  std::vector<Outcome> front() const;
+  /// Observed trials that no other dominates, from the best in the first objective on.
+  std::vector<Outcome> front() const {
+    std::vector<int> ids;
+    for (const Trial& t : trials())
+      if (t.state == Trial::State::observed) ids.push_back(t.id);
+    const Eigen::MatrixXd y = objectives();
+    std::vector<Outcome> out;
+    for (const Eigen::Index i : pareto_front(y)) {
+      out.push_back({ids[std::size_t(i)], {}});
+      for (Eigen::Index j = 0; j < y.rows(); ++j)
+        out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
+    }
+    return out;
+  }
 
-  /// What the front dominates above the reference point, in the product of the objectives' units.
-  double hypervolume() const;
+  /// Volume that the front dominates above the reference point, in the product of the objectives' units.
+  double hypervolume() const {
+    Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
+    for (Eigen::Index j = 0; j < reference.size(); ++j)
+      reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
+    return lumo::hypervolume(objectives(), reference);
+  }
 
-  /// Models of the told outputs as they are in evidence(). Empty before two trials are told.
-  const std::vector<GaussianProcess<Kernel>>& models();
+  /// Models of the observed outputs as they are in evidence(). Empty before two trials are observed.
+  const std::vector<GaussianProcess<Kernel>>& models() {
+    if (observed() < 2 || modelled_ == observed()) return models_;
+    const Evidence e = evidence();
+    models_.clear();
+    for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
+      models_.push_back(
+          GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
+    modelled_ = observed();
+    return models_;
+  }
 
-  /// Told and pending trials as models and acquisition see them: outputs less their reference, larger is better, in
+  /// Observed and pending trials as models and acquisition see them: outputs less their reference, larger is better, in
   /// units of the spread of their objective.
-  Evidence evidence() const;
+  Evidence evidence() const {
+    Evidence e;
+    e.x = trials_.designs(Trial::State::observed);
+    e.pending = trials_.designs(Trial::State::pending);
+    e.outputs = trials_.observed_outputs();
+    for (int j = 0; j < int(problem().objectives.size()); ++j) {
+      std::vector<Eigen::Index> rows;
+      for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
+        if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
+      Eigen::ArrayXXd y =
+          objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
+      const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
+      if (largest > 0.0) {
+        y /= largest;
+        const double spread = std::sqrt((y - y.mean()).square().mean());
+        if (spread > 1e-14) y /= spread;
+      }
+      e.outputs(rows, Eigen::all) = y.matrix();
+    }
+    const auto& variables = problem().space.variables;
+    e.lower.resize(Eigen::Index(variables.size()));
+    e.upper.resize(Eigen::Index(variables.size()));
+    for (std::size_t i = 0; i < variables.size(); ++i) {
+      e.lower[Eigen::Index(i)] = variables[i].lower;
+      e.upper[Eigen::Index(i)] = variables[i].upper;
+    }
+    e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
+    return e;
+  }
 
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
 
-  /// Objectives of the told trials (objectives × n) in their units, larger is better.
-  Eigen::MatrixXd objectives() const;
+  /// Objectives of the observed trials (objectives × n) in their units, larger is better.
+  Eigen::MatrixXd objectives() const {
+    Eigen::MatrixXd y = trials_.observed_outputs();
+    for (Eigen::Index k = 0; k < y.rows(); ++k)
+      y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
+    return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
+                    : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  }
 
-  /// Where evaluations succeed; nothing while none has failed for a reason of its design.
-  std::optional<SuccessModel<Kernel>> success(const Evidence& e) const;
+  /// Model of the success of evaluations; nullopt if none has failed for a reason of its design.
+  std::optional<SuccessModel<Kernel>> success(const Evidence& e) const {
+    const Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
+    if (failed.cols() == 0) return std::nullopt;
+    return SuccessModel<Kernel>(e.x, failed, e.lower, e.upper, config_.model);
+  }
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
-  std::optional<Design> chosen();
+  std::optional<Design> chosen() {
+    const std::uint64_t key = combine(combine(problem().seed, 1), trials().size());
+    if (models().empty()) {
+      auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
+      return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
+    }
+    std::vector<Design> standing;
+    for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
+    const Evidence e = evidence();
+    const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
+    const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};
+    const auto model = success(e);
+    if (!model) return config_.source.best(request, utility);
+    return config_.source.best(
+        request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
+  }
 
   Config config_;
-  TrialLog log_;
+  Trials trials_;
   bool exhausted_ = false;
   std::vector<GaussianProcess<Kernel>> models_;
-  int modelled_ = 0;  ///< told trials that the models know
+  int modelled_ = 0;  ///< observed trials that the models know
 };
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<Trial> Optimizer<K, A, S, R>::ask() {
-  if (told() + pending() >= problem().evaluations) return std::nullopt;
-  auto x = log_.scheduled();
-  if (!x) x = chosen();
-  exhausted_ = !x;
-  if (!x) return std::nullopt;
-  return log_.open(int(trials().size()), std::move(*x));
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::vector<Outcome> Optimizer<K, A, S, R>::front()
-const {
-  std::vector<int> ids;
-  for (const Trial& t : trials())
-    if (t.state == Trial::State::told) ids.push_back(t.id);
-  const Eigen::MatrixXd y = objectives();
-  std::vector<Outcome> out;
-  for (const Eigen::Index i : pareto_front(y)) {
-    out.push_back({ids[std::size_t(i)], {}});
-    for (Eigen::Index j = 0; j < y.rows(); ++j)
-      out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
-  }
-  return out;
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-double Optimizer<K, A, S, R>::hypervolume() const {
-  Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
-  for (Eigen::Index j = 0; j < reference.size(); ++j)
-    reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
-  return lumo::hypervolume(objectives(), reference);
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
-  if (told() < 2 || modelled_ == told()) return models_;
-  const Evidence e = evidence();
-  models_.clear();
-  for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-    models_.push_back(GaussianProcess<K>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
-  modelled_ = told();
-  return models_;
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Evidence Optimizer<K, A, S, R>::evidence()
-const {
-  Evidence e;
-  e.x = log_.designs(Trial::State::told);
-  e.pending = log_.designs(Trial::State::pending);
-  e.outputs = log_.told_outputs();
-  for (int j = 0; j < int(problem().objectives.size()); ++j) {
-    std::vector<Eigen::Index> rows;
-    for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
-    Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
-    const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
-    if (largest > 0.0) {
-      y /= largest;
-      const double spread = std::sqrt((y - y.mean()).square().mean());
-      if (spread > 1e-14) y /= spread;
-    }
-    e.outputs(rows, Eigen::all) = y.matrix();
-  }
-  const auto& variables = problem().space.variables;
-  e.lower.resize(Eigen::Index(variables.size()));
-  e.upper.resize(Eigen::Index(variables.size()));
-  for (std::size_t i = 0; i < variables.size(); ++i) {
-    e.lower[Eigen::Index(i)] = variables[i].lower;
-    e.upper[Eigen::Index(i)] = variables[i].upper;
-  }
-  e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
-  return e;
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Eigen::MatrixXd Optimizer<K, A, S, R>::objectives()
-const {
-  Eigen::MatrixXd y = log_.told_outputs();
-  for (Eigen::Index k = 0; k < y.rows(); ++k)
-    y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
-                  : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<SuccessModel<K>>
-Optimizer<K, A, S, R>::success(const Evidence& e)
-const {
-  const Eigen::MatrixXd failed = log_.designs(Trial::State::failed);
-  if (failed.cols() == 0) return std::nullopt;
-  return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<Design> Optimizer<K, A, S, R>::chosen() {
-  const std::uint64_t key = combine(combine(problem().seed, 1), trials().size());
-  if (models().empty()) {
-    auto fresh = log_.sampler().fresh(1, key, log_.taken());
-    return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
-  }
-  std::vector<Design> standing;
-  for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
-  const Evidence e = evidence();
-  const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
-  const CandidateRequest request{log_.sampler(), log_.taken(), standing, combine(key, 2)};
-  const auto model = success(e);
-  if (!model) return config_.source.best(request, utility);
-  return config_.source.best(
-      request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
-}
 
 }  // namespace lumo

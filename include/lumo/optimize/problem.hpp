@@ -14,7 +14,7 @@ namespace lumo {
 using Design = std::vector<double>;
 using DesignSet = std::set<Design>;
 
-/// One figure of merit. Only what is better than `reference` adds to the hypervolume.
+/// One figure of merit. Only values better than `reference` add to the hypervolume.
 struct Objective {
   std::string name;
   bool maximize = true;
@@ -23,17 +23,16 @@ struct Objective {
   double signed_value(double y) const { return maximize ? y : -y; }  ///< larger is better
 };
 
-/// What is to be optimised, and how much of it is fixed beforehand.
+/// An optimisation problem, and how much of the search is fixed beforehand.
 struct Problem {
   DesignSpace space;
   std::vector<Objective> objectives;
   std::vector<Design> initial;  ///< asked first
   int sobol = 8;                ///< asked next: points spread over the space
-  int evaluations = 40;         ///< told trials at which it ends, initial and Sobol ones included
+  int evaluations = 40;         ///< observed trials at which it ends, initial and Sobol ones included
   std::uint64_t seed = 0;
 
-  /// Throws InvalidArgument or InfeasibleDesign naming what makes no sense; variables and constraints are checked by
-  /// DesignSampler.
+  /// Throws InvalidArgument or InfeasibleDesign naming the fault; DesignSampler checks variables and constraints.
   void validate() const {
     if (objectives.empty()) throw InvalidArgument("problem has no objectives, must have at least 1");
     std::set<std::string> names;
@@ -51,18 +50,18 @@ struct Problem {
   }
 };
 
-/// A design that was asked, and what became of it.
+/// A design that was asked, and its outcome.
 struct Trial {
-  enum class State { pending, told, failed };
+  enum class State { pending, observed, failed };
   int id = 0;  ///< counts from 0 in the order of asking
   Design x;
   State state = State::pending;
-  std::vector<double> outputs;  ///< told ones, in their own units and sense
+  std::vector<double> outputs;  ///< observed ones, in their own units and sense
   bool retry = false;           ///< failed for a reason that does not lie in the design
   std::string why;
 };
 
-/// A told trial's objectives, in their own units and sense.
+/// An observed trial's objectives, in their own units and sense.
 struct Outcome {
   int id = 0;
   std::vector<double> objectives;
@@ -70,8 +69,8 @@ struct Outcome {
 
 enum class OptimizerStatus {
   running,   ///< there is more to ask
-  waiting,   ///< nothing to ask until a pending trial is answered
-  finished,  ///< as many trials are told as the problem wants
+  waiting,   ///< no design to ask until a pending trial is answered
+  finished,  ///< as many trials are observed as the problem wants
   exhausted  ///< every feasible design that can be found has been asked
 };
 

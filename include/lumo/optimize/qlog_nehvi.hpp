@@ -29,7 +29,7 @@ inline double fat_minimum(double a, double b, double tau) {
 /// smoothing).
 struct QLogNehvi {
   int draws = 128;
-  bool noisy = true;       ///< false: told values stand as they are (qLogEHVI)
+  bool noisy = true;       ///< false: observed values stand as they are (qLogEHVI)
   double tau_relu = 1e-6;  ///< smoothing of max(·, 0), in the units of the objectives
   double tau_max = 1e-3;   ///< smoothing of minima of logarithms
 
@@ -94,7 +94,7 @@ struct QLogNehvi {
     std::vector<BoxDecomposition> boxes_;
   };
 
-  /// Models are looked at, not copied: they must outlive what is returned.
+  /// Models are referred to, not copied: they must outlive the result.
   template <CovarianceKernel Kernel, Reduction R>
   Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
                               const Evidence& evidence, std::uint64_t seed) const {

@@ -41,7 +41,7 @@ struct ScenarioImage {
   Symmetry mirror;    ///< in which planes it is reflected
 };
 
-/// Which scenarios have to be solved when mirror images are solved once.
+/// Which scenarios have to be solved if mirror images are solved once.
 template <Indenter Tool = Sphere> struct ContactPlan {
   struct Solve {
     Scenario<Tool> scenario;  ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
@@ -60,8 +60,8 @@ template <Indenter Tool = Sphere> struct ContactPlan {
 
 namespace detail {
 
-/// Planes in which a contact is to be mirrored, of those that are allowed, so that of all its images always the same
-/// one is left: y ≥ 0, angle ≥ 0.
+/// Planes, of those that are allowed, in which a contact is to be mirrored so that all its images become the same one:
+/// y ≥ 0, angle ≥ 0.
 template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
   const bool along = s.tilt == TiltPlane::yz, back = s.angle_rad < 0.0;
   return {allowed.x && !along && back, allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
@@ -69,7 +69,7 @@ template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmet
 
 }  // namespace detail
 
-/// `symmetry`: of the body; `once`: planes in which one of two mirrored states stands for both, where tool and body are
+/// `symmetry`: of the body. `once`: planes in which one of two mirrored states stands for both if tool and body are
 /// symmetric.
 template <Indenter Tool>
 ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry,

@@ -3,7 +3,7 @@
 #include "lumo/mechanics/contact/status.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"
-#include "lumo/optics/ledger.hpp"
+#include "lumo/optics/response.hpp"
 #include "lumo/pipeline/ensemble.hpp"
 
 #include <Eigen/Core>
@@ -21,10 +21,10 @@ struct StateRecord {
   Status status = Status::non_finite;
   double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0,
          penetration_m = 0.0;
-  std::vector<double>
-      response;  ///< per emitted power and channel: Observations::unloaded_response + mean change; empty without light
-  Eigen::MatrixXd
-      change;  ///< (r − r_0)/P_emit by replicate, replicates × channels, both traced on the scenario's own mesh
+  /// Per emitted power and channel: Observations::unloaded_response + mean change; empty without light.
+  std::vector<double> response;
+  /// (r − r_0)/P_emit, replicates × channels, both traced on the scenario's own mesh.
+  Eigen::MatrixXd change;
   std::vector<double> change_error;  ///< standard error of the response minus the unloaded one; empty without light
 };
 
@@ -45,11 +45,11 @@ struct Timing {
 /// All states and responses of one body under an ensemble.
 struct Observations {
   std::vector<ScenarioRecord> scenarios;  ///< in the ensemble's order, mirror images included
-  std::vector<double>
-      unloaded_response;  ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
-  std::vector<double>
-      unloaded_error;   ///< its standard error; meshes share their rays, so that it does not shrink with their number
-  EnergyLedger ledger;  ///< of the traced state that closes worst
+  /// Per emitted power and channel (of the first colour, then the next), mean over the meshes.
+  std::vector<double> unloaded_response;
+  /// Its standard error. Meshes share their rays, so it does not shrink with their number.
+  std::vector<double> unloaded_error;
+  EnergyLedger ledger;                  ///< of the traced state that closes worst
   std::size_t nodes = 0, elements = 0;  ///< of the largest mesh
   Timing seconds;
 };
@@ -65,18 +65,17 @@ ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<T
   record.tilt = scenario.tilt;
   record.status = states.back().status;
   record.terms = contact_terms(body, mesh, states, contact_radius(scenario.indenter), error);
-  for (const MechanicalState& s : states)
-    record.states.push_back({s.status,
-                             s.load_N,
-                             s.force_N,
-                             s.depth_m,
-                             s.contact_area_m2,
-                             s.reference_area_m2,
-                             s.residual_N,
-                             s.penetration_m,
-                             {},
-                             {},
-                             {}});
+  for (const MechanicalState& s : states) {
+    StateRecord& kept = record.states.emplace_back();
+    kept.status = s.status;
+    kept.load_N = s.load_N;
+    kept.force_N = s.force_N;
+    kept.depth_m = s.depth_m;
+    kept.contact_area_m2 = s.contact_area_m2;
+    kept.reference_area_m2 = s.reference_area_m2;
+    kept.residual_N = s.residual_N;
+    kept.penetration_m = s.penetration_m;
+  }
   return record;
 }
 
@@ -97,7 +96,7 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
   return states;
 }
 
-/// For the planes x = 0 and y = 0: channel of the light → its mirror image; empty: itself; nothing: unknown.
+/// Channel of the light → its mirror image, in the planes x = 0 and y = 0; empty: itself; nullopt: unknown.
 using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 
 /// The record of a scenario from that of its mirror image.

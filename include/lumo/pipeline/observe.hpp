@@ -4,12 +4,9 @@
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/simulator.hpp"
-#include "lumo/objective/contact_progression.hpp"
-#include "lumo/objective/optical_separation.hpp"
 #include "lumo/pipeline/ensemble.hpp"
 #include "lumo/pipeline/lighting.hpp"
 #include "lumo/pipeline/observations.hpp"
-#include "lumo/pipeline/ray_refinement.hpp"
 
 #include <algorithm>
 #include <functional>
@@ -32,9 +29,8 @@ template <Mesher M, class Simulation, class Light> struct Pipeline {
   OpticalError optical_error = {};
   bool mirror_once = true;  ///< solve mirror images once
   RayRefinement rays = {};
-  int mesh_order = 2;  ///< of the simulator's elements
-  bool accept_held =
-      false;  ///< score states of a solver that goes in time: the problem is what it holds, not equilibrium
+  int mesh_order = 2;        ///< of the simulator's elements
+  bool accept_held = false;  ///< score states that a solver in time holds, too, not equilibria only
 };
 
 /// Called after each step, and before the first of a long stage: stage, steps done, steps in all. May be called from
@@ -54,31 +50,6 @@ template <class P>
 using PadOf =
     decltype(std::declval<const P&>().simulator.prepare(std::declval<const Body&>(), std::declval<const TetMesh&>()));
 
-/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
-/// that fails is a status in its record.
-template <class P, Indenter Tool, Executor E>
-Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                              const E& executor, const ProgressReport& progress = {});
-
-/// Can light in `body` be read from these presses: are the mirror images of its channels known where mirror images were
-/// pressed once?
-template <class P, class Pad, Indenter Tool>
-bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline);
-
-/// Lights a body in every state that was pressed, and again with more rays where they decide J_obs. `body` is the one
-/// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
-/// every executor. Throws InvalidArgument, also where it does not light these presses.
-template <class P, class Pad, Indenter Tool, Executor E>
-Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor,
-                     const ProgressReport& progress = {});
-
-/// Presses and lights a body in every scenario.
-template <class P, Indenter Tool, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                     const E& executor, const ProgressReport& progress = {}) {
-  return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
-}
-
 namespace detail {
 
 template <class P, Indenter Tool, class Pad>
@@ -91,7 +62,7 @@ SolvedScenario solve_scenario(const Body& body, const Scenario<Tool>& scenario, 
   return out;
 }
 
-/// Scenarios without a second symmetry plane take longest: they go first, so that threads end together.
+/// Scenarios without a second symmetry plane take longest. They go first, so that threads end together.
 template <Indenter Tool> std::vector<std::size_t> longest_first(const ContactPlan<Tool>& plan) {
   std::vector<std::size_t> order(plan.solves.size());
   std::iota(order.begin(), order.end(), std::size_t(0));
@@ -104,16 +75,16 @@ template <Indenter Tool> std::vector<std::size_t> longest_first(const ContactPla
 
 /// Records of all scenarios from those that were solved.
 template <Indenter Tool>
-std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels,
-                                   const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
+std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels,
+                                     const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
   std::vector<ScenarioRecord> records;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
     records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
   return records;
 }
 
-/// Meshes of different places give the same unloaded response up to their facets; that difference would hide small
-/// changes, so changes are taken on one mesh and added to the common mean. `watts` names the mean power or its standard
+/// Meshes of different places give the same unloaded response up to their facets. That difference would hide small
+/// changes: changes are taken on one mesh and added to the common mean. `watts` names the mean power or its standard
 /// error.
 inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses,
                                             const std::vector<double> Response::*watts, int channels) {
@@ -131,7 +102,7 @@ template <class Light> ChannelImages channel_images(const Body& body, const Ligh
 }
 
 /// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
-template <Indenter Tool> bool unfolds(const ContactPlan<Tool>& plan, const ChannelImages& images) {
+template <Indenter Tool> bool images_known(const ContactPlan<Tool>& plan, const ChannelImages& images) {
   return std::none_of(plan.images.begin(), plan.images.end(),
                       [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
 }
@@ -157,9 +128,11 @@ class StageReport {
 
 }  // namespace detail
 
+/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
+/// that fails is a status in its record.
 template <class P, Indenter Tool, Executor E>
 Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                              const E& executor, const ProgressReport& progress) {
+                              const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   Pressed<PadOf<P>, Tool> out;
@@ -202,23 +175,28 @@ Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>
   return out;
 }
 
+/// Are the mirror images of the channels of `body` known in all planes in which these presses stand for their mirror
+/// images? Only then can `body` be lit in them.
 template <class P, class Pad, Indenter Tool>
-bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
-  return detail::unfolds(pressed.plan, detail::channel_images(body, pipeline.tracer));
+bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
+  return detail::images_known(pressed.plan, detail::channel_images(body, pipeline.tracer));
 }
 
+/// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
+/// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
+/// every executor. Throws InvalidArgument, also unless has_image_channels().
 template <class P, class Pad, Indenter Tool, Executor E>
 Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor,
-                     const ProgressReport& progress) {
+                     const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
-  if (!detail::unfolds(pressed.plan, images))
+  if (!detail::images_known(pressed.plan, images))
     throw InvalidArgument(
         "observe: contacts were pressed once with their mirror images, but channels of the light have none");
   const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
   Observations out;
 
-  // Light, first for all states, then with more and more rays for those that decide.
+  // Light: first for all states, then with more rays for those that decide.
   Lighting lighting(body, pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
   const auto trace = [&](const auto& states, int round, std::string stage) {
     detail::StageReport tracing(progress, std::move(stage));
@@ -231,13 +209,13 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
     const bool scored = all_scored(lighting.records(), pipeline.accept_held);
     for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
       const auto undecided = lighting.undecided(
-          detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
+          detail::expanded(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       trace(undecided, round, message("light, ", rays_up_to(round), " times the rays"));
     }
   }
 
-  out.scenarios = detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records());
+  out.scenarios = detail::expanded(pressed.scenarios, images, pressed.plan, lighting.records());
   for (auto& record : out.scenarios)
     for (auto& s : record.states) {
       for (Eigen::Index b = 0; b < s.change.cols(); ++b)
@@ -253,6 +231,13 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
   out.seconds.optics = lighting.seconds;
   out.seconds.total += clock.seconds();
   return out;
+}
+
+/// Presses and lights a body in every scenario.
+template <class P, Indenter Tool, Executor E>
+Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
+                     const E& executor, const ProgressReport& progress = {}) {
+  return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
 }
 
 }  // namespace lumo

@@ -11,40 +11,46 @@
 
 namespace lumo {
 
-/// What a search of `evaluations` trials would have chosen with each of `seeds` seeds, were the objectives the
-/// posterior means of Gaussian processes of the trials told so far: how much of the choice is the search's luck. Both
-/// objectives are maximised, reference (0, 0). `make_optimizer(problem)` gives a fresh optimiser; `watch()` is called
-/// after each search, from any thread. Empty where a search found nothing to choose. Throws InvalidArgument with fewer
-/// than two told trials.
+/// Searches of one model by different seeds.
+struct SeedStudy {
+  int seeds = 1;        ///< 1, 2, …
+  int evaluations = 1;  ///< of each search
+};
+
+/// The choice of a search with each seed, if the objectives were the posterior means of Gaussian processes of the
+/// observed trials: how much of the choice is the search's luck. Both objectives are maximised, reference (0, 0).
+/// `make_optimizer(problem)` gives a fresh optimiser; `watch()` is called after each search, from any thread. nullopt
+/// for a search that found no choice. Throws InvalidArgument for fewer than two observed trials.
 template <class MakeOptimizer, Executor E, class Watch>
 std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, const std::vector<Trial>& trials,
-                                                      int seeds, int evaluations, const MakeOptimizer& make_optimizer,
+                                                      const SeedStudy& study, const MakeOptimizer& make_optimizer,
                                                       const E& executor, const Watch& watch) {
-  std::vector<const Trial*> told;
+  std::vector<const Trial*> observed;
   for (const Trial& t : trials)
-    if (t.state == Trial::State::told) told.push_back(&t);
-  if (told.size() < 2)
-    throw InvalidArgument(message("a model of the results needs at least 2 told trials, has ", told.size()));
+    if (t.state == Trial::State::observed) observed.push_back(&t);
+  if (observed.size() < 2)
+    throw InvalidArgument(message("a model of the results needs at least 2 observed trials, has ", observed.size()));
 
-  const auto n = Eigen::Index(told.size()), d = Eigen::Index(problem.space.variables.size());
+  const auto n = Eigen::Index(observed.size()), d = Eigen::Index(problem.space.variables.size());
   TrainingData data{Eigen::MatrixXd(d, n), Eigen::VectorXd(n), Eigen::VectorXd(d), Eigen::VectorXd(d)};
-  for (Eigen::Index i = 0; i < d; ++i)
-    data.lower[i] = problem.space.variables[std::size_t(i)].lower,
+  for (Eigen::Index i = 0; i < d; ++i) {
+    data.lower[i] = problem.space.variables[std::size_t(i)].lower;
     data.upper[i] = problem.space.variables[std::size_t(i)].upper;
+  }
   std::vector<GaussianProcess<>> models;
   for (std::size_t k = 0; k < problem.objectives.size(); ++k) {
     for (Eigen::Index j = 0; j < n; ++j) {
-      data.x.col(j) = Eigen::Map<const Eigen::VectorXd>(told[std::size_t(j)]->x.data(), d);
-      data.y[j] = told[std::size_t(j)]->outputs[k];
+      data.x.col(j) = Eigen::Map<const Eigen::VectorXd>(observed[std::size_t(j)]->x.data(), d);
+      data.y[j] = observed[std::size_t(j)]->outputs[k];
     }
     models.push_back(GaussianProcess<>::fit(data));
   }
 
-  std::vector<std::optional<Design>> choices(std::size_t(seeds), std::nullopt);
+  std::vector<std::optional<Design>> choices(std::size_t(study.seeds), std::nullopt);
   executor.for_each(choices.size(), [&](std::size_t s) {
     Problem searched = problem;
     searched.seed = std::uint64_t(s) + 1;
-    searched.evaluations = evaluations;
+    searched.evaluations = study.evaluations;
     auto optimizer = make_optimizer(searched);
     std::vector<std::pair<double, double>> found;
     while (const std::optional<Trial> trial = optimizer.ask()) {

@@ -16,12 +16,12 @@ struct VariantResult {
   std::string why;  ///< empty: all scenarios converged
   std::optional<Estimate> J_contact;
   std::optional<std::size_t> worst_contact;
-  std::optional<Estimate>
-      change;  ///< D: norm of the response change at the study's load, median over scenarios, per emitted power
+  /// D: norm of the response change at the study's load, median over scenarios, per emitted power.
+  std::optional<Estimate> change;
   Observations observations;
 };
 
-/// What a matched study compares. Source: paper §IV-A.
+/// Comparisons of a matched study. Source: paper §IV-A.
 struct MatchedStudy {
   std::vector<Twin> twins;     ///< each design is compared with these
   bool light = false;          ///< trace light, too
@@ -36,13 +36,15 @@ inline Ensemble middle_contacts() {
   return e;
 }
 
-/// Designs up to which all of a study are spread evenly: a campaign stops before half of its evaluations have failed,
-/// and twice as many are drawn.
+/// Points that a study draws its designs from.
+inline constexpr int study_points = 1024;
+/// Designs up to which a study is spread evenly: a campaign stops before half of its evaluations have failed, and twice
+/// as many points are drawn.
 inline constexpr int largest_study = 500;
 
 /// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem
-/// without a search. What is drawn does not hang on `designs`, so that a study can go on with more. Throws
-/// InvalidArgument for fewer than 1 or more than largest_study.
+/// without a search. The points do not depend on `designs`, so a study can go on with more. Throws InvalidArgument for
+/// fewer than 1 or more than largest_study.
 inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_t seed) {
   if (designs < 1 || designs > largest_study)
     throw InvalidArgument(
@@ -50,21 +52,13 @@ inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_
   Problem p;
   p.space = space;
   p.objectives = {{"J_contact", true, 0.0}};
-  p.sobol = 1024;
+  p.sobol = study_points;
   p.evaluations = designs;
   p.seed = seed;
   return p;
 }
 
-/// The design itself, then its variants, in the order of `study.twins`. What fails in one leaves the others whole.
-/// Throws InfeasibleDesign, and MeshError where a mesh failed for the machine's limits: another try may have them all.
-template <class P, Executor E>
-std::vector<VariantResult> compare_variants(const FingerDesign& design, const Silicone& silicone,
-                                            const Ensemble& ensemble, const MatchedStudy& study, const P& pipeline,
-                                            const FingerOptions& options, const E& executor,
-                                            const ProgressReport& progress = {});
-
-/// Median over scenarios of the norm of the response change at one load; empty when a scenario has none.
+/// Median over scenarios of the norm of the response change at one load; nullopt if a scenario has none.
 inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N,
                                              const OpticalError& error) {
   std::vector<Estimate> norms;
@@ -86,18 +80,16 @@ inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& 
 namespace detail {
 
 template <class P, Executor E>
-VariantResult evaluate_variant(const FingerDesign& design, Twin twin, const Silicone& silicone,
-                               const Ensemble& ensemble, const MatchedStudy& study, const P& pipeline,
-                               FingerOptions options, const E& executor, const ProgressReport& progress) {
-  options.twin = twin;
-  Body body = finger(design, silicone, options);
+VariantResult evaluate_variant(const Finger& wanted, const Ensemble& ensemble, const MatchedStudy& study,
+                               const P& pipeline, const E& executor, const ProgressReport& progress) {
+  Body body = finger(wanted.design, wanted.silicone, wanted.options);
   if (!study.light) body.regions = 0;
   VariantResult result;
-  result.twin = twin;
+  result.twin = wanted.options.twin;
   try {
     result.observations = observe(body, ensemble.scenarios(), pipeline, executor, progress);
   } catch (const MeshError& e) {
-    if (of_the_machine(e)) throw;
+    if (is_machine_limit(e)) throw;
     result.why = message("mesh: ", e.what());
     return result;
   }
@@ -114,16 +106,18 @@ VariantResult evaluate_variant(const FingerDesign& design, Twin twin, const Sili
 
 }  // namespace detail
 
+/// The design itself, then its variants, in the order of `study.twins`. A failure in one leaves the others whole.
+/// Throws InfeasibleDesign, and MeshError if the machine's limits ended a mesh: another try may have them all.
 template <class P, Executor E>
-std::vector<VariantResult> compare_variants(const FingerDesign& design, const Silicone& silicone,
-                                            const Ensemble& ensemble, const MatchedStudy& study, const P& pipeline,
-                                            const FingerOptions& options, const E& executor,
-                                            const ProgressReport& progress) {
-  std::vector<VariantResult> results = {
-      detail::evaluate_variant(design, Twin::none, silicone, ensemble, study, pipeline, options, executor, progress)};
-  for (const Twin twin : study.twins)
-    results.push_back(
-        detail::evaluate_variant(design, twin, silicone, ensemble, study, pipeline, options, executor, progress));
+std::vector<VariantResult> compare_variants(Finger design, const Ensemble& ensemble, const MatchedStudy& study,
+                                            const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
+  std::vector<Twin> twins = {Twin::none};
+  twins.insert(twins.end(), study.twins.begin(), study.twins.end());
+  std::vector<VariantResult> results;
+  for (const Twin twin : twins) {
+    design.options.twin = twin;
+    results.push_back(detail::evaluate_variant(design, ensemble, study, pipeline, executor, progress));
+  }
   return results;
 }
 

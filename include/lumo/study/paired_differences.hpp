@@ -6,12 +6,14 @@
 #include <cmath>
 #include <cstddef>
 #include <optional>
+#include <span>
+#include <utility>
 #include <vector>
 
 namespace lumo {
 
-/// Of one quantity: what a design has more than its variant. Errors of both are taken as independent.
-inline Estimate difference(const Estimate& design, const Estimate& variant) {
+/// A design less its variant. The errors of both are taken as independent.
+inline Estimate paired_difference(const Estimate& design, const Estimate& variant) {
   return {design.value - variant.value, std::hypot(design.error, variant.error)};
 }
 
@@ -21,15 +23,15 @@ struct PairedSummary {
   std::size_t undecided = 0;
   std::size_t above_zero = 0;  ///< differences > 0, whatever their error
   double median = 0.0;
-  /// Distribution-free interval of the median: the widest order statistics that the binomial law leaves at least 95 %;
-  /// empty below six differences, where not even the extremes reach that. Source: Conover, Practical Nonparametric
-  /// Statistics, §3.2.
+  /// Distribution-free interval of the median, between order statistics: the narrowest to which the binomial law gives
+  /// at least 95 %; nullopt below six differences, as not even the extremes reach that then. Source: Conover, Practical
+  /// Nonparametric Statistics, §3.2.
   std::optional<std::pair<double, double>> median_95;
 
   std::size_t count() const { return positive + negative + undecided; }
 };
 
-/// Empty without differences.
+/// nullopt without differences.
 inline std::optional<PairedSummary> summarize(const std::vector<Estimate>& differences) {
   if (differences.empty()) return std::nullopt;
   PairedSummary s;
@@ -53,6 +55,24 @@ inline std::optional<PairedSummary> summarize(const std::vector<Estimate>& diffe
     term *= double(n - k) / double(k + 1);
   }
   return s;
+}
+
+/// Kendall's τ-b of two rankings of the same things: pairs in the same order less pairs in the opposite one, over the
+/// geometric mean of the pairs that either ranking distinguishes; 1 for the same ranking, ties included. nullopt if one
+/// of them ties all. Source: Kendall, Biometrika 33 (1945).
+inline std::optional<double> kendall_tau(std::span<const double> a, std::span<const double> b) {
+  const std::size_t n = a.size();
+  if (b.size() != n) return std::nullopt;
+  long agreed = 0, apart_a = 0, apart_b = 0;
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t j = i + 1; j < n; ++j) {
+      const int order_a = (a[i] > a[j]) - (a[i] < a[j]), order_b = (b[i] > b[j]) - (b[i] < b[j]);
+      agreed += order_a * order_b;
+      apart_a += order_a != 0;
+      apart_b += order_b != 0;
+    }
+  if (apart_a == 0 || apart_b == 0) return std::nullopt;
+  return double(agreed) / std::sqrt(double(apart_a) * double(apart_b));
 }
 
 }  // namespace lumo

@@ -38,8 +38,9 @@ struct FreeFactor {
 class WithoutOpenMp {
  public:
   WithoutOpenMp() {
-    if (omp_set_max_active_levels && omp_get_max_active_levels)
-      levels_ = omp_get_max_active_levels(), omp_set_max_active_levels(0);
+    if (!omp_set_max_active_levels || !omp_get_max_active_levels) return;
+    levels_ = omp_get_max_active_levels();
+    omp_set_max_active_levels(0);
   }
   ~WithoutOpenMp() {
     if (levels_ >= 0) omp_set_max_active_levels(levels_);

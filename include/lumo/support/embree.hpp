@@ -45,7 +45,7 @@ class FlushDenormals {
 }  // namespace detail
 
 /// Ray scene of Embree: single precision, millimetres about the centre of the scene. Body and carrier faces are two
-/// geometries, told apart by masks: rays inside the body do not see the carrier.
+/// geometries, distinguished by masks: rays inside the body do not see the carrier.
 class EmbreeScene {
  public:
   /// Throws InvalidArgument when a corner is not finite, std::bad_alloc, or Error when Embree fails otherwise.
@@ -74,9 +74,15 @@ class EmbreeScene {
     const detail::FlushDenormals flush;
     const Vec3d o = 1e3 * (origin - center_);
     alignas(16) RTCRayHit r;
-    r.ray.org_x = float(o.x()), r.ray.org_y = float(o.y()), r.ray.org_z = float(o.z());
-    r.ray.dir_x = float(direction.x()), r.ray.dir_y = float(direction.y()), r.ray.dir_z = float(direction.z());
-    r.ray.tnear = 0.0f, r.ray.tfar = std::numeric_limits<float>::infinity(), r.ray.time = 0.0f;
+    r.ray.org_x = float(o.x());
+    r.ray.org_y = float(o.y());
+    r.ray.org_z = float(o.z());
+    r.ray.dir_x = float(direction.x());
+    r.ray.dir_y = float(direction.y());
+    r.ray.dir_z = float(direction.z());
+    r.ray.tnear = 0.0f;
+    r.ray.tfar = std::numeric_limits<float>::infinity();
+    r.ray.time = 0.0f;
     r.ray.mask = inside ? body_mask : body_mask | carrier_mask;
     r.ray.id = inside ? 1u : 0u;
     r.ray.flags = 0;

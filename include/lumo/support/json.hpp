@@ -3,8 +3,7 @@
 // Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole log, a folder or an MCAP
 // file. Schema: docs/log_format.md.
 
-#include "lumo/core/read_whole.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/recording/recording.hpp"
 #include "lumo/sense/recording/session.hpp"
@@ -76,10 +75,6 @@ class StrictObject {
   template <class Take> void with(const char* key, Take take) {
     read(key, [&](const auto& j) { take(j, where_ + "." + key); });
   }
-  bool has(const char* key) {
-    asked_.push_back(key);
-    return object_.contains(key);
-  }
   /// To be called last.
   void finish() const {
     for (const auto& item : object_.items()) {
@@ -123,26 +118,121 @@ class StrictObject {
   std::vector<std::string> asked_;
 };
 
+/// Reads a length in mm; one that is absent stays, but for rounding.
+inline void get_mm(StrictObject& o, const char* key, double& length_m) {
+  double length_mm = 1e3 * length_m;
+  o.get(key, length_mm);
+  length_m = 1e-3 * length_mm;
+}
+
+/// Applies `take(item, where)` to each item of an array. Throws InputError for anything else.
+template <class Take> void for_each_item(const nlohmann::json& j, const std::string& where, Take take) {
+  if (!j.is_array()) throw InputError(message(where, ": must be an array"));
+  std::size_t k = 0;
+  for (const auto& item : j) take(item, message(where, '[', k++, ']'));
+}
+
+inline void read_leds(const nlohmann::json& j, const std::string& where, sense::Session& s) {
+  StrictObject o(j, where);
+  o.get("count", s.led_count);
+  get_mm(o, "pitch_mm", s.led_pitch_m);
+  get_mm(o, "first_y_mm", s.led_first_y_m);
+  get_mm(o, "depth_mm", s.led_depth_m);
+  get_mm(o, "camera_distance_mm", s.camera_distance_m);
+  std::vector<double> distal{s.distal.x(), s.distal.y()};
+  o.get("distal", distal);
+  if (distal.size() != 2) o.fail("distal", "must be two numbers");
+  s.distal = {distal[0], distal[1]};
+  o.finish();
+}
+
+inline void read_clock(const nlohmann::json& j, const std::string& where, sense::ClockMap& map) {
+  StrictObject o(j, where);
+  o.get("origin_ns", map.origin_ns);
+  o.get("offset_s", map.offset_s);
+  o.get("drift", map.drift);
+  o.get("residual_s", map.residual_s);
+  o.finish();
+}
+
+/// Columns of two, in m or px.
+inline Eigen::Matrix2Xd pairs(const std::vector<double>& v, double unit) {
+  Eigen::Matrix2Xd m(2, Eigen::Index(v.size() / 2));
+  for (std::size_t k = 0; k < v.size(); ++k) m.data()[k] = unit * v[k];
+  return m;
+}
+
+inline sense::SessionLink read_link(const nlohmann::json& j, const std::string& where) {
+  StrictObject o(j, where);
+  sense::SessionLink l;
+  std::vector<double> joints, hole_mm, hole_px, y_mm{1e3 * l.link.y_low_m, 1e3 * l.link.y_high_m},
+      z_mm{1e3 * l.link.z_low_m, 1e3 * l.link.z_high_m};
+  o.get("name", l.link.name);
+  o.get("joints", joints);
+  o.get("holes_mm", hole_mm);
+  o.get("holes_px", hole_px);
+  get_mm(o, "hole_radius_mm", l.link.hole_radius_m);
+  o.get("z_clockwise", l.link.z_clockwise);
+  o.get("pad_y_mm", y_mm);
+  o.get("pad_z_mm", z_mm);
+  for (const double joint : joints) {
+    if (joint != std::floor(joint) || std::abs(joint) > 1e6) o.fail("joints", "must be whole numbers");
+    l.link.joints.push_back(int(joint));
+  }
+  if (hole_mm.size() % 2 != 0) o.fail("holes_mm", "must be pairs y, z");
+  if (hole_px.size() % 2 != 0) o.fail("holes_px", "must be pairs x, y");
+  if (y_mm.size() != 2) o.fail("pad_y_mm", "must be two numbers");
+  if (z_mm.size() != 2) o.fail("pad_z_mm", "must be two numbers");
+  l.link.hole_m = pairs(hole_mm, 1e-3);
+  l.hole_px = pairs(hole_px, 1.0);
+  l.link.y_low_m = 1e-3 * y_mm[0];
+  l.link.y_high_m = 1e-3 * y_mm[1];
+  l.link.z_low_m = 1e-3 * z_mm[0];
+  l.link.z_high_m = 1e-3 * z_mm[1];
+  o.finish();
+  return l;
+}
+
+inline sense::Segment read_segment(const nlohmann::json& j, const std::string& where) {
+  StrictObject o(j, where);
+  sense::Segment g;
+  o.get("from_ns", g.from_ns);
+  o.get("to_ns", g.to_ns);
+  std::string kind = g.kind_name();
+  o.get("kind", kind);
+  g.set_kind_name(std::move(kind));
+  o.get("place", g.place);
+  o.get("y_mm", g.y_mm);
+  o.get("repetition", g.repetition);
+  o.get("cycle", g.cycle);
+  o.get("load_N", g.load_N);
+  o.get("angle_deg", g.angle_deg);
+  o.get("diameter_mm", g.diameter_mm);
+  o.finish();
+  return g;
+}
+
+/// Throws InputError for what is no JSON or nested too deeply: each level takes stack when the value is destroyed.
+inline nlohmann::json parse_json(std::string_view text, const std::string& name) {
+  constexpr int deepest = 64;
+  using Json = nlohmann::json;
+  const auto shallow = [&](int depth, Json::parse_event_t event, Json&) {
+    if (depth >= deepest && (event == Json::parse_event_t::object_start || event == Json::parse_event_t::array_start))
+      throw InputError(message(name, ": is nested deeper than ", deepest, " levels"));
+    return true;
+  };
+  try {
+    return Json::parse(text, shallow);
+  } catch (const Json::exception& e) {
+    throw InputError(message(name, ": is no JSON: ", printable(e.what(), 200)));
+  }
+}
+
 }  // namespace detail
 
 /// Reads the text of a session.json. Throws InputError of one line that names file and key.
 inline sense::Session session_from_json(std::string_view json, const std::string& name) {
-  // Deep nesting would exhaust the stack of the parser's destructor. Brackets within strings do not nest.
-  int depth = 0, deepest = 0;
-  bool quoted = false;
-  for (std::size_t i = 0; i < json.size(); ++i) {
-    const char c = json[i];
-    if (c == '"') quoted = !quoted;
-    if (quoted && c == '\\') ++i;
-    if (!quoted) depth += (c == '{' || c == '[') - (c == '}' || c == ']'), deepest = std::max(deepest, depth);
-  }
-  if (deepest > 64) throw InputError(message(name, ": is nested deeper than 64 levels"));
-  nlohmann::json root;
-  try {
-    root = nlohmann::json::parse(json);
-  } catch (const nlohmann::json::exception& e) {
-    throw InputError(message(name, ": is no JSON: ", printable(e.what(), 200)));
-  }
+  const nlohmann::json root = detail::parse_json(json, name);
   sense::Session s;
   detail::StrictObject top(root, name);
   std::string format;
@@ -157,85 +247,22 @@ inline sense::Session session_from_json(std::string_view json, const std::string
   top.get("theta_mm", s.theta_mm);
   top.get("video", s.video);
   top.get("torque_constant_Nm_per_A", s.torque_constant_Nm_per_A);
-  double joint_mm = 1e3 * s.joint_to_origin_m;
-  top.get("joint_to_origin_mm", joint_mm);
-  s.joint_to_origin_m = 1e-3 * joint_mm;
+  detail::get_mm(top, "joint_to_origin_mm", s.joint_to_origin_m);
   top.get("joint_to_joint_mm", s.joint_to_joint_m);
   for (double& l : s.joint_to_joint_m) l *= 1e-3;
   top.get("frame_delay_s", s.frame_delay_s);
   top.get("joint_delay_s", s.joint_delay_s);
-  top.with("leds", [&](const nlohmann::json& j, const std::string& where) {
-    detail::StrictObject o(j, where);
-    double pitch_mm = 1e3 * s.led_pitch_m, first_mm = 1e3 * s.led_first_y_m;
-    o.get("count", s.led_count);
-    o.get("pitch_mm", pitch_mm);
-    o.get("first_y_mm", first_mm);
-    double depth_mm = 1e3 * s.led_depth_m, camera_mm = 1e3 * s.camera_distance_m;
-    o.get("depth_mm", depth_mm);
-    o.get("camera_distance_mm", camera_mm);
-    s.led_pitch_m = 1e-3 * pitch_mm, s.led_first_y_m = 1e-3 * first_mm, s.led_depth_m = 1e-3 * depth_mm,
-    s.camera_distance_m = 1e-3 * camera_mm;
-    std::vector<double> distal{s.distal.x(), s.distal.y()};
-    o.get("distal", distal);
-    if (distal.size() != 2) o.fail("distal", "must be two numbers");
-    s.distal = {distal[0], distal[1]};
-    o.finish();
+  using Json = nlohmann::json;
+  using Where = const std::string&;
+  top.with("leds", [&](const Json& j, Where where) { detail::read_leds(j, where, s); });
+  top.with("joint_clock", [&](const Json& j, Where where) { detail::read_clock(j, where, s.joint_clock); });
+  top.with("wrench_clock", [&](const Json& j, Where where) { detail::read_clock(j, where, s.wrench_clock); });
+  top.with("links", [&](const Json& j, Where where) {
+    detail::for_each_item(j, where, [&](const Json& i, Where at) { s.links.push_back(detail::read_link(i, at)); });
   });
-  const auto clock = [&](const char* key, sense::ClockMap& map) {
-    top.with(key, [&](const nlohmann::json& j, const std::string& where) {
-      detail::StrictObject o(j, where);
-      o.get("origin_ns", map.origin_ns);
-      o.get("offset_s", map.offset_s);
-      o.get("drift", map.drift);
-      o.get("residual_s", map.residual_s);
-      o.finish();
-    });
-  };
-  clock("joint_clock", s.joint_clock);
-  clock("wrench_clock", s.wrench_clock);
-  top.with("links", [&](const nlohmann::json& j, const std::string& where) {
-    if (!j.is_array()) throw InputError(message(where, ": must be an array"));
-    for (const auto& item : j) {
-      detail::StrictObject o(item, where + "[" + std::to_string(s.links.size()) + "]");
-      sense::SessionLink l;
-      double radius_mm = 1e3 * l.link.hole_radius_m;
-      std::vector<double> joints, hole_mm, hole_px, y_mm{1e3 * l.link.y_low_m, 1e3 * l.link.y_high_m},
-          z_mm{1e3 * l.link.z_low_m, 1e3 * l.link.z_high_m};
-      o.get("name", l.link.name), o.get("joints", joints), o.get("holes_mm", hole_mm), o.get("holes_px", hole_px),
-          o.get("hole_radius_mm", radius_mm);
-      o.get("z_clockwise", l.link.z_clockwise), o.get("pad_y_mm", y_mm), o.get("pad_z_mm", z_mm);
-      for (const double joint : joints) {
-        if (joint != std::floor(joint) || std::abs(joint) > 1e6) o.fail("joints", "must be whole numbers");
-        l.link.joints.push_back(int(joint));
-      }
-      if (hole_mm.size() % 2 != 0) o.fail("holes_mm", "must be pairs y, z");
-      if (hole_px.size() % 2 != 0) o.fail("holes_px", "must be pairs x, y");
-      if (y_mm.size() != 2) o.fail("pad_y_mm", "must be two numbers");
-      if (z_mm.size() != 2) o.fail("pad_z_mm", "must be two numbers");
-      const auto pairs = [](const std::vector<double>& v, double unit) {
-        Eigen::Matrix2Xd m(2, Eigen::Index(v.size() / 2));
-        for (std::size_t k = 0; k < v.size(); ++k) m.data()[k] = unit * v[k];
-        return m;
-      };
-      l.link.hole_m = pairs(hole_mm, 1e-3), l.hole_px = pairs(hole_px, 1.0), l.link.hole_radius_m = 1e-3 * radius_mm;
-      l.link.y_low_m = 1e-3 * y_mm[0], l.link.y_high_m = 1e-3 * y_mm[1], l.link.z_low_m = 1e-3 * z_mm[0],
-      l.link.z_high_m = 1e-3 * z_mm[1];
-      o.finish();
-      s.links.push_back(std::move(l));
-    }
-  });
-  top.with("segments", [&](const nlohmann::json& j, const std::string& where) {
-    if (!j.is_array()) throw InputError(message(where, ": must be an array"));
-    for (const auto& item : j) {
-      detail::StrictObject o(item, where + "[" + std::to_string(s.segments.size()) + "]");
-      sense::Segment g;
-      o.get("from_ns", g.from_ns), o.get("to_ns", g.to_ns), o.get("kind", g.kind), o.get("place", g.place),
-          o.get("y_mm", g.y_mm), o.get("repetition", g.repetition);
-      o.get("cycle", g.cycle), o.get("load_N", g.load_N), o.get("angle_deg", g.angle_deg),
-          o.get("diameter_mm", g.diameter_mm);
-      o.finish();
-      s.segments.push_back(g);
-    }
+  top.with("segments", [&](const Json& j, Where where) {
+    detail::for_each_item(j, where,
+                          [&](const Json& i, Where at) { s.segments.push_back(detail::read_segment(i, at)); });
   });
   top.finish();
   validate(s, name);
@@ -250,12 +277,29 @@ inline sense::Session read_session(const std::string& path) {
 
 namespace detail {
 
-/// The number of mm that reads back as this number of m, where there is one: always for a length that was read.
+/// The number of mm that reads back as this number of m, if there is one: always for a length that was read.
 inline double millimetres(double m) {
   const double mm = 1e3 * m;
   for (const double near : {mm, std::nextafter(mm, 2.0 * mm), std::nextafter(mm, 0.0)})
     if (1e-3 * near == m) return near;
   return mm;
+}
+
+inline nlohmann::ordered_json to_json(const sense::SessionLink& l) {
+  const auto flat = [](const Eigen::Matrix2Xd& m, bool in_mm) {
+    std::vector<double> v;
+    for (Eigen::Index k = 0; k < m.size(); ++k) v.push_back(in_mm ? millimetres(m.data()[k]) : m.data()[k]);
+    return v;
+  };
+  const auto mm = [](double low, double high) { return std::vector<double>{millimetres(low), millimetres(high)}; };
+  return {{"name", l.link.name},
+          {"joints", l.link.joints},
+          {"holes_mm", flat(l.link.hole_m, true)},
+          {"hole_radius_mm", millimetres(l.link.hole_radius_m)},
+          {"holes_px", flat(l.hole_px, false)},
+          {"z_clockwise", l.link.z_clockwise},
+          {"pad_y_mm", mm(l.link.y_low_m, l.link.y_high_m)},
+          {"pad_z_mm", mm(l.link.z_low_m, l.link.z_high_m)}};
 }
 
 }  // namespace detail
@@ -283,29 +327,12 @@ inline std::string to_json(const sense::Session& s) {
   j["joint_delay_s"] = s.joint_delay_s;
   j["joint_clock"] = clock(s.joint_clock);
   j["wrench_clock"] = clock(s.wrench_clock);
-  for (const sense::SessionLink& l : s.links) {
-    const auto flat = [](const Eigen::Matrix2Xd& m, bool in_mm) {
-      std::vector<double> v;
-      for (Eigen::Index k = 0; k < m.size(); ++k) v.push_back(in_mm ? detail::millimetres(m.data()[k]) : m.data()[k]);
-      return v;
-    };
-    const auto mm = [](double low, double high) {
-      return std::vector<double>{detail::millimetres(low), detail::millimetres(high)};
-    };
-    j["links"].push_back({{"name", l.link.name},
-                          {"joints", l.link.joints},
-                          {"holes_mm", flat(l.link.hole_m, true)},
-                          {"hole_radius_mm", detail::millimetres(l.link.hole_radius_m)},
-                          {"holes_px", flat(l.hole_px, false)},
-                          {"z_clockwise", l.link.z_clockwise},
-                          {"pad_y_mm", mm(l.link.y_low_m, l.link.y_high_m)},
-                          {"pad_z_mm", mm(l.link.z_low_m, l.link.z_high_m)}});
-  }
+  for (const sense::SessionLink& l : s.links) j["links"].push_back(detail::to_json(l));
   j["segments"] = Json::array();
   for (const sense::Segment& g : s.segments)
     j["segments"].push_back({{"from_ns", g.from_ns},
                              {"to_ns", g.to_ns},
-                             {"kind", g.kind},
+                             {"kind", g.kind_name()},
                              {"place", g.place},
                              {"y_mm", g.y_mm},
                              {"repetition", g.repetition},
@@ -321,8 +348,8 @@ inline std::string to_json(const sense::Session& s) {
 }
 
 /// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
-inline sense::RecordedLog read_log_folder(const std::string& path) {
-  sense::RecordedLog log;
+inline sense::Recording read_log_folder(const std::string& path) {
+  sense::Recording log;
   log.path = path;
   log.session = read_session(path + "/session.json");
   const auto table = [&](const char* name, auto read) {
@@ -346,7 +373,7 @@ inline sense::RecordedLog read_log_folder(const std::string& path) {
   return log;
 }
 
-/// Reads an MCAP file's tables, places of pictures, and session, which is the default one where the file has none.
+/// Reads an MCAP file's tables, places of pictures, and session, which is the default one if the file has none.
 /// Throws InputError.
 template <sense::ChunkCodec... Codecs>
 sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::McapTopics& topics = {}) {
@@ -357,10 +384,10 @@ sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::Mc
   return m;
 }
 
-/// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables
-/// there are of the others; each file whole or not at all. Throws InputError, and InvalidArgument before anything is
-/// written for what could not be read again.
-inline void write_log_folder(const sense::RecordedLog& log) {
+/// Writes session.json and the tables that are not empty into an existing folder, and removes earlier tables of the
+/// others; each file whole or not at all. Throws InputError, and InvalidArgument before anything is written for what
+/// could not be read again.
+inline void write_log_folder(const sense::Recording& log) {
   const std::pair<const char*, std::string> files[] = {
       {"session.json", to_json(log.session)},
       {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},

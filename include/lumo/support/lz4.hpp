@@ -43,7 +43,8 @@ class Lz4 {
       std::size_t from = bytes.size() - read, to = out.size() - written;
       more = good(LZ4F_decompress(context.get(), out.data() + written, &to, bytes.data() + read, &from, nullptr));
       if (from == 0 && to == 0 && more != 0) break;  // cut, or more than was said
-      read += from, written += to;
+      read += from;
+      written += to;
     }
     if (more != 0 || written != size || read != bytes.size())
       throw InputError(message("LZ4 frame gives ", written, " bytes, or is not whole; must give ", size));

@@ -5,7 +5,7 @@
 // not open what is no camera.
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/read_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/devices/camera.hpp"
 #include "lumo/sense/devices/picture_decoder.hpp"
 #include "lumo/sense/devices/picture_header.hpp"
@@ -207,14 +207,14 @@ class VideoFile {
 /// come from the log's table, one row for each frame; without one, stamps follow from the file's frame rate.
 class VideoCamera {
  public:
-  /// Throws InputError when the file is missing, cannot be decoded, or tells no frame rate where there is no table.
+  /// Throws InputError when the file is missing, cannot be decoded, or states no frame rate and there is no table.
   explicit VideoCamera(const std::string& path, std::vector<sense::FrameRecord> records = {})
       : records_(std::move(records)), timed_(!records_.empty()) {
     require_file(path, "video");
     video_ = std::make_unique<VideoProcess>(detail::VideoFile{}, path, VideoProcess::Limits{});
     if (!video_->is_open()) throw InputError(message(path, ": is no video that can be decoded"));
     if (!timed_ && !(std::isfinite(video_->rate()) && video_->rate() > 0.0))
-      throw InputError(message(path, ": tells no frame rate, needs a frames.csv"));
+      throw InputError(message(path, ": states no frame rate, needs a frames.csv"));
   }
 
   std::optional<sense::Frame> next() {
@@ -224,20 +224,28 @@ class VideoCamera {
     const bool rows_over = timed_ && std::size_t(next_) == records_.size();
     // Frames without rows have no time; rows without frames: the video is cut.
     if (got == Got::failed || (got == Got::frame && rows_over) || (got == Got::end && timed_ && !rows_over))
-      return state_ = sense::StreamState::failed, std::nullopt;
-    if (got == Got::end) return state_ = sense::StreamState::ended, std::nullopt;
+      return stop(sense::StreamState::failed);
+    if (got == Got::end) return stop(sense::StreamState::ended);
     sense::Frame f{image_.view(), 0, 0.0, 0.0, next_};
-    if (timed_)
-      f.stamp_ns = records_[std::size_t(next_)].stamp_ns, f.exposure_s = records_[std::size_t(next_)].exposure_s,
-      f.gain = records_[std::size_t(next_)].gain;
-    else
+    if (timed_) {
+      const sense::FrameRecord& r = records_[std::size_t(next_)];
+      f.stamp_ns = r.stamp_ns;
+      f.exposure_s = r.exposure_s;
+      f.gain = r.gain;
+    } else {
       f.stamp_ns = std::llround(1e9 * double(next_) / video_->rate());
+    }
     ++next_;
     return f;
   }
   sense::StreamState state() const { return state_; }
 
  private:
+  std::optional<sense::Frame> stop(sense::StreamState state) {
+    state_ = state;
+    return std::nullopt;
+  }
+
   std::unique_ptr<VideoProcess> video_;
   std::vector<sense::FrameRecord> records_;
   bool timed_;
@@ -317,11 +325,11 @@ class V4l2Camera {
                                      std::max<std::int64_t>(1'000'000, std::llround(1e9 * config_.wait_s))) ||
           ready.empty())
         return std::nullopt;
-      if (!capture_[0].grab()) return state_ = sense::StreamState::failed, std::nullopt;
+      if (!capture_[0].grab()) return fail();
       if (grabbed_++ < config_.settle_frames) return std::nullopt;
       if (!capture_[0].retrieve(image_)) return std::nullopt;
     } catch (const cv::Exception&) {
-      return state_ = sense::StreamState::failed, std::nullopt;
+      return fail();
     }
     return sense::Frame{view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_,
                         grabbed_ - 1};
@@ -331,6 +339,11 @@ class V4l2Camera {
   double gain() const { return gain_; }
 
  private:
+  std::optional<sense::Frame> fail() {
+    state_ = sense::StreamState::failed;
+    return std::nullopt;
+  }
+
   Config config_;
   std::vector<cv::VideoCapture> capture_;  ///< one; waitAny takes a vector
   cv::Mat image_;

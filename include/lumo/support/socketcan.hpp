@@ -59,8 +59,8 @@ class MiniCheetahMotors {
     return MiniCheetahMotors(std::move(socket), config);
   }
 
-  /// On a socket that carries one CAN frame in each packet. Throws InvalidArgument for a configuration that makes no
-  /// sense.
+  /// On a socket that carries one CAN frame in each packet. Throws InvalidArgument for a configuration that contradicts
+  /// itself.
   MiniCheetahMotors(Descriptor socket, Config config) : socket_(std::move(socket)), config_(std::move(config)) {
     const std::size_t n = config_.motors.size();
     require_in_range("number of motors", double(n), 1.0, sense::max_joints, "");
@@ -105,7 +105,10 @@ class MiniCheetahMotors {
       const ssize_t size = ::recv(socket_.get(), &frame, sizeof frame, MSG_DONTWAIT);
       if (size < 0 && errno == EINTR) continue;
       if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return std::nullopt;
-      if (size <= 0) return state_ = sense::StreamState::failed, std::nullopt;
+      if (size <= 0) {
+        state_ = sense::StreamState::failed;
+        break;
+      }
       if (std::size_t(size) != sizeof frame || (frame.can_id & (CAN_EFF_FLAG | CAN_RTR_FLAG | CAN_ERR_FLAG)) ||
           int(frame.can_id & CAN_SFF_MASK) != config_.host)
         continue;

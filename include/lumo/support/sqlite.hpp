@@ -18,27 +18,27 @@
 
 namespace lumo {
 
-/// A campaign's log in one SQLite file: durable (synchronous=FULL), safe under kill -9 and with several processes.
+/// A campaign's journal in one SQLite file: durable (synchronous=FULL), safe under kill -9 and with several processes.
 /// Each entry carries a digest that includes the one before, and the file says how many there are, because SQLite
 /// itself does not notice a flipped bit. All members throw StoreError. Not to be used after a fork.
-class SqliteLog {
+class SqliteJournal {
  public:
   /// Opens the file, or makes it with this problem when there is none. A file with another problem is refused with the
   /// first line that differs.
-  SqliteLog(const std::string& path, const std::string& problem);
+  SqliteJournal(const std::string& path, const std::string& problem);
   /// Opens a file that is there, for reading.
-  explicit SqliteLog(const std::string& path);
+  explicit SqliteJournal(const std::string& path);
 
   /// All entries without their records; every digest is checked on the way.
-  std::vector<LogEntry> entries() const;
+  std::vector<JournalEntry> entries() const;
   std::string record(std::int64_t number) const;
 
-  template <class Next> std::optional<LogEntry> append(Next&& next);
+  template <class Next> std::optional<JournalEntry> append(Next&& next);
 
   /// Takes over the work that an entry announces unless another living process on this machine has it.
   bool claim(std::int64_t number);
 
-  /// Digest of the last entry: of the whole log.
+  /// Digest of the last entry: of the whole journal.
   std::string digest() const;
   /// Of an entry and those before it; of entry 0: of the problem.
   std::string digest(std::int64_t number) const;
@@ -57,7 +57,7 @@ class SqliteLog {
   // Rolls back unless committed.
   class Transaction {
    public:
-    explicit Transaction(const SqliteLog& log) : log_(log) { log_.run("BEGIN IMMEDIATE"); }
+    explicit Transaction(const SqliteJournal& log) : log_(log) { log_.run("BEGIN IMMEDIATE"); }
     ~Transaction() {
       if (!done_) sqlite3_exec(log_.db_.get(), "ROLLBACK", nullptr, nullptr, nullptr);
     }
@@ -69,7 +69,7 @@ class SqliteLog {
     }
 
    private:
-    const SqliteLog& log_;
+    const SqliteJournal& log_;
     bool done_ = false;
   };
 
@@ -81,20 +81,20 @@ class SqliteLog {
   Statement prepare(const char* sql) const;
   bool step(const Statement& s) const;  // true: a row
   [[noreturn]] void fail(int code) const;
-  void insert(const LogEntry& entry, const std::string& before) const;
+  void insert(const JournalEntry& entry, const std::string& before) const;
   std::int64_t number_of(const char* sql) const;
   static std::string text(const Statement& s, int column);
   static void bind(const Statement& s, int place, const std::string& value) {
     sqlite3_bind_text(s.get(), place, value.data(), int(value.size()), SQLITE_TRANSIENT);
   }
-  static std::string digest_of(const LogEntry& entry, const std::string& before);
+  static std::string digest_of(const JournalEntry& entry, const std::string& before);
 
   std::string path_;
   pid_t owner_ = getpid();
   std::unique_ptr<sqlite3, Close> db_;
 };
 
-inline SqliteLog::SqliteLog(const std::string& path, const std::string& problem) : path_(path) {
+inline SqliteJournal::SqliteJournal(const std::string& path, const std::string& problem) : path_(path) {
   open(SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
   {
     Transaction t(*this);
@@ -117,13 +117,13 @@ inline SqliteLog::SqliteLog(const std::string& path, const std::string& problem)
               ", asked for is ", line_of(problem, std::size_t(b - problem.begin()))));
 }
 
-inline SqliteLog::SqliteLog(const std::string& path) : path_(path) {
+inline SqliteJournal::SqliteJournal(const std::string& path) : path_(path) {
   open(SQLITE_OPEN_READWRITE);  // a write that was cut off must be taken back first; a file that may not be written is
                                 // opened for reading
   entries();
 }
 
-inline void SqliteLog::open(int flags) {
+inline void SqliteJournal::open(int flags) {
   sqlite3* db = nullptr;
   const int code = sqlite3_open_v2(path_.c_str(), &db, flags, nullptr);
   db_.reset(db);
@@ -136,23 +136,23 @@ inline void SqliteLog::open(int flags) {
   run("PRAGMA cell_size_check=ON");
 }
 
-inline void SqliteLog::create(const std::string& problem) const {
+inline void SqliteJournal::create(const std::string& problem) const {
   run("CREATE TABLE entry(number INTEGER PRIMARY KEY, kind TEXT NOT NULL, content TEXT NOT NULL, record TEXT NOT NULL, "
       "notes TEXT NOT NULL, digest TEXT NOT NULL) STRICT");
   run("CREATE TABLE head(id INTEGER PRIMARY KEY CHECK (id = 0), number INTEGER NOT NULL, digest TEXT NOT NULL) STRICT");
   run("CREATE TABLE worker(number INTEGER PRIMARY KEY, process TEXT NOT NULL) STRICT");
   run(message("PRAGMA application_id=", application).c_str());
   run(message("PRAGMA user_version=", format).c_str());
-  insert({0, "problem", problem, "", ""}, "");
+  insert({0, JournalEntry::Kind::problem, problem, "", ""}, "");
 }
 
-inline std::vector<LogEntry> SqliteLog::entries() const {
+inline std::vector<JournalEntry> SqliteJournal::entries() const {
   if (number_of("PRAGMA application_id") != application)
     throw StoreError(StoreError::Reason::unusable, message(path_, " is not a store of lumo"));
   if (const auto v = number_of("PRAGMA user_version"); v != format)
     throw StoreError(StoreError::Reason::unusable,
                      message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
-  std::vector<LogEntry> list;
+  std::vector<JournalEntry> list;
   std::string before;
   bool whole = false;
   // One statement, so that entries and head are of one moment.
@@ -169,12 +169,14 @@ inline std::vector<LogEntry> SqliteLog::entries() const {
     }
   };
   while (next()) {
-    LogEntry e{sqlite3_column_int64(s.get(), 0), message(s, 1), message(s, 2), message(s, 3), message(s, 4)};
-    const std::string found = message(s, 5);
-    if (e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
+    const auto kind = journal_kind(text(s, 1));
+    JournalEntry e{sqlite3_column_int64(s.get(), 0), kind.value_or(JournalEntry::Kind::problem), text(s, 2), text(s, 3),
+                   text(s, 4)};
+    const std::string found = text(s, 5);
+    if (!kind || e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
       throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size()));
     before = found;
-    whole = sqlite3_column_int64(s.get(), 6) == e.number && message(s, 7) == found;
+    whole = sqlite3_column_int64(s.get(), 6) == e.number && text(s, 7) == found;
     e.record.clear();
     list.push_back(std::move(e));
   }
@@ -184,17 +186,17 @@ inline std::vector<LogEntry> SqliteLog::entries() const {
   return list;
 }
 
-inline std::string SqliteLog::record(std::int64_t number) const {
+inline std::string SqliteJournal::record(std::int64_t number) const {
   const Statement s = prepare("SELECT record FROM entry WHERE number = ?");
   sqlite3_bind_int64(s.get(), 1, number);
   if (!step(s)) throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has no entry ", number));
-  return message(s, 0);
+  return text(s, 0);
 }
 
-template <class Next> std::optional<LogEntry> SqliteLog::append(Next&& next) {
+template <class Next> std::optional<JournalEntry> SqliteJournal::append(Next&& next) {
   Transaction t(*this);
-  const std::vector<LogEntry> list = entries();
-  std::optional<LogEntry> entry = next(list);
+  const std::vector<JournalEntry> list = entries();
+  std::optional<JournalEntry> entry = next(list);
   if (!entry) return std::nullopt;
   entry->number = std::int64_t(list.size());
   insert(*entry, digest());
@@ -202,13 +204,13 @@ template <class Next> std::optional<LogEntry> SqliteLog::append(Next&& next) {
   return entry;
 }
 
-inline bool SqliteLog::claim(std::int64_t number) {
+inline bool SqliteJournal::claim(std::int64_t number) {
   const std::string me = process_token();
   Transaction t(*this);
   const Statement now = prepare("SELECT process FROM worker WHERE number = ?");
   sqlite3_bind_int64(now.get(), 1, number);
   if (step(now))
-    if (const std::string other = message(now, 0); other != me && process_lives(other)) return false;
+    if (const std::string other = text(now, 0); other != me && process_lives(other)) return false;
   const Statement s = prepare("INSERT OR REPLACE INTO worker VALUES(?, ?)");
   sqlite3_bind_int64(s.get(), 1, number);
   bind(s, 2, me);
@@ -217,31 +219,35 @@ inline bool SqliteLog::claim(std::int64_t number) {
   return true;
 }
 
-inline std::string SqliteLog::digest() const {
+inline std::string SqliteJournal::digest() const {
   const Statement s = prepare("SELECT digest FROM head");
-  return step(s) ? message(s, 0) : "";
+  return step(s) ? text(s, 0) : "";
 }
 
-inline std::string SqliteLog::digest(std::int64_t number) const {
+inline std::string SqliteJournal::digest(std::int64_t number) const {
   const Statement s = prepare("SELECT digest FROM entry WHERE number = ?");
   sqlite3_bind_int64(s.get(), 1, number);
   if (!step(s)) throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has no entry ", number));
-  return message(s, 0);
+  return text(s, 0);
 }
 
-inline void SqliteLog::verify() const {
+inline void SqliteJournal::verify() const {
   entries();
   const Statement s = prepare("PRAGMA integrity_check(1)");
   if (step(s))
-    if (const std::string answer = message(s, 0); answer != "ok")
+    if (const std::string answer = text(s, 0); answer != "ok")
       throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged: ", answer));
 }
 
-inline void SqliteLog::insert(const LogEntry& e, const std::string& before) const {
+inline void SqliteJournal::insert(const JournalEntry& e, const std::string& before) const {
   const std::string digest = digest_of(e, before);
   const Statement s = prepare("INSERT INTO entry VALUES(?, ?, ?, ?, ?, ?)");
   sqlite3_bind_int64(s.get(), 1, e.number);
-  bind(s, 2, e.kind), bind(s, 3, e.content), bind(s, 4, e.record), bind(s, 5, e.notes), bind(s, 6, digest);
+  bind(s, 2, to_string(e.kind));
+  bind(s, 3, e.content);
+  bind(s, 4, e.record);
+  bind(s, 5, e.notes);
+  bind(s, 6, digest);
   step(s);
   const Statement head = prepare("INSERT OR REPLACE INTO head VALUES(0, ?, ?)");
   sqlite3_bind_int64(head.get(), 1, e.number);
@@ -249,7 +255,7 @@ inline void SqliteLog::insert(const LogEntry& e, const std::string& before) cons
   step(head);
 }
 
-inline SqliteLog::Statement SqliteLog::prepare(const char* sql) const {
+inline SqliteJournal::Statement SqliteJournal::prepare(const char* sql) const {
   if (getpid() != owner_)
     throw StoreError(StoreError::Reason::unusable, message("store ", path_, " was opened before a fork"));
   sqlite3_stmt* s = nullptr;
@@ -259,13 +265,13 @@ inline SqliteLog::Statement SqliteLog::prepare(const char* sql) const {
   return statement;
 }
 
-inline bool SqliteLog::step(const Statement& s) const {
+inline bool SqliteJournal::step(const Statement& s) const {
   const int code = sqlite3_step(s.get());
   if (code != SQLITE_ROW && code != SQLITE_DONE) fail(code);
   return code == SQLITE_ROW;
 }
 
-inline void SqliteLog::fail(int code) const {
+inline void SqliteJournal::fail(int code) const {
   using enum StoreError::Reason;
   const int kind = code & 0xff;
   const auto reason = kind == SQLITE_CORRUPT || kind == SQLITE_NOTADB || kind == SQLITE_ERROR ? corrupt
@@ -275,20 +281,20 @@ inline void SqliteLog::fail(int code) const {
   throw StoreError(reason, message("store ", path_, ": ", db_ ? sqlite3_errmsg(db_.get()) : sqlite3_errstr(code)));
 }
 
-inline std::int64_t SqliteLog::number_of(const char* sql) const {
+inline std::int64_t SqliteJournal::number_of(const char* sql) const {
   const Statement s = prepare(sql);
   return step(s) ? sqlite3_column_int64(s.get(), 0) : 0;
 }
 
-inline std::string SqliteLog::text(const Statement& s, int column) {
+inline std::string SqliteJournal::text(const Statement& s, int column) {
   const unsigned char* data = sqlite3_column_text(s.get(), column);
   return data ? std::string(reinterpret_cast<const char*>(data), std::size_t(sqlite3_column_bytes(s.get(), column)))
               : std::string();
 }
 
-inline std::string SqliteLog::digest_of(const LogEntry& e, const std::string& before) {
+inline std::string SqliteJournal::digest_of(const JournalEntry& e, const std::string& before) {
   std::string all = before;
-  for (const std::string& part : {std::to_string(e.number), e.kind, e.content, e.record})
+  for (const std::string& part : {std::to_string(e.number), to_string(e.kind), e.content, e.record})
     all += std::to_string(part.size()) + ':' + part;
   const XXH128_hash_t h = XXH3_128bits(all.data(), all.size());
   char hex[33];
@@ -297,6 +303,6 @@ inline std::string SqliteLog::digest_of(const LogEntry& e, const std::string& be
   return hex;
 }
 
-static_assert(CampaignLog<SqliteLog>);
+static_assert(Journal<SqliteJournal>);
 
 }  // namespace lumo

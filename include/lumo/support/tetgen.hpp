@@ -103,8 +103,7 @@ inline LinearTets TetgenMesher::fill(const MeshInput& input) const try {
     if (result.outcome != JobOutcome::crashed) break;
   }
   if (result.outcome != JobOutcome::done) detail::throw_job_failure(result, time_limit_s, memory_limit_bytes);
-  const TetgenAnswer answer = decode_answer(result.data);
-  return checked_fill(input, surface, answer.coordinates, 1.0 / scale, answer.tets, answer.faces, answer.facets);
+  return checked_fill(input, surface, decode_answer(result.data), 1.0 / scale);
 } catch (const std::bad_alloc&) {
   throw MeshError(MeshError::Reason::out_of_memory, "no memory left to prepare or read a mesh");
 } catch (const std::length_error&) {

@@ -25,8 +25,8 @@ TEST_CASE("contact laws push, harder the deeper, as the derivatives of their ene
   test::check_contact_laws(SDFContact{1e11, 0.5});
   test::check_contact_laws(VertexContact{1e9});
   const SDFContact soft{1e10};
-  CHECK(Firmness<SDFContact>{&soft, 0.5}.respond(-1e-6).pressure == 0.5 * soft.respond(-1e-6).pressure);
-  CHECK_THROWS_AS(validate(Firmness<SDFContact>{&soft, 0.0}), InvalidArgument);
+  CHECK(ScaledContact<SDFContact>{&soft, 0.5}.respond(-1e-6).pressure == 0.5 * soft.respond(-1e-6).pressure);
+  CHECK_THROWS_AS(validate(ScaledContact<SDFContact>{&soft, 0.0}), InvalidArgument);
 }
 
 namespace {
@@ -61,7 +61,7 @@ void check_contact_derivatives(const Tool& tool, const Vec3d& start, const Vec3d
   SparseLower tangent = eq.pattern;
   std::fill_n(tangent.valuePtr(), tangent.nonZeros(), 0.0);
   Eigen::VectorXd coupling = Eigen::VectorXd::Zero(eq.count);
-  const ContactSums stiff = add_contact_tangent(surface, contact, at(s0), x, eq, tangent.valuePtr(), &coupling);
+  const ContactSums stiff = add_contact_tangent(surface, contact, at(s0), x, {eq, tangent.valuePtr(), &coupling});
   Eigen::MatrixXd K = tangent;
   K.triangularView<Eigen::StrictlyUpper>() = K.transpose();
 
@@ -72,7 +72,8 @@ void check_contact_derivatives(const Tool& tool, const Vec3d& start, const Vec3d
         Approx(stiff.push_stiffness).epsilon(2e-3));
   for (Eigen::Index i = 0; i < x.size(); ++i) {
     Positions up = x, down = x;
-    up.data()[i] += h, down.data()[i] -= h;
+    up.data()[i] += h;
+    down.data()[i] -= h;
     CHECK((evaluate(up, s0, nullptr).energy - evaluate(down, s0, nullptr).energy) / (2 * h) ==
           Approx(f.data()[i]).margin(1e-4 * f.norm()));
     const int column = eq.of[std::size_t(i)];
@@ -80,7 +81,8 @@ void check_contact_derivatives(const Tool& tool, const Vec3d& start, const Vec3d
     CHECK((evaluate(up, s0, nullptr).push_N - evaluate(down, s0, nullptr).push_N) / (2 * h) ==
           Approx(coupling[column]).margin(2e-3 * coupling.norm()));
     Positions fu = Positions::Zero(3, x.cols()), fd = fu;
-    evaluate(up, s0, &fu), evaluate(down, s0, &fd);
+    evaluate(up, s0, &fu);
+    evaluate(down, s0, &fd);
     double worst = 0.0;
     for (std::size_t j = 0; j < eq.of.size(); ++j)
       if (const int row = eq.of[j]; row >= 0)
@@ -119,6 +121,9 @@ TEST_CASE("contact area and overlap of known fields are exact up to the facets")
   };
   CHECK(contact_area(surface, half_plane(3.3e-3), x) ==
         Approx(33e-6).epsilon(1e-9));  // linear fields are clipped exactly
+  std::vector<test::Dual> receding;    // its derivative by the edge's place is the edge's length
+  for (const Vec3d& p : mesh.nodes) receding.emplace_back(3.3e-3 - p.x(), 1.0);
+  CHECK(contact_area(surface, receding, x).slope == Approx(10e-3).epsilon(1e-6));
   const SetOverlap o = contact_overlap(surface, half_plane(3.3e-3), half_plane(6.6e-3), x);
   CHECK(o.both == Approx(33e-6).epsilon(1e-9));
   CHECK(o.either == Approx(66e-6).epsilon(1e-9));

@@ -1,15 +1,16 @@
 #include "catch.hpp"
-#include "lumo/mechanics/elements/lumped_mass.hpp"
+#include "lumo/mechanics/elements/element_points.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"
 #include "mechanics/bodies.hpp"
+#include "mechanics/dual.hpp"
 
 #include <Eigen/Dense>
 
 using namespace lumo;
 
-static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet> && !TetElement<int>);
+static_assert(!TetElement<int>);
 
 namespace {
 
@@ -34,6 +35,30 @@ TEMPLATE_TEST_CASE("shape functions of an element sum to one and reproduce linea
   CHECK(volume == Approx(1.0 / 6.0).epsilon(1e-14));
   for (int a = 0; a < TestType::nodes; ++a) mass += TestType::mass_share(a);
   CHECK(mass == Approx(1.0).epsilon(1e-14));
+}
+
+TEST_CASE("gradients of the shape functions are what dual numbers find") {
+  using test::Dual;
+  const Vec3d xi(0.2, 0.3, 0.1);
+  for (int i = 0; i < 3; ++i) {
+    const Vec3<Dual> at = test::by_entry(xi, i);
+    const std::array<Dual, 4> l = {1.0 - at.sum(), at.x(), at.y(), at.z()};
+    for (int k = 0; k < 10; ++k) {  // corners, then the middles of edges
+      const std::size_t a = std::size_t(k < 4 ? k : tet_edges[k - 4][0]),
+                        b = std::size_t(k < 4 ? k : tet_edges[k - 4][1]);
+      const Dual quadratic = k < 4 ? l[a] * (2.0 * l[a] - 1.0) : 4.0 * l[a] * l[b];
+      CHECK(shape_gradients<10>(xi)(i, k) == Approx(quadratic.slope).margin(1e-14));
+      if (k < 4) CHECK(shape_gradients<4>(xi)(i, k) == l[a].slope);
+    }
+  }
+  for (const int order : {1, 2}) {
+    const auto slopes = face_shape_derivatives(0.2, 0.3, order);
+    const auto by_u = face_shape(Dual(0.2, 1.0), Dual(0.3), order), by_v = face_shape(Dual(0.2), Dual(0.3, 1.0), order);
+    for (std::size_t k = 0; k < 6; ++k) {
+      CHECK(slopes[k][0] == Approx(by_u[k].slope).margin(1e-14));
+      CHECK(slopes[k][1] == Approx(by_v[k].slope).margin(1e-14));
+    }
+  }
 }
 
 TEST_CASE("a patch of linear tetrahedra without the cure is those tetrahedra") {
@@ -131,7 +156,8 @@ TEMPLATE_TEST_CASE("forces and tangent of a solid are the derivatives of its ene
     const double h = 1e-8;
     for (Eigen::Index i = 0; i < x.size(); i += 7) {
       Positions up = x, down = x;
-      up.data()[i] += h, down.data()[i] -= h;
+      up.data()[i] += h;
+      down.data()[i] -= h;
       CHECK((solid.energy(up) - solid.energy(down)) / (2 * h) == Approx(f.data()[i]).margin(1e-6 * f.norm()));
       const int column = eq.of[std::size_t(i)];
       if (column < 0) continue;

@@ -3,6 +3,7 @@
 #include "catch.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/mechanics/indenters/indenter.hpp"
+#include "mechanics/dual.hpp"
 
 #include <random>
 
@@ -29,6 +30,10 @@ void check_distance_laws(const Thing& thing, double size, double slack = 1e-12, 
         smooth = smooth && (thing.sample(p + sign * h * Vec3d::Unit(i)).gradient - d.gradient).norm() < 1e-3;
     if (!smooth) continue;  // edges of a box
     ++compared;
+    if constexpr (requires(const Vec3<Dual>& x) {
+                    { thing.distance(x) } -> std::same_as<Dual>;
+                  })
+      for (int i = 0; i < 3; ++i) CHECK(thing.distance(by_entry(p, i)).slope == Approx(d.gradient[i]).margin(1e-12));
     for (int i = 0; i < 3; ++i) {
       const Vec3d step = h * Vec3d::Unit(i);
       CHECK((thing.distance(p + step) - thing.distance(p - step)) / (2 * h) == Approx(d.gradient[i]).margin(1e-7));

@@ -152,8 +152,8 @@ TEST_CASE("a capsule without length is a sphere, and a turned tool is the tool t
   for (int k = 0; k < 50; ++k) {
     const Vec3d p(u(random), u(random), u(random));
     CHECK(Capsule{8e-3, 0.0}.distance(p) == Approx(Sphere{8e-3}.distance(p)).margin(1e-15));
-    CHECK(along_x.distance(p) == Approx(Capsule{6e-3, 10e-3}.distance({p.y(), p.z(), p.x()})).margin(1e-15));
-    CHECK(along_y.distance(p) == Approx(Capsule{6e-3, 10e-3}.distance({p.z(), p.x(), p.y()})).margin(1e-15));
+    CHECK(along_x.distance(p) == Approx(Capsule{6e-3, 10e-3}.distance(Vec3d(p.y(), p.z(), p.x()))).margin(1e-15));
+    CHECK(along_y.distance(p) == Approx(Capsule{6e-3, 10e-3}.distance(Vec3d(p.z(), p.x(), p.y()))).margin(1e-15));
   }
 }
 
@@ -183,7 +183,7 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
 }
 
 TEST_CASE(
-    "off its grid a mesh tool tells the distance itself, with a normal of unit length, and passes into it without a "
+    "off its grid a mesh tool reports the exact distance, with a normal of unit length, and passes into it without a "
     "step") {
   const double R = 5e-3, sag = 4.8e-6;
   const MeshIndenter tool(ball(R, 5), 64);

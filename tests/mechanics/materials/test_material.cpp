@@ -9,9 +9,9 @@
 
 using namespace lumo;
 
-static_assert(HyperelasticMaterial<NeoHookean> && HyperelasticMaterial<StableNeoHookean> &&
-              HyperelasticMaterial<MooneyRivlin> && HyperelasticMaterial<Yeoh>);
-static_assert(HyperelasticMaterial<Ogden>);
+static_assert(test::TakesDuals<NeoHookean> && test::TakesDuals<StableNeoHookean> && test::TakesDuals<MooneyRivlin> &&
+              test::TakesDuals<Yeoh>);
+static_assert(!test::TakesDuals<Ogden>);
 static_assert(!HyperelasticMaterial<int>);
 static_assert(!HyperelasticMaterial<Mat3d>);
 
@@ -113,7 +113,7 @@ TEST_CASE("solids with volume and shape apart have the bulk modulus that they na
 
 TEST_CASE("a Neo-Hookean solid has the Lame constants of linear elasticity at small strain") {
   const NeoHookean m{.mu = 2.0e5, .lambda = 7.0e5};
-  const Mat9d A = elasticity_tangent(m, Mat3d::Identity());
+  const Mat9d A = elasticity_tangent(m, Mat3d(Mat3d::Identity()));
   const auto c = [&](int i, int j, int k, int l) { return A(i + 3 * j, k + 3 * l); };
   CHECK(c(0, 0, 0, 0) == Approx(7.0e5 + 2 * 2.0e5));
   CHECK(c(0, 0, 1, 1) == Approx(7.0e5));

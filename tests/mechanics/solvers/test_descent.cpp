@@ -51,7 +51,8 @@ template <class Material> void check_vertex_blocks(const Material& material) {
       const double h = 1e-8;
       for (int c = 0; c < 3; ++c) {
         Positions up = x, down = x;
-        up(c, v) += h, down(c, v) -= h;
+        up(c, v) += h;
+        down(c, v) -= h;
         VertexBlock fu, fd;
         vertices.add(v, up, start, 0.0, fu);
         vertices.add(v, down, start, 0.0, fd);
@@ -123,7 +124,8 @@ TEST_CASE("viscous forces are the slope of the dissipation and vanish in rigid m
     for (int c = 0; c < 3; ++c) {
       const double h = 1e-8;
       Positions up = x, down = x;
-      up(c, v) += h, down(c, v) -= h;
+      up(c, v) += h;
+      down(c, v) -= h;
       CHECK((dissipation(up) - dissipation(down)) / (2 * h) == Approx((without.force - with.force)[c]).margin(1e-6));
     }
     VertexBlock rigid, still;
@@ -138,27 +140,27 @@ TEMPLATE_TEST_CASE("eight vertices at once have the blocks of each alone", "", N
   const TetMesh mesh = test::small_mesh<LinearTet>();
   const VertexElasticity<TestType, LinearTet> vertices(mesh, {1e5, 2e6}, {});
   const VertexColors colors = color_vertices(mesh);
-  const VertexLanes<TestType> lanes(mesh, vertices, colors);
+  const VertexPacks<TestType> packs(mesh, vertices, colors);
   const auto [x, start] = moved(mesh);
   for (double rate : {0.0, 500.0}) {
     std::vector<int> seen(mesh.nodes.size(), 0);
-    typename VertexLanes<TestType>::Start remembered(lanes.slots());
+    typename VertexPacks<TestType>::Start remembered(packs.slots());
     const auto places = [](const Positions& p) {
-      std::vector<Lanes::Point> points;
+      std::vector<SimdPack::Point> points;
       for (Eigen::Index v = 0; v < p.cols(); ++v)
-        points.push_back({Lanes::Point::Register{p(0, v), p(1, v), p(2, v), 0.0}});
+        points.push_back({SimdPack::Point::Register{p(0, v), p(1, v), p(2, v), 0.0}});
       return points;
     };
     const auto now = places(x), before = places(start);
-    for (const auto& color : lanes.batches())
+    for (const auto& color : packs.batches())
       for (const auto& batch : color) {
-        lanes.remember(batch, before, remembered);
-        std::array<VertexBlock, Lanes::width> out;
-        lanes.add(batch, now, remembered, rate, out);
-        std::array<Vec3d, Lanes::width> steps;
-        for (std::size_t l = 0; l < Lanes::width; ++l) steps[l] = Vec3d(1e-3 * double(l) - 4e-3, 2e-3, -1e-3);
-        const auto parts = lanes.feasible_parts(batch, now, steps);
-        for (std::size_t l = 0; l < Lanes::width; ++l) {
+        packs.remember(batch, before, remembered);
+        std::array<VertexBlock, SimdPack::width> out;
+        packs.add(batch, now, remembered, rate, out);
+        std::array<Vec3d, SimdPack::width> steps;
+        for (std::size_t l = 0; l < SimdPack::width; ++l) steps[l] = Vec3d(1e-3 * double(l) - 4e-3, 2e-3, -1e-3);
+        const auto parts = packs.feasible_parts(batch, now, steps);
+        for (std::size_t l = 0; l < SimdPack::width; ++l) {
           if (!batch.moves[l]) continue;
           ++seen[std::size_t(batch.vertex[l])];
           VertexBlock one;
@@ -234,7 +236,7 @@ TEST_CASE("a body that nothing holds rests until it is touched, and then its mom
   config.time_step_s = 1e-4;  // sweeps carry a stiff body's own motion slowly where inertia is small beside stiffness
   config.sweeps = 300;
   config.viscosity_Pa_s = 1.0;
-  const DescentModel<StableNeoHookean, SDFContact, LinearTet> model(body, mesh, {}, {}, {1e9}, {}, config);
+  const DescentModel<StableNeoHookean, SDFContact, LinearTet> model(body, mesh, {}, {{}, {1e9}, {}}, config);
   const Sphere sphere{10e-3};
   const Touch touch{Vec3d(4e-3, 3e-3, test::small_size.z() + 5e-3), Vec3d(4e-3, 3e-3, test::small_size.z())};
   Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(model, sphere, touch, -Vec3d::UnitZ(), config,
@@ -323,7 +325,7 @@ TEST_CASE("any executor and either way of taking vertices give the same states")
     }
   }
   VertexBlockDescent alone;
-  alone.config.lanes = false;
+  alone.config.packs = false;
   const auto other = states(alone);
   for (std::size_t k = 0; k < serial.size(); ++k) {
     CHECK(other[k].force_N == Approx(serial[k].force_N).epsilon(1e-9));
@@ -398,7 +400,7 @@ struct Brittle : StableNeoHookean {
 TEST_CASE("a step that ends in NaN is a status, and what is given is the state before it") {
   const Bench b = block(1, 2);
   auto sim = quick(Simulator<Brittle, SDFContact, LinearTet, VertexBlockDescent>{});
-  sim.solver.config.lanes = false;
+  sim.solver.config.packs = false;
   for (const MechanicalState& s : sim.press(b.body, b.mesh, kPress)) {
     CHECK(s.status == (s.load_N > 0.2 ? Status::non_finite : s.status));
     for (const double v :

@@ -1,5 +1,5 @@
 #include "catch.hpp"
-#include "lumo/optics/transport/light_nodes.hpp"
+#include "lumo/optics/transport/radiosity.hpp"
 #include "optics/scenes.hpp"
 
 using namespace optics_test;

@@ -49,18 +49,18 @@ int main(int argc, char** argv) {
   problem.initial = {{6, 6, 8, 5, 0}};
   problem.sobol = 2;
   problem.evaluations = evaluations;
-  SqliteLog log(argc > 1 ? argv[1] : "outside.db", "even sight and rigidity of lensed pads");
+  SqliteJournal log(argc > 1 ? argv[1] : "outside.db", "even sight and rigidity of lensed pads");
   const auto evaluate_design = [&](const Design& x) {
     Body body = finger(FingerDesign::from(x), card, coarse);
     for (Emitter& e : body.emitters) e = own::LensedLed{.center = e.center(), .exponent = 4.0, .power_W = e.power_W()};
     const Scores scores = evaluate(body, contacts.scenarios(), pipeline, TbbExecutor{2},
                                    std::tuple{own::EvenSight{.load_N = 2.0}, &rigidity});
-    Verdict v;
+    TrialResult v;
     v.why = failed_press(scores.observations.scenarios);
     if (v.why.empty()) v.outputs = {scores.objectives[0]->value, scores.objectives[1]->value};
     return v;
   };
-  run_campaign(log, Optimizer<>(problem), evaluate_design, [](const auto& state, int id, const Verdict& v) {
+  run_campaign(log, Optimizer<>(problem), evaluate_design, [](const auto& state, int id, const TrialResult& v) {
     std::printf("%d", id);
     for (const double x : state.optimizer().trials()[std::size_t(id)].x) std::printf(" %g", x);
     for (const double y : v.outputs) std::printf(" %.17g", y);
@@ -68,6 +68,6 @@ int main(int argc, char** argv) {
   });
   CampaignState state(Optimizer<>{problem});
   state.read(log.entries());
-  std::printf("evaluated %d, hypervolume %.17g\n", state.optimizer().told(), state.optimizer().hypervolume());
-  return state.optimizer().told() == evaluations ? 0 : 1;
+  std::printf("observed %d, hypervolume %.17g\n", state.optimizer().observed(), state.optimizer().hypervolume());
+  return state.optimizer().observed() == evaluations ? 0 : 1;
 }

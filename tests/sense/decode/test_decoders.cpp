@@ -107,7 +107,8 @@ TEST_CASE("a Bayes filter over steps adds their evidence", "[decoder]") {
   const auto training = draw(2, 500, mean, factor, 3), test = draw(2, 3000, mean, factor, 4);
   CHECK(error_on(BayesDecoder{3}, training, test) == Approx(tail(std::sqrt(3.0) * 0.5 / 0.8)).margin(0.012));
   LabelledResponses first = training, first_test = test;
-  first.response = training.response.topRows(1), first_test.response = test.response.topRows(1);
+  first.response = training.response.topRows(1);
+  first_test.response = test.response.topRows(1);
   CHECK(error_on(BayesDecoder{1}, first, first_test) == Approx(tail(0.5 / 0.8)).margin(0.015));
 
   PlaceFilter filter(3, 0.3);  // by hand: (0.7 p + 0.1) · likelihood, normalised
@@ -157,7 +158,7 @@ TEST_CASE("leave-one-repetition-out: every observation is decoded once, by a mod
 }
 
 TEST_CASE("one observation of each place, or places out of order", "[decoder]") {
-  // Nothing tells the scatter: the nearest mean decides, and numbers of any size stay finite.
+  // The scatter is unknown: the nearest mean decides, and numbers of any size stay finite.
   for (const double size : {1e-3, 1.0, 1e8}) {
     LabelledResponses d{size * Eigen::MatrixXd::Identity(3, 3), {0, 1, 2}, Eigen::Vector3d(-0.01, 0.0, 0.01)};
     const auto model = LinearDecoder{}.fit(d);

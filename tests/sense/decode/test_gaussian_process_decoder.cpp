@@ -32,7 +32,7 @@ LabelledResponses recontacts(double shift_m, double scale, double noise, std::ui
 
 }  // namespace
 
-TEST_CASE("a Gaussian process decodes places, and tells the coordinate between them", "[decoder]") {
+TEST_CASE("a Gaussian process decodes places, and gives the coordinate between them", "[decoder]") {
   std::vector<int> fold;
   const auto d = recontacts(1e-3, 0.05, 0.02, 1, fold);
   const auto model = GaussianProcessDecoder{}.fit(d);

@@ -1,7 +1,6 @@
 #include "catch.hpp"
 
 #include "lumo/sense/decode/constraint_gain.hpp"
-#include "lumo/sense/decode/cycle_metrics.hpp"
 #include "lumo/sense/decode/recontact_metrics.hpp"
 #include "sense/synthetic.hpp"
 
@@ -49,8 +48,12 @@ TEST_CASE("D, W and Q by hand", "[metrics]") {
   CHECK(m.W_recontact == 0.0);
   CHECK_FALSE(m.Q);
   CHECK_THROWS_AS(recontact_quality(slope), InvalidArgument);
-  slope[0](0, 0) = 0, slope[1](1, 0) = -1, slope[1](1, 2) = 1, slope[1](1, 1) = 0, slope[2](0, 0) = 2,
-              slope[2](0, 1) = 4;
+  slope[0](0, 0) = 0;
+  slope[1](1, 0) = -1;
+  slope[1](1, 2) = 1;
+  slope[1](1, 1) = 0;
+  slope[2](0, 0) = 2;
+  slope[2](0, 1) = 4;
   // Now the medians are (1, 0), (3, 0), (3, 4) as before; deviations 1, 0, 3 | 1, 1, 1 | 1, 1, 2 over √2: median 1/√2.
   const RecontactMetrics n = recontact_metrics(slope);
   CHECK(n.W_recontact == Approx(1.0 / std::sqrt(2.0)));
@@ -77,7 +80,8 @@ TEST_CASE("whiskers are the metrics without one re-contact, the bootstrap is rep
       some.push_back(kept);
     }
     const double without = *recontact_metrics(some).Q;
-    low = std::min(low, without), high = std::max(high, without);
+    low = std::min(low, without);
+    high = std::max(high, without);
   }
   CHECK(q.Q_low == Approx(low));
   CHECK(q.Q_high == Approx(high));

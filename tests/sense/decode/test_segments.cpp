@@ -22,7 +22,8 @@ struct Made {
       for (const int k : {-1, 0, 10, 11})
         profiles.push_back({t + k, Eigen::VectorXd(response.array() + lamps + (k < 0 || k > 10 ? 1e3 : 0.0)), 0.0});
       segments.push_back(s);
-      segments.back().from_ns = t, segments.back().to_ns = t + 10;
+      segments.back().from_ns = t;
+      segments.back().to_ns = t + 10;
       t += 100;
     };
     const Eigen::Vector3d channels(1, 2, 3);
@@ -30,13 +31,21 @@ struct Made {
       for (int r = 0; r < 2; ++r) {
         lamps += 7.0;
         Segment s;
-        s.kind = "unloaded";
+        s.kind = SegmentKind::unloaded;
         add(s, Eigen::Vector3d::Zero());
-        s.kind = "hold", s.place = place, s.y_mm = 10.0 * place - 10.0, s.repetition = r;
-        for (const double load : {2.0, 5.0, 10.0})
-          s.load_N = load, add(s, channels * (place + 1) * (1.0 + 0.1 * r) * load);
-        s.kind = "cycle";
-        for (int cycle = 0; cycle < 2; ++cycle) s.cycle = cycle, add(s, channels * (10.0 + cycle));
+        s.kind = SegmentKind::hold;
+        s.place = place;
+        s.y_mm = 10.0 * place - 10.0;
+        s.repetition = r;
+        for (const double load : {2.0, 5.0, 10.0}) {
+          s.load_N = load;
+          add(s, channels * (place + 1) * (1.0 + 0.1 * r) * load);
+        }
+        s.kind = SegmentKind::cycle;
+        for (int cycle = 0; cycle < 2; ++cycle) {
+          s.cycle = cycle;
+          add(s, channels * (10.0 + cycle));
+        }
       }
   }
 };
@@ -82,8 +91,9 @@ TEST_CASE("slopes, decoding tasks and cycles are those that were put in", "[segm
   CHECK(common_loads(holds, 2.0) == std::vector<double>{2.0, 5.0, 10.0});
   CHECK(common_loads(holds, 4.0) == std::vector<double>{5.0, 10.0});
   auto fewer = holds;  // one re-contact ends early
-  fewer.erase(std::find_if(fewer.begin(), fewer.end(),
-                           [](const HoldResponse& h) { return h.segment.kind == "hold" && h.segment.load_N == 10.0; }));
+  fewer.erase(std::find_if(fewer.begin(), fewer.end(), [](const HoldResponse& h) {
+    return h.segment.kind == SegmentKind::hold && h.segment.load_N == 10.0;
+  }));
   CHECK(common_loads(fewer, 2.0) == std::vector<double>{2.0, 5.0});
 
   const auto runs = cycle_runs(holds);
@@ -96,7 +106,10 @@ TEST_CASE("indenters and angles are kept apart, and no load of a re-contact coun
   Made made;
   std::vector<HoldResponse> first = hold_responses(made.profiles, made.segments), second = first;
   for (HoldResponse& h : first) h.segment.diameter_mm = 10.0;
-  for (HoldResponse& h : second) h.segment.diameter_mm = 30.0, h.response *= 3.0;
+  for (HoldResponse& h : second) {
+    h.segment.diameter_mm = 30.0;
+    h.response *= 3.0;
+  }
   std::vector<HoldResponse> both = first;
   both.insert(both.end(), second.begin(), second.end());
   CHECK_THROWS_AS(slope_profiles(both), InvalidArgument);
@@ -105,7 +118,10 @@ TEST_CASE("indenters and angles are kept apart, and no load of a re-contact coun
     CHECK((slope_profiles(responses_of(both, 30.0, 0.0))[i] - 3.0 * slope_profiles(first)[i]).norm() < 1e-9);
   CHECK(decoding_task(responses_of(both, 10.0, 0.0), {2.0, 5.0}).data.response.cols() == 6);
   CHECK(cycle_runs(both).size() == 12);
-  for (HoldResponse& h : second) h.segment.diameter_mm = 10.0, h.segment.angle_deg = 15.0;
+  for (HoldResponse& h : second) {
+    h.segment.diameter_mm = 10.0;
+    h.segment.angle_deg = 15.0;
+  }
   std::vector<HoldResponse> tilted = first;
   tilted.insert(tilted.end(), second.begin(), second.end());
   CHECK_THROWS_AS(slope_profiles(tilted), InvalidArgument);

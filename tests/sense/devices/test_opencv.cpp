@@ -18,7 +18,8 @@ namespace {
 
 Image picture(int which, PixelFormat format = PixelFormat::bgr) {
   synthetic::View v;
-  v.width = 64, v.height = 48;
+  v.width = 64;
+  v.height = 48;
   return synthetic::paint(
       v, [&](double, double) { return 40.0 + 20.0 * which; }, 10.0, std::uint64_t(which), format);
 }
@@ -135,7 +136,10 @@ struct Bad {
     if (way == throws) throw std::runtime_error("no");
     for (std::vector<std::vector<char>> hoard; way == eats;) hoard.emplace_back(std::size_t{1} << 24, 'x');
     ImageView view = image.view();
-    if (way == lies) view.width = 30000, view.height = 30000;
+    if (way == lies) {
+      view.width = 30000;
+      view.height = 30000;
+    }
     return view;
   }
 };

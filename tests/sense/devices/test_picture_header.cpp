@@ -18,8 +18,10 @@ Bytes bytes_of(const std::string& s) { return {s.begin(), s.end()}; }
 /// A PNG of 1 × 1 px that says it is larger.
 Bytes png_that_claims(std::uint32_t width, std::uint32_t height) {
   Bytes file = encode_image(".png", Image::black(1, 1, PixelFormat::grey).view());
-  for (std::size_t k = 0; k < 4; ++k)
-    file[16 + k] = std::uint8_t(width >> (24 - 8 * k)), file[20 + k] = std::uint8_t(height >> (24 - 8 * k));
+  for (std::size_t k = 0; k < 4; ++k) {
+    file[16 + k] = std::uint8_t(width >> (24 - 8 * k));
+    file[20 + k] = std::uint8_t(height >> (24 - 8 * k));
+  }
   return file;
 }
 
@@ -52,9 +54,11 @@ TEST_CASE("what is cut before its size, or is something else, has no header") {
     CHECK_FALSE(picture_header(bytes_of(text)));
   // A BMP's rows may run downwards; its least number has no counterpart.
   Bytes bmp = encode_image(".bmp", Image::black(5, 4, PixelFormat::bgr).view());
-  bmp[22] = 0xfc, bmp[23] = bmp[24] = bmp[25] = 0xff;
+  bmp[22] = 0xfc;
+  bmp[23] = bmp[24] = bmp[25] = 0xff;
   CHECK(picture_header(bmp)->height == 4);
-  bmp[22] = bmp[23] = bmp[24] = 0, bmp[25] = 0x80;
+  bmp[22] = bmp[23] = bmp[24] = 0;
+  bmp[25] = 0x80;
   CHECK_FALSE(is_decodable(picture_header(bmp)));
 }
 

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/sense/force/contact_filter.hpp"
-#include "lumo/sense/joints/moment_arm.hpp"
+#include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 #include "sense/synthetic.hpp"
 
@@ -16,7 +16,8 @@ const JointVector zero = JointVector::Zero(1);
 
 ContactFilter<MomentArm>::Config config() {
   ContactFilter<MomentArm>::Config c;
-  c.creep_m_per_sqrt_s = 1e-3, c.torque_Nm_per_sqrt_s = 0.2;
+  c.creep_m_per_sqrt_s = 1e-3;
+  c.torque_Nm_per_sqrt_s = 0.2;
   return c;
 }
 
@@ -26,7 +27,10 @@ TEST_CASE("with a known place the filter is the closed form of a random walk see
   // Place known exactly, no offsets to speak of: the torque's variance is Riccati's fixed point, the force's that over
   // the arm squared.
   auto c = config();
-  c.location_bias_m = 0.0, c.creep_m_per_sqrt_s = 1e-9, c.torque_bias_Nm = 0.0, c.force_prior_N = 1e6;
+  c.location_bias_m = 0.0;
+  c.creep_m_per_sqrt_s = 1e-9;
+  c.torque_bias_Nm = 0.0;
+  c.force_prior_N = 1e6;
   ContactFilter<MomentArm> f(MomentArm{arm}, c);
   const double sigma = 0.01, dt = 1e-3;
   f.add_location(0, 0.01, 1e-14);
@@ -128,11 +132,14 @@ TEST_CASE("the torque's offset is learnt while nothing touches", "[filter]") {
 
 TEST_CASE("two joints keep the place when the eye is closed, one does not", "[filter]") {
   Eigen::Isometry3d pad = Eigen::Isometry3d::Identity(), second = pad;
-  pad.translate(Eigen::Vector3d(0, 0.045, 0)), second.translate(Eigen::Vector3d(0, 0.07, 0));
+  pad.translate(Eigen::Vector3d(0, 0.045, 0));
+  second.translate(Eigen::Vector3d(0, 0.07, 0));
   const SerialChain chain(
       {{Eigen::Isometry3d::Identity(), Eigen::Vector3d::UnitX(), pad}, {second, Eigen::Vector3d::UnitX(), pad}});
   ContactFilter<SerialChain>::Config c;
-  c.link = 1, c.torque_bias_Nm = 0.002, c.torque_Nm_per_sqrt_s = 0.05;
+  c.link = 1;
+  c.torque_bias_Nm = 0.002;
+  c.torque_Nm_per_sqrt_s = 0.05;
   ContactFilter<SerialChain> two(chain, c);
   ContactFilter<MomentArm> single(MomentArm{arm});
   const JointVector q = JointVector::Zero(2), torque = 8.0 * chain.column(q, {1, -0.012});

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
-#include "lumo/sense/live/live_hand.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "sense/hand/hand_scene.hpp"
 
 #include <algorithm>
@@ -23,15 +23,15 @@ TEST_CASE("a link's map is the turn, shift and scale that its points were given"
   for (const bool clockwise : {false, true}) {
     const LinkMap made{{320.5, 111.25}, {2100.0, -1300.0}, clockwise, 0.0};
     for (Eigen::Index k = 0; k < 4; ++k) pixels.col(k) = made.pixel(points(0, k), points(1, k));
-    const LinkMap fit = LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, clockwise);
+    const LinkMap fit = LinkMap::fit(points, pixels, clockwise);
     CHECK((fit.origin_px - made.origin_px).norm() < 1e-9);
     CHECK((fit.along_px_per_m - made.along_px_per_m).norm() < 1e-6);
     CHECK(fit.residual_px < 1e-9);
-    CHECK(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, !clockwise).residual_px > 1.0);  // a mirror image is no turn
+    CHECK(LinkMap::fit(points, pixels, !clockwise).residual_px > 1.0);  // a mirror image is no turn
   }
-  CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points.leftCols(1), pixels.leftCols(1), true), InvalidArgument);
+  CHECK_THROWS_AS(LinkMap::fit(points.leftCols(1), pixels.leftCols(1), true), InvalidArgument);
   points.setZero();
-  CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, true), InvalidArgument);
+  CHECK_THROWS_AS(LinkMap::fit(points, pixels, true), InvalidArgument);
 }
 
 TEST_CASE("links are found by their holes to a fraction of a pixel, and are not where holes are hidden", "[hand]") {
@@ -69,7 +69,8 @@ TEST_CASE("contacts on several links at once are found where they are, bright an
     const double q1 = 0.03 + 0.015 * round, q2 = 0.21 - 0.012 * round;
     s.joints = {q1, q2, -q1, -q2};
     s.seed = std::uint64_t(500 + round);
-    s.lamps = 1.0 + 0.08 * std::cos(round), s.slope_DN = 4.0 * std::sin(round);
+    s.lamps = 1.0 + 0.08 * std::cos(round);
+    s.slope_DN = 4.0 * std::sin(round);
     const HandEstimate free = hand.observe(round, s.sample(), s.paint().view());
     CHECK(free.seen == std::vector<bool>(4, true));
     INFO("round " << round);
@@ -148,12 +149,16 @@ class SceneCamera {
 
 static_assert(Camera<SceneCamera>);
 
-}  // namespace
-
-TEST_CASE("a hand's log: free pictures are references, joints are taken at the pictures' times on their own clock",
-          "[hand]") {
+/// Pictures of a hand that opens and closes, free at first and then touched once, with joints on a clock of their own.
+struct RecordedHand {
   std::vector<HandScene> scenes;
   Session session;
+  std::vector<JointSample> joints;
+};
+
+RecordedHand recorded_hand() {
+  RecordedHand log;
+  auto& [scenes, session, joints] = log;
   for (int l = 0; l < 4; ++l) {
     SessionLink link{HandScene::link(l), Eigen::Matrix2Xd(2, 2)};
     for (int k = 0; k < 2; ++k)
@@ -169,16 +174,26 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
     scenes.push_back(s);
   }
   Segment free;
-  free.kind = "free", free.from_ns = SceneCamera::stamp(0), free.to_ns = SceneCamera::stamp(15);
+  free.kind = SegmentKind::free;
+  free.from_ns = SceneCamera::stamp(0);
+  free.to_ns = SceneCamera::stamp(15);
   session.segments = {free};
   session.joint_clock = {0, -5.0, 0.0, 0.0};  // the joints' clock is 5 s ahead
-  session.frame_delay_s = 0.010, session.joint_delay_s = 0.004;
-  std::vector<JointSample> joints;
+  session.frame_delay_s = 0.010;
+  session.joint_delay_s = 0.004;
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     JointVector zero = JointVector::Zero(4);
     joints.push_back({SceneCamera::stamp(i) + 5'000'000'000 - 10'000'000 + 4'000'000, scenes[i].sample(), zero, zero,
                       Effort::torque_Nm});
   }
+  return log;
+}
+
+}  // namespace
+
+TEST_CASE("a hand's log: free pictures are references, joints are taken at the pictures' times on their own clock",
+          "[hand]") {
+  auto [scenes, session, joints] = recorded_hand();
   const TimeSeries positions = joint_positions(joints, session);
   CHECK((*positions.at(SceneCamera::stamp(7) - 10'000'000, 0.1) - Eigen::VectorXd(scenes[7].sample())).norm() < 1e-12);
 
@@ -214,7 +229,7 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   wrong.add(estimates[4], {{2, -9.0e-3, 8.0}});  // another link is touched
   CHECK((wrong.touches == 1 && wrong.found == 0 && wrong.contacts == 2 && wrong.unfounded == 2));
 
-  // Without joints near a picture nothing is said of it.
+  // Without joints near a picture no link is seen in it.
   HandObserver blind = hand_observer(session);
   SceneCamera again(scenes);
   joints.erase(joints.begin() + 17, joints.end());
@@ -231,7 +246,7 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   CHECK_THROWS_AS(HandTouches::from_table(none, "truth.csv"), InputError);
 }
 
-TEST_CASE("a live hand is told picture by picture, with the joints at the time of each", "[hand][live]") {
+TEST_CASE("a live hand is reported picture by picture, with the joints at the time of each", "[hand][live]") {
   struct Stage {
     int picture = -1;  ///< the newest
     static std::int64_t stamp(int k) { return 1'000'000'000 + 40'000'000LL * k; }
@@ -245,15 +260,15 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
       const int k = ++stage->picture;
       HandScene s;
       const double q = Stage::turn(k);
-      s.joints = {q, 0.06, -q, -0.06}, s.seed = std::uint64_t(800 + k);
+      s.joints = {q, 0.06, -q, -0.06};
+      s.seed = std::uint64_t(800 + k);
       if (k >= 3) s.touches = {{1, 8.0, 30.0}};
       image = s.paint();
       return Frame{image.view(), Stage::stamp(k), 0.0, 0.0, k};
     }
     StreamState state() const { return stage->picture == 9 ? StreamState::ended : StreamState::open; }
   } camera{&stage};
-  struct HandMotors {  // every 20 ms, with the newest a little older than the picture; nothing comes with pictures 6
-                       // and 7
+  struct HandMotors {  // every 20 ms, the newest a little older than the picture; none with pictures 6 and 7
     Stage* stage;
     int count = 0;
     std::optional<JointSample> next() {
@@ -271,23 +286,22 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
     StreamState state() const { return StreamState::open; }
   } motors{&stage};
   HandObserver hand = practised_hand();
-  int told = 0;
-  observe_hand_live(
-      camera, motors, hand, Session{},
-      [&](const HandEstimate& e, const ImageView& image) {
-        const int k = told++;
-        INFO("picture " << k);
-        CHECK(e.stamp_ns == Stage::stamp(k));
-        CHECK(image.width == 640);
-        const bool known = k != 7;  // 6 is near enough to the samples before it
-        CHECK(std::count(e.seen.begin(), e.seen.end(), true) == (known ? 4 : 0));
-        CHECK(e.contacts.size() == (known && k >= 3 ? 1u : 0u));
-        if (!e.contacts.empty()) {
-          CHECK(e.contacts[0].link == 1);
-          CHECK(1e3 * e.contacts[0].y_m == Approx(8.0).margin(0.6));
-        }
-        return true;
-      },
-      "hand", {}, 0.06);
-  CHECK(told == 10);
+  int reported = 0;
+  observe_hand_live(camera, motors, hand, Session{},
+                    [&](const HandEstimate& e, const ImageView& image) {
+                      const int k = reported++;
+                      INFO("picture " << k);
+                      CHECK(e.stamp_ns == Stage::stamp(k));
+                      CHECK(image.width == 640);
+                      const bool known = k != 7;  // 6 is near enough to the samples before it
+                      CHECK(std::count(e.seen.begin(), e.seen.end(), true) == (known ? 4 : 0));
+                      CHECK(e.contacts.size() == (known && k >= 3 ? 1u : 0u));
+                      if (!e.contacts.empty()) {
+                        CHECK(e.contacts[0].link == 1);
+                        CHECK(1e3 * e.contacts[0].y_m == Approx(8.0).margin(0.6));
+                      }
+                      return true;
+                    },
+                    {.name = "hand", .max_gap_s = 0.06});
+  CHECK(reported == 10);
 }

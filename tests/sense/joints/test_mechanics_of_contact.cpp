@@ -4,7 +4,6 @@
 #include "lumo/sense/devices/mini_cheetah.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_solution.hpp"
-#include "lumo/sense/joints/moment_arm.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 #include "lumo/sense/joints/torque_model.hpp"
@@ -49,7 +48,8 @@ TEST_CASE("contact Jacobians: torque is the virtual work of the normal force, sl
         const double h = 1e-6;
         for (int j = 0; j < 2; ++j) {
           JointVector up = q, down = q;
-          up[j] += h, down[j] -= h;
+          up[j] += h;
+          down[j] -= h;
           const Vec3d moved = (chain.position(up, c) - chain.position(down, c)) / (2 * h);
           CHECK(column[j] == Approx(chain.normal(q, c).dot(moved)).margin(1e-9));
         }
@@ -60,7 +60,8 @@ TEST_CASE("contact Jacobians: torque is the virtual work of the normal force, sl
   CHECK_THROWS_AS(chain.column(angles(0, 0), {2, 0.0}), InvalidArgument);
   CHECK_THROWS_AS(SerialChain({}), InvalidArgument);
   Eigen::Isometry3d mirrored = Eigen::Isometry3d::Identity(), stretched = mirrored;
-  mirrored.linear()(0, 0) = -1.0, stretched.linear()(1, 1) = 1.01;
+  mirrored.linear()(0, 0) = -1.0;
+  stretched.linear()(1, 1) = 1.01;
   CHECK_THROWS_AS(SerialChain({{mirrored, Vec3d::UnitX(), pose({0, 0, 0})}}), InvalidArgument);
   CHECK_THROWS_AS(SerialChain({{pose({0, 0, 0}), Vec3d::UnitX(), stretched}}), InvalidArgument);
 }
@@ -116,7 +117,7 @@ TEST_CASE("the covariance of an identification is that of repeated ones", "[iden
   CHECK((scatter - expected).norm() < 0.06 * expected.norm());
 }
 
-TEST_CASE("forces at known places: two contacts on two joints are told apart, on one they are not", "[jacobian]") {
+TEST_CASE("forces at known places: two contacts on two joints are separated, on one they are not", "[jacobian]") {
   const SerialChain chain = two_links();
   const JointVector q = angles(0.3, 0.8);
   const std::vector<ContactPoint> points{{0, 0.01}, {1, -0.005}};
@@ -134,20 +135,20 @@ TEST_CASE("forces at known places: two contacts on two joints are told apart, on
   CHECK(solve_forces(arm, q.head(1), one, std::vector<ContactPoint>{{0, -0.05}}, 0.01).rank == 0);  // on the axis
 }
 
-TEST_CASE("torque alone: two joints tell place and force, one tells their product", "[jacobian]") {
+TEST_CASE("torque alone: two joints give place and force, one gives their product", "[jacobian]") {
   const SerialChain chain = two_links();
   const JointVector q = angles(0.3, 0.8);
   for (const double y : {-0.021, 0.004, 0.02}) {
     const JointVector torque = 6.0 * chain.column(q, {1, y});
-    const auto s = solve_torque_only(chain, q, torque, 1, -27.5_mm, 27.5_mm, 0.005);
+    const auto s = solve_torque_only(chain, q, torque, {1, -27.5_mm, 27.5_mm}, 0.005);
     CHECK(s.rank == 2);
     CHECK(s.y_m == Approx(y).margin(1e-6));
     CHECK(s.force_N == Approx(6.0).epsilon(1e-4));
   }
   // The first link's contact shows in one joint only; so does any of a moment arm.
-  CHECK(solve_torque_only(chain, q, 6.0 * chain.column(q, {0, 0.01}), 0, -27.5_mm, 27.5_mm, 0.005).rank == 1);
+  CHECK(solve_torque_only(chain, q, 6.0 * chain.column(q, {0, 0.01}), {0, -27.5_mm, 27.5_mm}, 0.005).rank == 1);
   const MomentArm arm{0.05};
-  const auto s = solve_torque_only(arm, q.head(1), JointVector::Constant(1, 0.3), 0, -27.5_mm, 27.5_mm, 0.005);
+  const auto s = solve_torque_only(arm, q.head(1), JointVector::Constant(1, 0.3), {0, -27.5_mm, 27.5_mm}, 0.005);
   CHECK(s.rank == 1);
   CHECK(s.force_N == Approx(6.0));  // at the middle: the fixed-arm baseline
   const double h = 1e-6;
@@ -159,14 +160,14 @@ TEST_CASE("the torque-only covariance is that of repeated solutions", "[jacobian
   const SerialChain chain = two_links();
   const JointVector q = angles(0.3, 0.8);
   const JointVector torque = 10.0 * chain.column(q, {1, 0.004});
-  const auto exact = solve_torque_only(chain, q, torque, 1, -27.5_mm, 27.5_mm, 0.004);
+  const auto exact = solve_torque_only(chain, q, torque, {1, -27.5_mm, 27.5_mm}, 0.004);
   synthetic::Normal normal(3);
   Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
   constexpr int trials = 3000;
   for (int t = 0; t < trials; ++t) {
     JointVector noisy = torque;
     for (Eigen::Index j = 0; j < 2; ++j) noisy[j] += 0.004 * normal();
-    const auto s = solve_torque_only(chain, q, noisy, 1, -27.5_mm, 27.5_mm, 0.004);
+    const auto s = solve_torque_only(chain, q, noisy, {1, -27.5_mm, 27.5_mm}, 0.004);
     const Eigen::Vector2d error(s.y_m - exact.y_m, s.force_N - exact.force_N);
     scatter += error * error.transpose() / trials;
   }
@@ -175,11 +176,16 @@ TEST_CASE("the torque-only covariance is that of repeated solutions", "[jacobian
   CHECK(scatter(0, 1) == Approx(exact.covariance(0, 1)).epsilon(0.12));
 }
 
-TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one says what it does not tell", "[torque]") {
+TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one states what it leaves open", "[torque]") {
   TorqueModel truth;
-  truth.torque_constant_Nm_per_A = 0.9, truth.coulomb_Nm = 0.03, truth.stribeck_Nm = 0.015,
-  truth.viscous_Nm_s_per_rad = 0.004, truth.bias_Nm = -0.012;
-  truth.gravity_sin_Nm = 0.05, truth.gravity_cos_Nm = -0.02, truth.stribeck_velocity_rad_per_s = 0.25,
+  truth.torque_constant_Nm_per_A = 0.9;
+  truth.coulomb_Nm = 0.03;
+  truth.stribeck_Nm = 0.015;
+  truth.viscous_Nm_s_per_rad = 0.004;
+  truth.bias_Nm = -0.012;
+  truth.gravity_sin_Nm = 0.05;
+  truth.gravity_cos_Nm = -0.02;
+  truth.stribeck_velocity_rad_per_s = 0.25;
   truth.noise_Nm = 0.004;
   synthetic::Normal normal(12);
   const auto run = [&](auto motion, int samples) {
@@ -210,7 +216,7 @@ TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one says
   CHECK(full.model.stribeck_velocity_rad_per_s == Approx(0.25).epsilon(0.1));
   CHECK(full.model.noise_Nm == Approx(truth.noise_Nm).epsilon(0.05));
 
-  // One speed, one way, a small range: Coulomb, viscous and bias cannot be told apart, nor sine and cosine of the
+  // One speed, one way, a small range: Coulomb, viscous and bias cannot be separated, nor sine and cosine of the
   // weight.
   const auto poor = identify_unloaded(run([](double t) { return std::pair(0.02 * t, 0.02 * 20.0); }, 3000), 0, start);
   CHECK_FALSE(poor.linear.complete());
@@ -261,10 +267,13 @@ TEST_CASE("baselines on the same samples: errors by hand for one joint, torque a
     ForceSample s;
     s.position_rad = JointVector::Zero(1);
     s.contact_torque_Nm = JointVector::Constant(1, 6.0 * (0.05 + y) + 0.006);
-    s.estimated_y_m = y + 2e-3, s.true_y_m = y, s.true_force_N = 6.0, s.fused_N = 5.5;
+    s.estimated_y_m = y + 2e-3;
+    s.true_y_m = y;
+    s.true_force_N = 6.0;
+    s.fused_N = 5.5;
     samples.push_back(s);
   }
-  const ForceErrors e = force_errors(arm, std::span<const ForceSample>(samples), 0, -0.025, 0.025, 0.01);
+  const ForceErrors e = force_errors(arm, std::span<const ForceSample>(samples), {0, -0.025, 0.025}, 0.01);
   CHECK(e.known_location.mae_N == Approx(0.5 * (0.006 / 0.03 + 0.006 / 0.07)));
   CHECK(e.optical.mae_N == Approx(0.5 * (std::abs(0.186 / 0.032 - 6.0) + std::abs(0.426 / 0.072 - 6.0))));
   CHECK(e.fixed_arm.mae_N == Approx(0.5 * (std::abs(0.186 / 0.05 - 6.0) + std::abs(0.426 / 0.05 - 6.0))));
@@ -273,18 +282,21 @@ TEST_CASE("baselines on the same samples: errors by hand for one joint, torque a
   CHECK(*e.recovery() == Approx((e.fixed_arm.mae_N - e.optical.mae_N) / (e.fixed_arm.mae_N - e.known_location.mae_N)));
   // A localiser that is silent on a hard sample gains nothing by it: the others are asked about the same samples.
   ForceSample hard = samples.front();
-  hard.estimated_y_m.reset(), hard.contact_torque_Nm[0] += 0.1;
+  hard.estimated_y_m.reset();
+  hard.contact_torque_Nm[0] += 0.1;
   samples.push_back(hard);
-  const ForceErrors silent = force_errors(arm, std::span<const ForceSample>(samples), 0, -0.025, 0.025, 0.01);
+  const ForceErrors silent = force_errors(arm, std::span<const ForceSample>(samples), {0, -0.025, 0.025}, 0.01);
   CHECK(silent.known_location.samples == 3);
   CHECK(silent.common.optical.samples == 2);
   CHECK(*silent.recovery() == Approx(*e.recovery()));
 
   const SerialChain chain = two_links();
   ForceSample s;
-  s.position_rad = angles(0.3, 0.8), s.contact_torque_Nm = 6.0 * chain.column(s.position_rad, {1, 0.012}),
-  s.true_y_m = 0.012, s.true_force_N = 6.0;
-  const ForceErrors two = force_errors(chain, std::span<const ForceSample>(&s, 1), 1, -0.025, 0.025, 0.01);
+  s.position_rad = angles(0.3, 0.8);
+  s.contact_torque_Nm = 6.0 * chain.column(s.position_rad, {1, 0.012});
+  s.true_y_m = 0.012;
+  s.true_force_N = 6.0;
+  const ForceErrors two = force_errors(chain, std::span<const ForceSample>(&s, 1), {1, -0.025, 0.025}, 0.01);
   CHECK(two.torque_only.samples == 1);
   CHECK(two.torque_only.mae_N < 1e-3);
   CHECK(two.optical.samples == 0);
@@ -293,7 +305,8 @@ TEST_CASE("baselines on the same samples: errors by hand for one joint, torque a
 
 TEST_CASE("contact torques are motor minus model, on the frames' clock", "[torque]") {
   TorqueModel m;
-  m.torque_constant_Nm_per_A = 0.5, m.bias_Nm = 0.1;
+  m.torque_constant_Nm_per_A = 0.5;
+  m.bias_Nm = 0.1;
   std::vector<JointSample> samples;
   for (int i = 0; i < 5; ++i)
     samples.push_back({i * 1'000'000LL, JointVector::Constant(1, 0.1 * i), JointVector::Zero(1),

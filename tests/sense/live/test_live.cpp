@@ -1,7 +1,6 @@
 #include "catch.hpp"
 
-#include "lumo/sense/joints/moment_arm.hpp"
-#include "lumo/sense/live/live_force.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
 #include "lumo/sense/recording/recording_plan.hpp"
 #include "lumo/support/json.hpp"
@@ -43,7 +42,9 @@ struct Bench {
   double force_N(std::int64_t t) const { return std::clamp(8.0 * (since_s(t) - 2.0) / 0.3, 0.0, 8.0); }
   TorqueModel joint() const {
     TorqueModel m;
-    m.torque_constant_Nm_per_A = 1.0, m.bias_Nm = 0.03, m.noise_Nm = noise_Nm;
+    m.torque_constant_Nm_per_A = 1.0;
+    m.bias_Nm = 0.03;
+    m.noise_Nm = noise_Nm;
     return m;
   }
 };
@@ -105,22 +106,22 @@ class BenchMotor {
 
 static_assert(Actuator<BenchMotor>);
 
-const LongitudinalBins bench_bins = LongitudinalBins::uniform(-27.5e-3, 27.5e-3, 55);
-
-BayesLocalizer make_bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
-  return BayesLocalizer(finger_localizer(readout, unloaded));
+LiveWait bench_wait() {
+  return {.name = "bench", .now_ns = [] { return Bench::now; }};
 }
 
 std::vector<ForceEstimate> press(Bench& bench, double seconds, const JointReference& joints) {
   BenchCamera camera(bench);
   BenchMotor motor(bench);
-  std::vector<ForceEstimate> told;
-  LiveWait wait;
-  wait.now_ns = [] { return Bench::now; };
-  estimate_forces_live(
-      camera, motor, joints, Session{}, bench_bins, make_bayes, MomentArm{Bench::joint_to_origin_m},
-      [&](const ForceEstimate& e) { return told.push_back(e), bench.since_s(e.stamp_ns) < seconds; }, "bench", 0, wait);
-  return told;
+  std::vector<ForceEstimate> reported;
+  Session session;
+  session.joint_to_origin_m = Bench::joint_to_origin_m;
+  FingerModel<> finger = finger_model(session);
+  finger.joints = joints;
+  estimate_live(
+      camera, motor, finger, bayes_localizer,
+      [&](const ForceEstimate& e) { return reported.push_back(e), bench.since_s(e.stamp_ns) < seconds; }, bench_wait());
+  return reported;
 }
 std::vector<ForceEstimate> press(Bench& bench, double seconds) {
   return press(bench, seconds, {{bench.joint()}, {0.01}, 0.0});
@@ -128,13 +129,13 @@ std::vector<ForceEstimate> press(Bench& bench, double seconds) {
 
 }  // namespace
 
-TEST_CASE("force and place are told picture by picture while the streams come", "[live]") {
+TEST_CASE("force and place are reported picture by picture while the streams come", "[live]") {
   Bench bench;
-  const auto told = press(bench, 4.0);
-  CHECK(told.size() > 80);
-  CHECK(told.size() < 100);  // 30 pictures a second for three seconds
+  const auto reported = press(bench, 4.0);
+  CHECK(reported.size() > 80);
+  CHECK(reported.size() < 100);  // 30 pictures a second for three seconds
   int pressed = 0;
-  for (const ForceEstimate& e : told) {
+  for (const ForceEstimate& e : reported) {
     const double t = bench.since_s(e.stamp_ns);
     INFO(t << " s, " << to_string(e.state) << ", " << to_string(e.faults));
     if (t < 1.95) CHECK(e.contacts == 0);
@@ -147,38 +148,42 @@ TEST_CASE("force and place are told picture by picture while the streams come", 
     CHECK(*e.contact[0].y_m == Approx(Bench::place_m).margin(1.5e-3));
   }
   CHECK(pressed > 35);
-  CHECK(told.front().state == EstimatorState::ok);  // what begins is not missing
-  CHECK_FALSE(told.front().faults.any());
+  CHECK(reported.front().state == EstimatorState::ok);  // what begins is not missing
+  CHECK_FALSE(reported.front().faults.any());
 }
 
-TEST_CASE("a motor whose driver tells torque in steps is not taken for stuck, and what had queued up tells nothing",
+TEST_CASE("a motor whose driver gives torque in steps is not taken for stuck, and what had queued up does not count",
           "[live]") {
   Bench bench;
-  bench.step_Nm = 36.0 / 4095.0, bench.noise_Nm = 0.002, bench.backlog = 400;
+  bench.step_Nm = 36.0 / 4095.0;
+  bench.noise_Nm = 0.002;
+  bench.backlog = 400;
   std::vector<JointSample> before;
   BenchMotor motor(bench);
   bench.now = Bench::begin + 1500 * ms;
   while (const auto s = motor.next()) before.push_back(*s);
   bench.now = Bench::begin;
-  JointReference joints = identify_joints(before, Session{}, INT64_MAX);
+  JointReference joints = identify_joints(before, {}, INT64_MAX);
   CHECK(joints.effort_step == Approx(bench.step_Nm));
-  CHECK(
-      identify_joints(std::vector<JointSample>(before.begin(), before.begin() + 3), Session{}, INT64_MAX).effort_step ==
-      0.0);  // too few to tell
-  const auto told = press(bench, 4.0, joints);
+  CHECK(identify_joints(std::vector<JointSample>(before.begin(), before.begin() + 3), {}, INT64_MAX).effort_step ==
+        0.0);  // too few
+  const auto reported = press(bench, 4.0, joints);
   int stuck = 0, dropped = 0;
-  for (const ForceEstimate& e : told)
-    stuck += e.faults.has(Fault::torque_stuck), dropped += e.faults.has(Fault::joint_dropped);
-  CHECK(told.size() > 80);
+  for (const ForceEstimate& e : reported) {
+    stuck += e.faults.has(Fault::torque_stuck);
+    dropped += e.faults.has(Fault::joint_dropped);
+  }
+  CHECK(reported.size() > 80);
   CHECK(stuck == 0);
   CHECK(dropped == 0);
-  REQUIRE(told.back().contact[0].force_N);
-  CHECK(*told.back().contact[0].force_N == Approx(8.0).margin(0.8));
+  REQUIRE(reported.back().contact[0].force_N);
+  CHECK(*reported.back().contact[0].force_N == Approx(8.0).margin(0.8));
 }
 
 TEST_CASE("what a camera gives that cannot be used does not silence the estimate", "[live]") {
   Bench bench;
-  bench.dark_from_ns = Bench::begin + 2000 * ms, bench.camera_goes_ns = Bench::begin + 3500 * ms,
+  bench.dark_from_ns = Bench::begin + 2000 * ms;
+  bench.camera_goes_ns = Bench::begin + 3500 * ms;
   bench.motor_goes_ns = Bench::begin + 3500 * ms;
   int dark = 0;
   for (const ForceEstimate& e : press(bench, 60.0))
@@ -194,11 +199,11 @@ TEST_CASE("a camera or motor that goes is a state, and the end only when both ha
   Bench bench;
   bench.camera_goes_ns = Bench::begin + 3000 * ms;
   bench.motor_goes_ns = Bench::begin + 3600 * ms;
-  const auto told = press(bench, 60.0);
-  REQUIRE(!told.empty());
-  CHECK(bench.since_s(told.back().stamp_ns) == Approx(3.5).margin(0.15));
-  CHECK(told.back().state == EstimatorState::torque_only);
-  CHECK(told.back().faults.has(Fault::camera_lost));
+  const auto reported = press(bench, 60.0);
+  REQUIRE(!reported.empty());
+  CHECK(bench.since_s(reported.back().stamp_ns) == Approx(3.5).margin(0.15));
+  CHECK(reported.back().state == EstimatorState::torque_only);
+  CHECK(reported.back().faults.has(Fault::camera_lost));
 
   Bench mute;
   mute.with_motor = false;
@@ -217,16 +222,14 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   Bench bench;
   BenchCamera camera(bench), again(bench);
   BenchMotor motor(bench);
-  LiveWait wait;
-  wait.now_ns = [] { return Bench::now; };
   Session plan;
   plan.title = "plan";
-  plan.segments = {{0, 500 * ms, "unloaded"}};
+  plan.segments = {{0, 500 * ms, SegmentKind::unloaded}};
   std::vector<double> asked;
   {
     LogRecorder recorder(name, to_json(plan), [](const ImageView& v) { return encode_image(".png", v); });
     record_live(
-        camera, motor, recorder, [&](double s) { return asked.push_back(s), s <= 1.0; }, "bench", wait);
+        camera, motor, recorder, [&](double s) { return asked.push_back(s), s <= 1.0; }, bench_wait());
     recorder.finish();
     CHECK(recorder.frames() == 31);
     CHECK(recorder.lost_frames() == 0);
@@ -234,7 +237,7 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   }
   CHECK(asked.front() == 0.0);
   CHECK(std::is_sorted(asked.begin(), asked.end()));
-  const RecordedLog log = read_log_folder(name);
+  const Recording log = read_log_folder(name);
   CHECK(log.session.title == "plan");
   CHECK(log.session.segments == plan.segments);
   REQUIRE(log.frames.size() == 31);
@@ -255,7 +258,8 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   }
 }
 
-TEST_CASE("a recorder leaves out what goes back in time or cannot be seen, and says what it cannot write", "[live]") {
+TEST_CASE("a recorder leaves out what goes back in time or cannot be seen, and reports what it cannot write",
+          "[live]") {
   const TemporaryFolder folder;
   const std::string name = folder.path.string();
   std::filesystem::create_directories(name + "/frames");
@@ -271,7 +275,9 @@ TEST_CASE("a recorder leaves out what goes back in time or cannot be seen, and s
     recorder.add(Frame{{}, 200, 0.0, 0.0, 0});
     recorder.add(frame(300));
     JointSample early = sample, cut_off = sample;
-    early.stamp_ns = 90, cut_off.stamp_ns = 150, cut_off.saturated = true;
+    early.stamp_ns = 90;
+    cut_off.stamp_ns = 150;
+    cut_off.saturated = true;
     for (const JointSample& s : {early, sample, sample, cut_off}) recorder.add(s);
     recorder.finish();
     CHECK(recorder.frames() == 2);
@@ -279,7 +285,8 @@ TEST_CASE("a recorder leaves out what goes back in time or cannot be seen, and s
     CHECK(recorder.samples() == 1);
     CHECK(recorder.lost_samples() == 4);
     JointSample other = sample;
-    other.stamp_ns = 160, other.unit = Effort::torque_Nm;
+    other.stamp_ns = 160;
+    other.unit = Effort::torque_Nm;
     CHECK_THROWS_AS(recorder.add(other), InputError);
   }
   CHECK(read_frame_log(*std::make_unique<std::ifstream>(name + "/frames.csv"), "frames.csv").size() == 2);
@@ -288,7 +295,7 @@ TEST_CASE("a recorder leaves out what goes back in time or cannot be seen, and s
   nowhere.add(frame(1));
   try {
     nowhere.finish();
-    FAIL("a picture that cannot be written must be told");
+    FAIL("a picture that cannot be written must be reported");
   } catch (const InputError& e) {
     CHECK(std::string(e.what()).find("000000.png: cannot be written") != std::string::npos);
   }
@@ -310,17 +317,15 @@ TEST_CASE("a recording that breaks off is a log up to there", "[live]") {
     }
     StreamState state() const { return StreamState::open; }
   } silent{&camera};
-  LiveWait wait;
-  wait.now_ns = [] { return Bench::now; };
   try {
     LogRecorder recorder(name, to_json(Session{}), [](const ImageView& v) { return encode_image(".png", v); });
     record_live(
-        silent, motor, recorder, [](double) { return true; }, "bench", wait);
-    FAIL("a silent camera must be told");
+        silent, motor, recorder, [](double) { return true; }, bench_wait());
+    FAIL("a silent camera must be reported");
   } catch (const InputError& e) {
     CHECK(std::string(e.what()) == "bench: has given no picture for 2 s");
   }
-  const RecordedLog log = read_log_folder(name);  // written by the recorder's end
+  const Recording log = read_log_folder(name);  // written by the recorder's end
   CHECK(log.frames.size() == 15);
   CHECK(log.joints.size() > 1000);
 }
@@ -337,7 +342,7 @@ TEST_CASE("an encoder that throws anything is a fault of the recording, not of t
     recorder.add(Frame{image.view(), 1, 0.0, 0.0, 0});
     try {
       recorder.finish();
-      FAIL("it must be told");
+      FAIL("it must be reported");
     } catch (const InputError& e) {
       CHECK(std::string(e.what()).find(standard ? "no memory for it" : "cannot be encoded") != std::string::npos);
     }
@@ -367,7 +372,9 @@ TEST_CASE("a plan is announced in the order of time, moved where it begins too s
           "[live]") {
   const auto segment = [](double from_s, double to_s, int place) {
     Segment s;
-    s.from_ns = std::int64_t(1e9 * from_s), s.to_ns = std::int64_t(1e9 * to_s), s.place = place;
+    s.from_ns = std::int64_t(1e9 * from_s);
+    s.to_ns = std::int64_t(1e9 * to_s);
+    s.place = place;
     return s;
   };
   RecordingPlan plan({segment(6.0, 8.0, 1), segment(3.0, 5.0, 0)});

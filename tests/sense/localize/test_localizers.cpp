@@ -101,7 +101,7 @@ TEST_CASE("noise alone is no contact", "[localizer]") {
   CHECK(false_bayes <= frames / 200);
 }
 
-TEST_CASE("the number of contacts is told, with lamps and room that drift", "[localizer]") {
+TEST_CASE("the number of contacts is found, with lamps and room that drift", "[localizer]") {
   synthetic::Normal normal(21);
   auto c = bayes(0.3);
   c.unloaded = Eigen::VectorXd::Constant(places.size(), 100.0) + 20.0 * (places / 0.03);
@@ -136,7 +136,10 @@ TEST_CASE("intervals of the probabilistic localiser hold what they promise", "[l
   // Bumps as assumed, white noise, no further error: 90 % intervals must hold 90 % of the places, at small and large
   // signals.
   auto c = bayes(1.0);
-  c.bias_sigma_m = 0.0, c.shape_error = 0.0, c.spacing_m = 0.25e-3, c.ambient_sigma = 0.0;
+  c.bias_sigma_m = 0.0;
+  c.shape_error = 0.0;
+  c.spacing_m = 0.25e-3;
+  c.ambient_sigma = 0.0;
   for (const double height : {6.0, 15.0, 60.0}) {
     synthetic::Normal normal{std::uint64_t(height)};
     BayesLocalizer l(c);
@@ -177,9 +180,12 @@ TEST_CASE("a contact that moves on is followed", "[localizer]") {
 
 TEST_CASE("a contact's random walk widens the place as much at any frame rate", "[localizer]") {
   auto c = bayes(1.0);
-  c.change_rate_per_s = 1e-9, c.shape_error = 0.0, c.ambient_sigma = 0.0;
-  c.width_m.fill(2e-3), c.from_m = -12e-3,
-                        c.to_m = 12e-3;  // no bump reaches the profile's ends, where darkness would tell something
+  c.change_rate_per_s = 1e-9;
+  c.shape_error = 0.0;
+  c.ambient_sigma = 0.0;
+  c.width_m.fill(2e-3);
+  c.from_m = -12e-3;
+  c.to_m = 12e-3;  // no bump reaches the profile's ends, where darkness would be information
   const auto variance = [](const BayesLocalizer& l) {
     const double mean = l.place().dot(l.grid_m());
     return l.place().dot((l.grid_m().array() - mean).square().matrix());
@@ -197,13 +203,18 @@ TEST_CASE("a contact's random walk widens the place as much at any frame rate", 
   }
 }
 
-TEST_CASE("what profiles add one by one is what all of them tell together", "[localizer]") {
+TEST_CASE("what profiles add one by one is the information of all of them together", "[localizer]") {
   // White noise alone: estimates taken as independent, with the noises that they state, must end with the variance that
   // the posterior has.
   auto c = bayes(1.0);
-  c.shape_error = 0.0, c.ambient_sigma = 0.0, c.bias_sigma_m = 0.0, c.change_rate_per_s = 1e-6, c.spacing_m = 0.1e-3,
+  c.shape_error = 0.0;
+  c.ambient_sigma = 0.0;
+  c.bias_sigma_m = 0.0;
+  c.change_rate_per_s = 1e-6;
+  c.spacing_m = 0.1e-3;
   c.creep_m_per_sqrt_s = 0.2e-3;
-  c.from_m = -15e-3, c.to_m = 15e-3;
+  c.from_m = -15e-3;
+  c.to_m = 15e-3;
   synthetic::Normal normal(8);
   BayesLocalizer l(c);
   double information = 0.0;
@@ -215,7 +226,7 @@ TEST_CASE("what profiles add one by one is what all of them tell together", "[lo
                   1.0 / e.contact[0].noise_variance_m2;
   }
   CHECK(1.0 / information == Approx(e.contact[0].variance_m2).epsilon(0.15));
-  // Another contact, far away: what it tells is its own.
+  // Another contact, far away: its information is its own.
   for (int k = 12; k < 24 && std::abs(e.contact[0].y_m - 2e-3) < 1e-3; ++k)
     e = l.update(bump(-8e-3, 15.0, 4e-3, 1.0, normal, k * frame_ns));
   CHECK(e.contact[0].y_m == Approx(-8e-3).margin(1.5e-3));
@@ -243,8 +254,12 @@ TEST_CASE("a contact near a clear end, which throws its light back, is found whe
                                  normal);  // the pad ends at ±30 mm, half of the light comes back
       p.value += image.value;
       auto c = bayes(0.3);
-      c.from_m = -27.5e-3, c.to_m = 27.5e-3;
-      if (knows_of_ends) c.end_m = 30e-3, c.end_share = 0.5;
+      c.from_m = -27.5e-3;
+      c.to_m = 27.5e-3;
+      if (knows_of_ends) {
+        c.end_m = 30e-3;
+        c.end_share = 0.5;
+      }
       const auto e = BayesLocalizer(c).update(p);
       REQUIRE(e.contacts == 1);
       error += std::abs(e.contact[0].y_m - y) / 40.0;
@@ -255,7 +270,7 @@ TEST_CASE("a contact near a clear end, which throws its light back, is found whe
   CHECK(mean_error(false) > 2.0 * mean_error(true));
 }
 
-TEST_CASE("configurations that make no sense are refused", "[localizer]") {
+TEST_CASE("configurations out of range are refused", "[localizer]") {
   const auto refuses = [](auto change) {
     auto c = bayes(0.3);
     change(c);

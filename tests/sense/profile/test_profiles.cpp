@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/sense/devices/photodiodes.hpp"
-#include "lumo/sense/devices/recorded_camera.hpp"
+#include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/profile/green_profile.hpp"
 #include "lumo/sense/profile/led_detector.hpp"
 #include "lumo/sense/profile/unloaded_reference.hpp"
@@ -16,7 +16,10 @@ namespace {
 AxisMap map_of(const View& v, double sigma_px = 0.1) {
   Eigen::Matrix2Xd pixel(2, 5);
   Eigen::VectorXd y(5);
-  for (int k = 0; k < 5; ++k) y[k] = 11e-3 * (k - 2), pixel.col(k) = v.pixel(y[k]);
+  for (int k = 0; k < 5; ++k) {
+    y[k] = 11e-3 * (k - 2);
+    pixel.col(k) = v.pixel(y[k]);
+  }
   return AxisMap::fit(pixel, y, sigma_px);
 }
 
@@ -30,8 +33,10 @@ Eigen::VectorXd direct_profile(const View& v, const Image& image, const Longitud
       const double along = v.y(p.dot(d)), across = (-p.x() * d.y() + p.y() * d.x()) / v.px_per_m;
       if (across < low || across >= high) continue;
       for (Eigen::Index b = 0; b < bins.size(); ++b)
-        if (along >= bins.edges_m[b] && along < bins.edges_m[b + 1])
-          sum[b] += image.view().green(x, y), count[b] += 1.0;
+        if (along >= bins.edges_m[b] && along < bins.edges_m[b + 1]) {
+          sum[b] += image.view().green(x, y);
+          count[b] += 1.0;
+        }
     }
   return sum.cwiseQuotient(count);
 }
@@ -42,7 +47,8 @@ double smooth_light(double y, double across) { return 90.0 + 1500.0 * y + 30.0 *
 
 TEST_CASE("the axis map finds a projective line again", "[profiles]") {
   View v;
-  v.angle_rad = 0.7, v.perspective = 3.0;
+  v.angle_rad = 0.7;
+  v.perspective = 3.0;
   const AxisMap map = map_of(v);
   CHECK(map.residual_px < 1e-8);
   for (const double y : {-27.5e-3, -13e-3, 0.0, 4e-3, 27.5e-3}) {
@@ -69,11 +75,14 @@ TEST_CASE("the axis map's variance is that of fits to jittered places", "[profil
     for (int t = 0; t < trials; ++t) {
       Eigen::Matrix2Xd pixel(2, 5);
       Eigen::VectorXd place(5);
-      for (int k = 0; k < 5; ++k)
-        place[k] = 11e-3 * (k - 2), pixel.col(k) = v.pixel(place[k]) + sigma * Eigen::Vector2d(normal(), normal());
+      for (int k = 0; k < 5; ++k) {
+        place[k] = 11e-3 * (k - 2);
+        pixel.col(k) = v.pixel(place[k]) + sigma * Eigen::Vector2d(normal(), normal());
+      }
       const AxisMap m = AxisMap::fit(pixel, place, 1e-3);
       const double error = m.y_m(m.u_px(v.pixel(y))) - y;
-      sum += error, squares += error * error;
+      sum += error;
+      squares += error * error;
     }
     const double found = squares / trials - std::pow(sum / trials, 2);
     CHECK(expected.variance_m2(expected.u_px(v.pixel(y))) ==
@@ -102,9 +111,14 @@ TEST_CASE("a profile is the mean green of the pixels in each bin, at any angle a
 TEST_CASE("an upright view in one format gives sums that are exact", "[profiles]") {
   // Bins of whole pixels, level axis: the mean over rows and columns, no rounding but the last division.
   View v;
-  v.width = 600, v.height = 301, v.origin = {299.5, 150.0}, v.px_per_m = 10000.0;
+  v.width = 600;
+  v.height = 301;
+  v.origin = {299.5, 150.0};
+  v.px_per_m = 10000.0;
   AxisMap map;
-  map.origin_px = v.origin, map.half_length_px = 100.0, map.coefficients = {0.0, 10.0_mm, 0.0};
+  map.origin_px = v.origin;
+  map.half_length_px = 100.0;
+  map.coefficients = {0.0, 10.0_mm, 0.0};
   const Image image = synthetic::paint(v, smooth_light, 20.0, 3);
   const auto bins = LongitudinalBins::uniform(-25.0_mm, 25.0_mm, 10);
   GreenProfile readout(
@@ -114,7 +128,10 @@ TEST_CASE("an upright view in one format gives sums that are exact", "[profiles]
   for (int b = 0; b < 10; ++b) {
     long sum = 0, count = 0;
     for (int y = 1; y < 300; ++y)
-      for (int x = 50 + 50 * b; x < 100 + 50 * b; ++x) sum += image.view().green(x, y), ++count;
+      for (int x = 50 + 50 * b; x < 100 + 50 * b; ++x) {
+        sum += image.view().green(x, y);
+        ++count;
+      }
     CHECK(p.value[b] == Approx(double(sum) / double(count)).epsilon(1e-12));
   }
 }
@@ -122,7 +139,9 @@ TEST_CASE("an upright view in one format gives sums that are exact", "[profiles]
 TEST_CASE("every n-th line along the finger is read, level or upright", "[profiles]") {
   for (const double angle : {0.0, pi / 2, -1.3}) {
     View v;
-    v.width = v.height = 640, v.origin = {320.0, 320.0}, v.angle_rad = angle;
+    v.width = v.height = 640;
+    v.origin = {320.0, 320.0};
+    v.angle_rad = angle;
     const Image image = synthetic::paint(v, smooth_light, 0.0, 3);
     const auto bins = LongitudinalBins::uniform(-25.0_mm, 25.0_mm, 25);
     const auto profile = [&](int step) {
@@ -150,7 +169,10 @@ TEST_CASE("where the perspective is beyond what a camera sees, the rest of the m
   // ½.
   Eigen::Matrix2Xd pixel = Eigen::Matrix2Xd::Zero(2, 5);
   Eigen::VectorXd y(5);
-  for (int k = 0; k < 5; ++k) pixel(0, k) = 100.0 * (k - 2), y[k] = 20e-3 * (0.5 * (k - 2)) / (1.0 + 0.3 * (k - 2));
+  for (int k = 0; k < 5; ++k) {
+    pixel(0, k) = 100.0 * (k - 2);
+    y[k] = 20e-3 * (0.5 * (k - 2)) / (1.0 + 0.3 * (k - 2));
+  }
   const AxisMap map = AxisMap::fit(pixel, y);
   REQUIRE(map.coefficients[2] == 0.5);
   const auto misfit = [&](double a, double b) {
@@ -222,7 +244,8 @@ TEST_CASE("full pixels are counted", "[profiles]") {
 TEST_CASE("five LEDs are found by their pitch, with the map, among reflections and noise", "[leds]") {
   for (const double degrees : {0.0, 12.0, -88.0}) {
     View v;
-    v.angle_rad = degrees * pi / 180.0, v.perspective = 2.0;
+    v.angle_rad = degrees * pi / 180.0;
+    v.perspective = 2.0;
     v.px_per_m = std::abs(degrees) > 45.0 ? 7000.0 : 9000.0;
     const auto image = synthetic::paint(
         v,

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/sense/recording/photodiode_log.hpp"
 #include "lumo/sense/recording/recording.hpp"
+#include "lumo/sense/recording/tables.hpp"
 
 #include <cstdint>
 
@@ -12,17 +12,19 @@ inline lumo::sense::JointVector joints_of(double a, double b) {
 }
 
 /// One of everything that a folder can hold; three clocks.
-inline lumo::sense::RecordedLog full_log(lumo::sense::Effort unit) {
+inline lumo::sense::Recording full_log(lumo::sense::Effort unit) {
   using namespace lumo;
-  RecordedLog log;
+  using namespace lumo::sense;
+  Recording log;
   log.session.title = "a µ \"log\"";
   log.session.theta_mm = {5, 10, 10, 6, 3};
   log.session.torque_constant_Nm_per_A = {0.9, 1.1};
   log.session.joint_to_joint_m = {0.0453};
-  log.session.led_depth_m = 0.01475, log.session.camera_distance_m = 0.25;
+  log.session.led_depth_m = 0.01475;
+  log.session.camera_distance_m = 0.25;
   log.session.joint_clock = {1000, 12.5, 1e-5, 1e-4};
   log.session.wrench_clock = {0, -3.0, 0.0, 0.0};
-  log.session.segments = {{100, 200, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
+  log.session.segments = {{100, 200, SegmentKind::hold, 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
   SessionLink link{{"tip", {0, 1}, Eigen::Matrix2Xd(2, 2)}, Eigen::Matrix2Xd(2, 2)};
   link.link.hole_m << -0.022, 0.022, -0.004, -0.004;
   link.hole_px << 10, 90, 20, 20;

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
+#include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"
@@ -33,14 +33,17 @@ double force(std::int64_t t) {
 
 TorqueModel joint_truth() {
   TorqueModel m;
-  m.torque_constant_Nm_per_A = constant, m.bias_Nm = 0.03, m.coulomb_Nm = 0.01, m.noise_Nm = 0.006;
+  m.torque_constant_Nm_per_A = constant;
+  m.bias_Nm = 0.03;
+  m.coulomb_Nm = 0.01;
+  m.noise_Nm = 0.006;
   return m;
 }
 
 /// Everything that a rig would leave behind, in a folder.
 void record(const std::string& folder) {
   synthetic::View view{320, 240, {160.0, 120.0}, 0.05, 4700.0, 1.5};
-  RecordedLog log;
+  Recording log;
   log.path = folder;
   log.session.joint_to_origin_m = joint_to_origin_m;
   log.session.torque_constant_Nm_per_A = {constant};
@@ -67,8 +70,72 @@ void record(const std::string& folder) {
     log.joints.push_back({t + joint_clock_ahead, JointVector::Constant(1, q), JointVector::Constant(1, v),
                           JointVector::Constant(1, torque / constant), Effort::current_A});
   }
-  log.session.segments = {{0, 480 * ms, "unloaded"}};
+  log.session.segments = {{0, 480 * ms, SegmentKind::unloaded}};
   write_log_folder(log);
+}
+
+/// Lets a stream through up to now, as live.
+template <class Source> struct Gate {
+  using Item = decltype(std::declval<Source&>().next());
+  Source inner;
+  const std::int64_t* now;
+  Item held{};
+  Item next() {
+    if (!held) held = inner.next();
+    return held && held->stamp_ns <= *now ? std::exchange(held, std::nullopt) : std::nullopt;
+  }
+  StreamState state() const { return inner.state(); }
+};
+
+/// Map, readout and reference from the unloaded stretch.
+struct SeenFinger {
+  GreenProfile readout;
+  UnloadedReference unloaded;
+};
+
+SeenFinger seen_finger(const Recording& log) {
+  const Session& session = log.session;
+  const auto leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(
+      read_image(log.path + "/frames/" + log.frames[0].file).view());
+  REQUIRE(leds);
+  CHECK(leds->map.y_m(leds->map.u_px(Eigen::Vector2d(160.0, 120.0))) == Approx(0.0).margin(0.1e-3));
+  SeenFinger s{GreenProfile({leds->map, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), -7.0_mm, 7.0_mm, 320, 240}),
+               {}};
+  Profile p;
+  FolderCamera first(log.path + "/frames", log.frames);
+  for (auto f = first.next(); f && f->stamp_ns <= session.segments.at(0).to_ns; f = first.next())
+    if (s.readout.read(*f, p)) s.unloaded.add(p);
+  return s;
+}
+
+/// The torque model from the unloaded stretch. It does not distinguish friction and bias, and does not need to: the
+/// joint turns one way only.
+TorqueModel unloaded_torque(const std::vector<JointSample>& joints, const Session& session) {
+  std::vector<JointSample> still;
+  for (const JointSample& s : joints)
+    if (s.stamp_ns <= session.segments.at(0).to_ns) still.push_back(s);
+  TorqueModel start;
+  start.torque_constant_Nm_per_A = session.torque_constant_Nm_per_A[0];
+  const TorqueIdentification torque = identify_unloaded(still, 0, start);
+  CHECK_FALSE(torque.linear.complete());
+  CHECK(torque.model.unloaded(0.1, 0.28) == Approx(joint_truth().unloaded(0.1, 0.28)).margin(2e-3));
+  return torque.model;
+}
+
+/// Errors of the samples with a contact, and their bounds.
+void check_errors(const std::vector<ForceSample>& samples) {
+  const ForceErrors e =
+      force_errors(MomentArm{joint_to_origin_m}, std::span<const ForceSample>(samples), {0, -25.0_mm, 25.0_mm}, 0.01);
+  INFO("MAE fused " << e.fused.mae_N << ", optical " << e.optical.mae_N << ", known " << e.known_location.mae_N
+                    << ", fixed arm " << e.fixed_arm.mae_N << " N");
+  CHECK(e.fused.samples == int(samples.size()));
+  CHECK(e.fused.mae_N < 0.15);
+  // Half a second without contact has little information on the joint; the filter goes on learning between presses.
+  CHECK(e.optical.mae_N < 0.6);
+  CHECK(e.fused.mae_N < 0.5 * e.optical.mae_N);
+  CHECK(e.fixed_arm.mae_N > 1.0);
+  CHECK(*e.recovery() > 0.95);
+  CHECK(e.torque_only.samples == 0);
 }
 
 }  // namespace
@@ -77,70 +144,30 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   const TemporaryFolder folder;
   const std::string name = folder.path.string();
   record(name);
-  const RecordedLog log = read_log_folder(name);
+  const Recording log = read_log_folder(name);
   const Session& session = log.session;
-  const Segment& quiet = session.segments.at(0);
-
-  // LEDs, map, readout and reference from the unloaded stretch.
-  const auto leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(
-      read_image(log.path + "/frames/" + log.frames[0].file).view());
-  REQUIRE(leds);
-  CHECK(leds->map.y_m(leds->map.u_px(Eigen::Vector2d(160.0, 120.0))) == Approx(0.0).margin(0.1e-3));
-  GreenProfile readout({leds->map, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), -7.0_mm, 7.0_mm, 320, 240});
-  UnloadedReference unloaded;
-  Profile p;
-  FolderCamera first(log.path + "/frames", log.frames);
-  for (auto f = first.next(); f && f->stamp_ns <= quiet.to_ns; f = first.next())
-    if (readout.read(*f, p)) unloaded.add(p);
+  const auto [readout, unloaded] = seen_finger(log);
   BayesLocalizer::Config localizer;
-  localizer.position_m = readout.positions_m(), localizer.noise = unloaded.noise(),
+  localizer.position_m = readout.positions_m();
+  localizer.noise = unloaded.noise();
   localizer.unloaded = unloaded.mean();
 
-  // The torque model from the same stretch: friction and bias are not told apart there, and do not need to be: it turns
-  // one way only.
   std::vector<JointSample> joints = log.joints;
   for (JointSample& s : joints) s.stamp_ns = session.joint_clock(s.stamp_ns);
-  std::vector<JointSample> still;
-  for (const JointSample& s : joints)
-    if (s.stamp_ns <= quiet.to_ns) still.push_back(s);
-  TorqueModel start;
-  start.torque_constant_Nm_per_A = session.torque_constant_Nm_per_A[0];
-  const TorqueIdentification torque = identify_unloaded(still, 0, start);
-  CHECK_FALSE(torque.linear.complete());
-  CHECK(torque.model.unloaded(0.1, 0.28) == Approx(joint_truth().unloaded(0.1, 0.28)).margin(2e-3));
+  const TorqueModel torque = unloaded_torque(joints, session);
 
   // As live: step by step, each stream up to now.
-  struct Gate {
-    FolderCamera inner;
-    const std::int64_t* now;
-    std::optional<Frame> held;
-    std::optional<Frame> next() {
-      if (!held) held = inner.next();
-      return held && held->stamp_ns <= *now ? std::exchange(held, std::nullopt) : std::nullopt;
-    }
-    StreamState state() const { return inner.state(); }
-  };
-  struct JointGate {
-    RecordedActuator inner;
-    const std::int64_t* now;
-    std::optional<JointSample> held;
-    std::optional<JointSample> next() {
-      if (!held) held = inner.next();
-      return held && held->stamp_ns <= *now ? std::exchange(held, std::nullopt) : std::nullopt;
-    }
-    StreamState state() const { return inner.state(); }
-  };
   std::int64_t now = 0;
-  Gate camera{FolderCamera(log.path + "/frames", log.frames), &now, {}};
-  JointGate actuator{RecordedActuator(joints), &now, {}};
-  using Estimator = ForceEstimator<Gate, JointGate, BayesLocalizer>;
+  Gate<FolderCamera> camera{FolderCamera(log.path + "/frames", log.frames), &now};
+  Gate<RecordedActuator> actuator{RecordedActuator(joints), &now};
+  using Estimator = ForceEstimator<Gate<FolderCamera>, Gate<RecordedActuator>, BayesLocalizer>;
   Estimator::Config config;
-  config.torque = {torque.model};
+  config.torque = {torque};
   config.joints.period_s = 2e-3;
   config.filter.torque_bias_Nm = 0.01;
-  Estimator estimator(camera, actuator, readout, BayesLocalizer(localizer), MomentArm{session.joint_to_origin_m},
-                      unloaded, config);
-  const ContactTorques torques(joints, {torque.model});
+  Estimator estimator(camera, actuator, {readout, unloaded}, BayesLocalizer(localizer),
+                      MomentArm{session.joint_to_origin_m}, config);
+  const ContactTorques torques(joints, {torque});
   std::vector<ForceSample> samples;
   double location_error = 0.0;
   int located = 0, covered = 0;
@@ -152,11 +179,16 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
     if (truth < 5.0 || !measured) continue;
     CHECK(e.state == EstimatorState::ok);
     ForceSample s;
-    s.stamp_ns = now, s.position_rad = measured->head(1), s.contact_torque_Nm = measured->tail(1),
-    s.fused_N = e.contact[0].force_N, s.true_y_m = place(now), s.true_force_N = truth;
+    s.stamp_ns = now;
+    s.position_rad = measured->head(1);
+    s.contact_torque_Nm = measured->tail(1);
+    s.fused_N = e.contact[0].force_N;
+    s.true_y_m = place(now);
+    s.true_force_N = truth;
     if (e.contacts == 1) s.estimated_y_m = estimator.location().contact[0].y_m;
     if (e.contacts == 1 && e.contact[0].y_m) {
-      location_error += std::abs(*e.contact[0].y_m - s.true_y_m), ++located;
+      location_error += std::abs(*e.contact[0].y_m - s.true_y_m);
+      ++located;
       covered += std::abs(e.contact[0].force_N.value_or(1e9) - truth) < 2.0 * std::sqrt(e.contact[0].force_variance_N2);
     }
     samples.push_back(s);
@@ -165,16 +197,5 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   CHECK(located == int(samples.size()));
   CHECK(location_error / located < 0.5e-3);
   CHECK(covered >= located * 9 / 10);
-  const ForceErrors e = force_errors(MomentArm{session.joint_to_origin_m}, std::span<const ForceSample>(samples), 0,
-                                     -25.0_mm, 25.0_mm, 0.01);
-  INFO("MAE fused " << e.fused.mae_N << ", optical " << e.optical.mae_N << ", known " << e.known_location.mae_N
-                    << ", fixed arm " << e.fixed_arm.mae_N << " N");
-  CHECK(e.fused.samples == int(samples.size()));
-  CHECK(e.fused.mae_N < 0.15);
-  CHECK(e.optical.mae_N <
-        0.6);  // half a second without contact tells little of the joint; the filter goes on learning between presses
-  CHECK(e.fused.mae_N < 0.5 * e.optical.mae_N);
-  CHECK(e.fixed_arm.mae_N > 1.0);
-  CHECK(*e.recovery() > 0.95);
-  CHECK(e.torque_only.samples == 0);
+  check_errors(samples);
 }

@@ -33,11 +33,17 @@ TEST_CASE("a session reads back as it was written", "[session]") {
   s.joint_to_origin_m = 0.0475;
   s.torque_constant_Nm_per_A = {0.91, 0.88};
   s.joint_clock = {1'700'000'000'000'000'001, -0.25, 2e-5, 1e-4};
-  s.segments = {{1, 9'007'199'254'740'993, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}, {5, 6, "unloaded"}};
+  s.segments = {{1, 9'007'199'254'740'993, SegmentKind::hold, 3, 5.0, 1, -1, 10.0, -30.0, 10.0},
+                {5, 6, SegmentKind::unloaded}};
+  s.segments.push_back({7, 8});
+  s.segments.back().set_kind_name("slide");  // a kind of the recording's own keeps its name
   SessionLink link;
-  link.link.name = "left \"distal\"", link.link.joints = {0, 1}, link.link.z_clockwise = true,
+  link.link.name = "left \"distal\"";
+  link.link.joints = {0, 1};
+  link.link.z_clockwise = true;
   link.link.hole_radius_m = 0.0018;
-  link.link.hole_m = Eigen::Matrix2Xd(2, 3), link.hole_px = Eigen::Matrix2Xd(2, 3);
+  link.link.hole_m = Eigen::Matrix2Xd(2, 3);
+  link.hole_px = Eigen::Matrix2Xd(2, 3);
   link.link.hole_m << -0.022, 0.022, 0.0, -0.004, -0.004, -0.0055;
   link.hole_px << 101, 180.5, 140, 60, 62, 75;
   s.links = {link, link};
@@ -144,14 +150,14 @@ TEST_CASE("what is written can be read: lengths keep their bits, and what could 
 TEST_CASE("a log folder reads back as it was written", "[session]") {
   const TemporaryFolder folder;
   const std::string name = folder.path.string();
-  RecordedLog log;
+  Recording log;
   log.path = name;
   log.session.title = "two frames";
   log.frames = {{1, "a.png", 0.001, 64.0}, {2, "b.png", 0.001, 64.0}};
   log.joints = {{5, JointVector::Zero(1), JointVector::Zero(1), JointVector::Constant(1, 0.5), Effort::current_A}};
   log.wrenches = {{7, Vec3d(0, 0, -2), Vec3d::Zero()}};
   write_log_folder(log);
-  const RecordedLog r = read_log_folder(name);
+  const Recording r = read_log_folder(name);
   CHECK(r.session.title == "two frames");
   CHECK(r.frames.size() == 2);
   CHECK(r.frames[1].file == "b.png");
@@ -161,10 +167,10 @@ TEST_CASE("a log folder reads back as it was written", "[session]") {
   log.photodiodes = {{3, Eigen::Vector3d(0.5, 0.25, 1.0)}};
   log.wrenches.clear();
   write_log_folder(log);
-  const RecordedLog again = read_log_folder(name);
+  const Recording again = read_log_folder(name);
   CHECK(again.photodiodes.at(0).signal_V == Eigen::Vector3d(0.5, 0.25, 1.0));
   CHECK(again.wrenches.empty());  // the earlier table is gone
-  RecordedLog bad = log;
+  Recording bad = log;
   bad.frames[1].file = "b,c.png";
   CHECK_THROWS_AS(write_log_folder(bad), InvalidArgument);
   bad = log;
@@ -184,7 +190,7 @@ TEST_CASE("a log folder reads back as it was written", "[session]") {
 
 TEST_CASE("damaged sessions are read or refused in one line, never worse", "[session]") {
   Session s;
-  s.segments = {{1, 2, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
+  s.segments = {{1, 2, SegmentKind::hold, 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
   const std::string good = to_json(s);
   synthetic::Normal draw(5);
   int refused = 0;

@@ -3,7 +3,6 @@
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
 #include "lumo/sense/recording/normal_force.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
 #include "lumo/sense/recording/tables.hpp"
 #include "sense/synthetic.hpp"
 
@@ -45,7 +44,8 @@ TEST_CASE("tables read back as they were written, to the bit", "[log]") {
   std::vector<PhotodiodeSample> light;
   for (int i = 0; i < 40; ++i) {
     JointVector a(2), b(2), c(2);
-    a << normal(), 1e-17 * normal();
+    a << normal();
+    1e-17 * normal();
     b << -0.0, 1e300;
     c << normal(), 5e-324;
     const std::int64_t t = -5 + i * 1'000'003LL;
@@ -160,7 +160,10 @@ TEST_CASE("interpolation is exact on lines, silent in gaps, and its residual is 
   synthetic::Normal normal(5);
   std::vector<std::int64_t> stamp;
   Eigen::MatrixXd noise(1, 20000);
-  for (int i = 0; i < 20000; ++i) stamp.push_back(i), noise(0, i) = 0.3 * normal();
+  for (int i = 0; i < 20000; ++i) {
+    stamp.push_back(i);
+    noise(0, i) = 0.3 * normal();
+  }
   CHECK(TimeSeries(stamp, noise).interpolation_residual()[0] == Approx(std::sqrt(1.5) * 0.3).epsilon(0.02));
   CHECK_THROWS_AS(TimeSeries({0, 0}, Eigen::MatrixXd::Zero(1, 2)), InvalidArgument);
 }
@@ -238,9 +241,9 @@ TEST_CASE("normal force over time: positive where the finger is pressed, tared, 
   CHECK((*normal_force(samples, session.wrench_clock, 0.5).at(session.wrench_clock(1'000'000'000), 0.1))[0] == 3.0);
 
   const auto second = [&](double s) { return session.wrench_clock(std::int64_t(1e9 * s)); };
-  session.segments = {{second(0.0), second(0.5), "unloaded"},
-                      {second(0.9), second(1.1), "hold", 1, -15.0, 0},
-                      {second(1.8), second(3.0), "hold", 2, -5.0, 0}};
+  session.segments = {{second(0.0), second(0.5), SegmentKind::unloaded},
+                      {second(0.9), second(1.1), SegmentKind::hold, 1, -15.0, 0},
+                      {second(1.8), second(3.0), SegmentKind::hold, 2, -5.0, 0}};
   session.segments.back().load_N = 4.0;
   const LogTruth truth = LogTruth::from_log(session, samples);
   CHECK(*truth.at(second(1.0)).force_N == Approx(3.0));

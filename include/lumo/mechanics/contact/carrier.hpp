@@ -15,18 +15,15 @@ struct Carrier {
 
   double distance(const Vec3d& p) const {
     double least = std::numeric_limits<double>::infinity();
-    for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
+    for (const RigidBox& b : boxes) least = std::min(least, box_distance(b.half, p - b.center));
     return least;
   }
   DistanceSample sample(const Vec3d& p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
     for (const RigidBox& b : boxes)
-      if (const DistanceSample d = to_box(b, p); d.distance < nearest.distance) nearest = d;
+      if (const DistanceSample d = distance_to_box(b.half, p - b.center); d.distance < nearest.distance) nearest = d;
     return nearest;
   }
-
- private:
-  static DistanceSample to_box(const RigidBox& b, const Vec3d& p) { return distance_to_box(b.half, p - b.center); }
 };
 
 }  // namespace lumo

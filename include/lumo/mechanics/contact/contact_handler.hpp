@@ -6,26 +6,25 @@
 
 namespace lumo {
 
-/// What a contact law answers to a gap [m]: energy per reference area [J/m²], pressure [Pa] = −dE/dg, stiffness [N/m³]
+/// Response of a contact law to a gap [m]: energy per reference area [J/m²], pressure [Pa] = −dE/dg, stiffness [N/m³]
 /// = d²E/dg².
-struct ContactResponse {
-  double energy;
-  double pressure;
-  double stiffness;
+template <class S> struct ContactResponse {
+  S energy;
+  S pressure;
+  S stiffness;
 };
 
 /// A contact law between the body's surface and a rigid surface. It is frictionless unless it has a `friction`,
 /// Coulomb's coefficient, and acts all over the surface unless it has `points`. Laws: no pressure at gaps ≥ 0; pressure
-/// ≥ 0; pressure and stiffness are the derivatives of the energy.
+/// ≥ 0; pressure and stiffness are the derivatives of the energy. The gap is a double, or a deduced scalar.
 template <class C>
 concept ContactHandler = requires(const C& contact, double gap) {
-  { contact.respond(gap) } -> std::convertible_to<ContactResponse>;
+  { contact.respond(gap) } -> std::convertible_to<ContactResponse<double>>;
   { contact.stiffness_N_per_m3 } -> std::convertible_to<double>;
   validate(contact);
 };
 
-/// Where a contact law is asked: at many points inside all faces, or at the mesh's nodes, each with its share of the
-/// area.
+/// Where a contact law acts: at many points inside all faces, or at the mesh's nodes, each with its share of the area.
 enum class ContactPoints { surface, vertices };
 
 template <ContactHandler Contact> constexpr ContactPoints contact_points() {
@@ -53,8 +52,8 @@ template <ContactHandler Contact> double area_per_vertex(const Contact& contact)
     return 0.0;
 }
 
-/// Answer of a spring of `stiffness` [N/m³] to a gap: nothing while it is open.
-inline ContactResponse penalty(double stiffness, double gap) {
+/// Response of a spring of `stiffness` [N/m³] to a gap; 0 while it is open.
+template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
   if (gap >= 0.0) return {0.0, 0.0, 0.0};
   return {0.5 * stiffness * gap * gap, -stiffness * gap, stiffness};
 }
@@ -65,7 +64,7 @@ struct SDFContact {
   double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
   double friction = 0.0;             ///< Coulomb's coefficient
 
-  ContactResponse respond(double gap) const { return penalty(stiffness_N_per_m3, gap); }
+  template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
 
 inline void validate(const SDFContact& c) {
@@ -75,25 +74,25 @@ inline void validate(const SDFContact& c) {
 
 static_assert(ContactHandler<SDFContact>);
 
-/// A contact law with all its pressures multiplied by a factor.
-template <class Contact> struct Firmness {
+/// A contact law with its penalty stiffness scaled.
+template <class Contact> struct ScaledContact {
   const Contact* law;
-  double factor;
-  double stiffness_N_per_m3 = factor * law->stiffness_N_per_m3;
+  double scale;
+  double stiffness_N_per_m3 = scale * law->stiffness_N_per_m3;
   double friction = friction_coefficient(*law);
   static constexpr ContactPoints points = contact_points<Contact>();
 
-  ContactResponse respond(double gap) const {
-    const ContactResponse r = law->respond(gap);
-    return {factor * r.energy, factor * r.pressure, factor * r.stiffness};
+  template <class S> ContactResponse<S> respond(const S& gap) const {
+    const ContactResponse<S> r = law->respond(gap);
+    return {scale * r.energy, scale * r.pressure, scale * r.stiffness};
   }
 };
 
-template <class Contact> void validate(const Firmness<Contact>& c) {
+template <class Contact> void validate(const ScaledContact<Contact>& c) {
   validate(*c.law);
-  require_in_range("factor on contact pressures", c.factor, 1e-6, 1e6, "");
+  require_in_range("factor on contact pressures", c.scale, 1e-6, 1e6, "");
 }
 
-static_assert(ContactHandler<Firmness<SDFContact>>);
+static_assert(ContactHandler<ScaledContact<SDFContact>>);
 
 }  // namespace lumo

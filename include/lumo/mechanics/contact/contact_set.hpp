@@ -32,7 +32,7 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
                            const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x);
+template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
 inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
@@ -41,12 +41,16 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
 namespace detail {
 
 // A convex polygon in the barycentric plane of a triangle, with the values of the fields at its corners.
-struct ClipPolygon {
+template <class S> struct ClipPolygon {
   struct Corner {
-    double u, v;
-    std::array<double, 2> field;
+    S u, v;
+    std::array<S, 2> field;
   };
   std::vector<Corner> corners;
+
+  /// The whole triangle.
+  ClipPolygon(const std::array<S, 2>& a, const std::array<S, 2>& b, const std::array<S, 2>& c)
+      : corners{{0.0, 0.0, a}, {1.0, 0.0, b}, {0.0, 1.0, c}} {}
 
   /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
   void clip(std::size_t k) {
@@ -55,7 +59,7 @@ struct ClipPolygon {
       const Corner &a = corners[i], &b = corners[(i + 1) % corners.size()];
       if (a.field[k] > 0.0) kept.push_back(a);
       if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
-        const double t = a.field[k] / (a.field[k] - b.field[k]);
+        const S t = a.field[k] / (a.field[k] - b.field[k]);
         kept.push_back({a.u + t * (b.u - a.u),
                         a.v + t * (b.v - a.v),
                         {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
@@ -64,12 +68,13 @@ struct ClipPolygon {
     corners = std::move(kept);
   }
   /// Part of the triangle's area that it covers.
-  double fraction() const {
-    double twice = 0.0;
+  S fraction() const {
+    using std::abs;
+    S twice = 0.0;
     for (std::size_t i = 1; i + 1 < corners.size(); ++i)
       twice += (corners[i].u - corners[0].u) * (corners[i + 1].v - corners[0].v) -
                (corners[i + 1].u - corners[0].u) * (corners[i].v - corners[0].v);
-    return std::abs(twice);
+    return abs(twice);
   }
 };
 
@@ -85,6 +90,17 @@ template <class Visit> void for_sub_triangles(const ContactSurface& surface, con
       visit(0.5 * (b - a).cross(c - a).norm(), node);
     }
 }
+
+// The fit of the edge of contact. Lengths are in spacings of the nodes.
+struct EdgeFit {
+  static constexpr double triangle = 2.3;  // 4/√3: edge² over the area of an equilateral triangle
+  static constexpr double lattice = 1.15;  // 2/√3: spacing² over the area of a node of such triangles
+  static constexpr double reach = 4.0;     // of what is looked at
+  static constexpr double nearest = 0.25;  // nearer, the kink inside a facet disturbs the gap
+  static constexpr double farthest = 2.0;  // farther, the fit has to reach too far
+  static constexpr double slope_reach2 = 16.0, circle_reach2 = 12.0;  // squared reach of the weights
+  static constexpr double least_slope2 = 0.25;                        // of the mean: the fit may not fall below
+};
 
 // A point of the edge of contact with the direction in which the gap opens there.
 struct EdgeSample {
@@ -115,25 +131,27 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
     const Vec3d gradient =
         ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
     const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
-                 std::sqrt(2.3 * area)};
-    if (f.slope > 0.0 && f.power < 4.0 * f.spacing * f.slope) free.push_back(f);
+                 std::sqrt(EdgeFit::triangle * area)};
+    if (f.slope > 0.0 && f.power < EdgeFit::reach * f.spacing * f.slope) free.push_back(f);
   });
   std::vector<EdgeSample> samples;
   for (const Free& f : free) {
-    // Too near, the kink inside a facet disturbs the gap; too far, the fit has to reach too far.
-    if (f.power < 0.25 * f.spacing * f.slope || f.power > 2.0 * f.spacing * f.slope) continue;
+    if (f.power < EdgeFit::nearest * f.spacing * f.slope || f.power > EdgeFit::farthest * f.spacing * f.slope) continue;
     double w = 0.0, g = 0.0, s = 0.0, gg = 0.0, gs = 0.0;
     for (const Free& other : free) {
-      const double t = (other.middle - f.middle).squaredNorm() / (16.0 * f.spacing * f.spacing);
-      if (t >= 1.0 || other.power < 0.25 * other.spacing * other.slope) continue;
+      const double t = (other.middle - f.middle).squaredNorm() / (EdgeFit::slope_reach2 * f.spacing * f.spacing);
+      if (t >= 1.0 || other.power < EdgeFit::nearest * other.spacing * other.slope) continue;
       const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
-      w += k, g += k * other.power, s += k * square, gg += k * other.power * other.power,
-          gs += k * other.power * square;
+      w += k;
+      g += k * other.power;
+      s += k * square;
+      gg += k * other.power * other.power;
+      gs += k * other.power * square;
     }
     const double spread = gg - g * g / w;
     const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
-    const double start = std::max((s - bend * g) / w, 0.25 * s / w),
-                 here = std::max(start + bend * f.power, 0.25 * s / w);
+    const double start = std::max((s - bend * g) / w, EdgeFit::least_slope2 * s / w),
+                 here = std::max(start + bend * f.power, EdgeFit::least_slope2 * s / w);
     samples.push_back(
         {f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
   }
@@ -147,7 +165,7 @@ inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& sam
   Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
   for (const EdgeSample& s : samples) {
     const Vec3d d = s.point - p;
-    const double t = d.squaredNorm() / (12.0 * s.spacing * s.spacing);
+    const double t = d.squaredNorm() / (EdgeFit::circle_reach2 * s.spacing * s.spacing);
     if (t >= 1.0) continue;
     const double k = std::pow(1.0 - t, 4);
     w += k;
@@ -191,7 +209,7 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   for (std::size_t k = 0; k < n; ++k) {
     if (area[k] <= 0.0) continue;
     c.pressure_Pa[k] /= area[k];
-    spacing[k] = std::sqrt(1.15 * area[k]);
+    spacing[k] = std::sqrt(detail::EdgeFit::lattice * area[k]);
     gap[k] = rigid.distance(x.col(Eigen::Index(k)));
   }
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
@@ -216,11 +234,11 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
     const auto at = [&](std::size_t k) {
       return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]};
     };
-    const detail::ClipPolygon whole{{{0, 0, at(0)}, {1, 0, at(1)}, {0, 1, at(2)}}};
-    detail::ClipPolygon in_a = whole, in_b = whole;
+    const detail::ClipPolygon<double> whole(at(0), at(1), at(2));
+    detail::ClipPolygon<double> in_a = whole, in_b = whole;
     in_a.clip(0);
     in_b.clip(1);
-    detail::ClipPolygon in_both = in_a;
+    detail::ClipPolygon<double> in_both = in_a;
     in_both.clip(1);
     const double both = in_both.fraction();
     sum.both += area * both;
@@ -229,8 +247,19 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
   return sum;
 }
 
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x) {
-  return contact_overlap(surface, field, field, x).both;
+template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x) {
+  S sum = 0.0;
+  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
+    const auto at = [&](std::size_t k) {
+      const S& f = field[std::size_t(node[k])];
+      return std::array<S, 2>{f, f};
+    };
+    detail::ClipPolygon<S> inside(at(0), at(1), at(2));
+    inside.clip(0);
+    inside.clip(1);  // once more, as an overlap of the field with itself
+    sum += area * inside.fraction();
+  });
+  return sum;
 }
 
 }  // namespace lumo

@@ -37,7 +37,7 @@ class ContactSurface {
       if (chosen(body.patches[std::size_t(f.patch)])) add(f);
   }
 
-  /// The same with the points that a contact law wants.
+  /// The same with the points at which a contact law acts.
   template <class Choose, ContactHandler Contact>
   ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law)
       : ContactSurface(mesh, body, chosen) {
@@ -104,8 +104,10 @@ inline void ContactSurface::add(const BoundaryFace& face) {
           for (std::size_t m = 0; m < 3; ++m)
             p.hat[m] += (int(k) == q ? 2.0 / 3.0 : 1.0 / 6.0) * quarter[std::size_t(small[k])][m];
         double u = 0.0, v = 0.0;
-        for (std::size_t m = 0; m < 3; ++m)
-          u += p.hat[m] * uv[std::size_t(corner[m])][0], v += p.hat[m] * uv[std::size_t(corner[m])][1];
+        for (std::size_t m = 0; m < 3; ++m) {
+          u += p.hat[m] * uv[std::size_t(corner[m])][0];
+          v += p.hat[m] * uv[std::size_t(corner[m])][1];
+        }
         p.shape = face_shape(u, v, order);
         const auto d = face_shape_derivatives(u, v, order);
         Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
@@ -157,9 +159,12 @@ template <class Tool> struct Moving {
   DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
 };
 
+/// Gaps [m] at each surface point, face by face.
+using SurfaceGaps = std::vector<std::vector<double>>;
+
 namespace detail {
 
-// What a contact without friction would answer.
+// The answer of a contact without friction.
 struct NoFriction {
   struct Answer {
     Vec3d traction;
@@ -171,14 +176,14 @@ struct NoFriction {
 };
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that
-// the rigid thing reaches, or all when the law sees other gaps than the present ones.
+// the rigid thing reaches, or whose given gaps are closed.
 template <class Tool, class Visit>
 void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid,
-                        const std::vector<std::vector<double>>* seen, Visit&& visit) {
+                        const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
     const bool near = rigid.distance(middle) <= radius;
-    if (!near && !(seen && std::any_of((*seen)[f].begin(), (*seen)[f].end(), [](double g) { return g < 0.0; })))
+    if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
       continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
     for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
@@ -187,28 +192,32 @@ void for_contact_points(const ContactSurface& surface, const Positions& x, const
 
 }  // namespace detail
 
-/// Gaps [m] that the contact law sees at each surface point, face by face; see QuasiStatic.
-using SeenGaps = std::vector<std::vector<double>>;
+/// What a contact has been through.
+template <class Friction = detail::NoFriction> struct ContactHistory {
+  const SurfaceGaps* gaps = nullptr;   ///< γ, about which the law is linearised; nullptr: the present ones
+  const Friction* friction = nullptr;  ///< such as FrictionHistory; nullptr: none
+};
 
-/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is
-/// linearised about them, p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says
-/// otherwise; the energy is not meant then. Friction, where a history of it is given, enters forces but not the energy.
+/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. About given gaps γ the pressure is
+/// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not
+/// meant then. Friction enters forces but not the energy.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
                                const Positions& x, std::type_identity_t<Positions>* force,
-                               const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
+                               const ContactHistory<Friction>& history = {}) {
   ContactSums sums;
   detail::for_contact_points(
-      surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
+      surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
+        const double gap = rigid.distance(at), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
         if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
         if (gamma >= 0.0) return;
-        const ContactResponse r = contact.respond(gamma);
+        const ContactResponse<double> r = contact.respond(gamma);
         sums.energy += p.weight_m2 * r.energy;
         const double pressure = r.pressure + r.stiffness * (gamma - gap);
         const Vec3d normal = rigid.sample(at).gradient;
         Vec3d traction = p.weight_m2 * pressure * normal;
-        if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
+        if (history.friction)
+          traction += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
         sums.push_N += traction.dot(rigid.direction);
         if (!force) return;
         for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n)
@@ -217,13 +226,20 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
   return sums;
 }
 
-/// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
+/// Where a contact stiffness is added.
+struct TangentSums {
+  const Equations& equations;
+  double* values;                       ///< of the system's lower triangle
+  Eigen::VectorXd* coupling = nullptr;  ///< ∂²energy/∂x∂advance, one per equation; nullptr: not wanted
+};
+
+/// Adds the contact stiffness.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
-                                const Positions& x, const Equations& eq, double* values,
-                                std::type_identity_t<Eigen::VectorXd>* coupling, const SeenGaps* seen = nullptr,
-                                const Friction* friction = nullptr) {
+                                const Positions& x, const TangentSums& tangent,
+                                const ContactHistory<Friction>& history = {}) {
   ContactSums sums;
+  const Equations& eq = tangent.equations;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
   Eigen::Matrix<double, 18, 18> K;
   std::size_t open = std::size_t(-1);
@@ -233,12 +249,12 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
     for (std::size_t j = 0; j < 3 * nodes; ++j)
       for (std::size_t i = 0; i < 3 * nodes; ++i) {
         const int row = eq.of[3 * std::size_t(n[i / 3]) + i % 3], column = eq.of[3 * std::size_t(n[j / 3]) + j % 3];
-        if (row >= column && column >= 0) values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
+        if (row >= column && column >= 0) tangent.values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
       }
   };
   detail::for_contact_points(
-      surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const double gamma = seen ? (*seen)[f][k] : rigid.distance(at);
+      surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
+        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at);
         if (gamma >= 0.0) return;
         if (f != open) {
           flush();
@@ -246,38 +262,44 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
           K.setZero();
         }
         const DistanceSample d = rigid.sample(at);
-        const ContactResponse r = contact.respond(gamma);
+        const ContactResponse<double> r = contact.respond(gamma);
         Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
-        if (friction)
-          block += p.weight_m2 *
-                   friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance))
-                       .stiffness;
+        if (history.friction) {
+          const double pressure = r.pressure + r.stiffness * (gamma - d.distance);
+          block += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, d.gradient, pressure).stiffness;
+        }
         sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
         for (std::size_t a = 0; a < nodes; ++a) {
           for (std::size_t b = 0; b < nodes; ++b)
-            K.template block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
-          if (!coupling) continue;
+            K.block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
+          if (!tangent.coupling) continue;
           const Vec3d c = -p.shape[a] * (block * rigid.direction);
           for (std::size_t i = 0; i < 3; ++i)
             if (const int row = eq.of[3 * std::size_t(surface.face(f).nodes[a]) + i]; row >= 0)
-              (*coupling)[row] += c[Eigen::Index(i)];
+              (*tangent.coupling)[row] += c[Eigen::Index(i)];
         }
       });
   flush();
   return sums;
 }
 
-/// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at
-/// the positions `linear` with the rigid thing at `then`.
+/// A rigid thing and the body's node positions, at one time.
+template <class Tool> struct ContactPlace {
+  Moving<Tool> rigid;
+  const Positions& x;
+};
+
+/// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
+/// have at `linear`.
 template <class Tool>
-SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x,
-                        const Moving<Tool>& then, const Positions& linear, const Positions& dx, double ds) {
-  SeenGaps gaps(surface.size());
+SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
+                           const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+  SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(
-          now.distance(surface.position(f, p, x)) +
-          then.sample(surface.position(f, p, linear)).gradient.dot(surface.position(f, p, dx) - ds * now.direction));
+      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
+                        linear.rigid.sample(surface.position(f, p, linear.x))
+                            .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
   return gaps;
 }
 

@@ -17,7 +17,7 @@ struct Touch {
 };
 
 /// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools
-/// with edges and far better for round ones. The mesh only says where a patch ends. Throws InvalidArgument when the
+/// with edges and far better for round ones. The mesh bounds the patches. Throws InvalidArgument when the
 /// indenter passes by.
 template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
 
@@ -43,78 +43,124 @@ double advance_to(const Tool& tool, const Vec3d& start, const Vec3d& direction, 
   return s > limit ? std::numeric_limits<double>::infinity() : s;
 }
 
+namespace detail {
+
+// The line on which an indenter comes.
+template <Indenter Tool> struct ApproachLine {
+  const Tool& tool;
+  Vec3d start;  // of the tool's origin, clear of the body [m]
+  Vec3d direction;
+  double reach_m;
+
+  double advance_to(const Vec3d& p) const { return lumo::advance_to(tool, start, direction, p, 2.0 * reach_m); }
+};
+
+// The first touch on one patch, or on its image in symmetry planes. Points are folded into the patch's own quarter.
+template <Indenter Tool> struct PatchSearch {
+  static constexpr double first_step = 0.1;    // of the box's diagonal
+  static constexpr double finest_step = 1e-9;  // [m]: the advance is quadratic about its minimum
+  static constexpr int directions = 8;
+
+  const ApproachLine<Tool>& line;
+  const Patch& patch;
+  double sign_x, sign_y;  // −1: the image
+  double slack_m;
+  Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity());  // box of the patch's nodes: it trims the shape
+  Vec3d high = -low;
+  Vec3d seed = Vec3d::Zero();
+  double nearest = std::numeric_limits<double>::infinity();
+
+  Vec3d fold(const Vec3d& p) const { return Vec3d(sign_x * p.x(), sign_y * p.y(), p.z()); }
+  Vec3d into_box(const Vec3d& p) const { return elementwise_min(elementwise_max(p, low), high); }
+  bool inside(const Vec3d& p) const {
+    for (int axis = 0; axis < 3; ++axis)
+      if (!(p[axis] >= low[axis] - slack_m && p[axis] <= high[axis] + slack_m)) return false;
+    return true;
+  }
+  bool try_seed(const Vec3d& q, double gain) {
+    const double s = line.advance_to(fold(q));
+    if (!(s < nearest - gain)) return false;
+    nearest = s;
+    seed = q;
+    return true;
+  }
+
+  void add_nodes(const TetMesh& mesh, int patch_number, Symmetry planes) {
+    for (const BoundaryFace& f : mesh.faces) {
+      if (f.patch != patch_number) continue;
+      for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
+        const Vec3d q = fold(mesh.nodes[std::size_t(f.nodes[k])]);
+        if ((planes.x && q.x() < 0) || (planes.y && q.y() < 0)) continue;
+        low = elementwise_min(low, q);
+        high = elementwise_max(high, q);
+        try_seed(q, 0.0);
+      }
+    }
+  }
+  bool empty() const { return !(low.x() <= high.x()); }
+
+  // Nodes may be too far apart for a small tool: also start from where the tool's centre line comes closest.
+  void follow_line() {
+    const double radius = line.tool.radius_m();
+    for (double s = 0.0; s < 2.0 * line.reach_m;) {
+      const Vec3d center = fold(line.start + s * line.direction);
+      const Vec3d q = closest_point(patch.shape, into_box(center));
+      const double apart = (q - center).norm();
+      if (inside(q) && apart < 1.01 * radius) try_seed(q, 0.0);
+      s += std::max(0.2 * apart, 1e-3 * radius);
+    }
+  }
+
+  // Pattern search on the exact shape, in directions that turn by `spin` after each round; an advance shorter by less
+  // than `gain` is no gain.
+  void refine(double spin, double gain) {
+    double spun = 0.0;
+    for (double step = first_step * (high - low).norm(); step > finest_step; step *= 0.5)
+      for (bool moved = true; moved; spun += spin) {
+        moved = false;
+        const Vec3d n = outward_normal(patch.shape, seed);
+        const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
+        for (int k = 0; k < directions; ++k) {
+          const double turn = 0.25 * pi * k + spun;
+          const Vec3d trial =
+              closest_point(patch.shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
+          if (inside(trial) && try_seed(trial, gain)) moved = true;
+        }
+      }
+  }
+};
+
+}  // namespace detail
+
 template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
   const Vec3d direction = scenario.direction();
   double size = 0.0;
   for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
   const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + std::abs(scenario.y_m);
   const Vec3d start = body.pivot + Vec3d(0, scenario.y_m, 0) - reach * direction;
+  const detail::ApproachLine<Tool> line{scenario.indenter, start, direction, reach};
 
   double best = std::numeric_limits<double>::infinity();
   Vec3d point = Vec3d::Zero();
   for (std::size_t patch = 0; patch < body.patches.size(); ++patch) {
     if (!body.patches[patch].contactable) continue;
-    // The patch's box trims its shape; images in symmetry planes are searched as one patch each.
     for (int image = 0; image < 4; ++image) {
       const double sx = image & 1 ? -1.0 : 1.0, sy = image & 2 ? -1.0 : 1.0;
       if ((sx < 0 && !body.symmetry.x) || (sy < 0 && !body.symmetry.y)) continue;
-      const auto fold = [&](const Vec3d& p) { return Vec3d(sx * p.x(), sy * p.y(), p.z()); };
-      Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low, seed = Vec3d::Zero();
-      double nearest = std::numeric_limits<double>::infinity();
-      for (const BoundaryFace& f : mesh.faces) {
-        if (f.patch != int(patch)) continue;
-        for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
-          const Vec3d q = fold(mesh.nodes[std::size_t(f.nodes[k])]);
-          if ((body.symmetry.x && q.x() < 0) || (body.symmetry.y && q.y() < 0)) continue;
-          low = elementwise_min(low, q);
-          high = elementwise_max(high, q);
-          const double s = advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach);
-          if (s < nearest) nearest = s, seed = q;
-        }
-      }
-      if (!(low.x() <= high.x())) continue;  // no face
-      const double slack = 1e-12 * size;
-      const auto into_box = [&](const Vec3d& p) { return elementwise_min(elementwise_max(p, low), high); };
-      const auto inside = [&](const Vec3d& p) {
-        for (int axis = 0; axis < 3; ++axis)
-          if (!(p[axis] >= low[axis] - slack && p[axis] <= high[axis] + slack)) return false;
-        return true;
-      };
-      // Nodes may be too far apart for a small tool: also start from where the tool's centre line comes closest.
-      for (double s = 0.0; s < 2.0 * reach;) {
-        const Vec3d center = fold(start + s * direction);
-        const Vec3d q = closest_point(body.patches[patch].shape, into_box(center));
-        const double apart = (q - center).norm();
-        if (inside(q) && apart < 1.01 * scenario.indenter.radius_m())
-          if (const double t = advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach); t < nearest)
-            nearest = t, seed = q;
-        s += std::max(0.2 * apart, 1e-3 * scenario.indenter.radius_m());
-      }
-      if (!std::isfinite(nearest)) continue;
-      const auto search = [&](double first_step, double spin, double gain) {
-        double spun = 0.0;
-        for (double step = first_step; step > 1e-9; step *= 0.5)
-          for (bool moved = true; moved; spun += spin) {
-            moved = false;
-            const Vec3d n = outward_normal(body.patches[patch].shape, seed);
-            const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
-            for (int k = 0; k < 8; ++k) {
-              const double turn = 0.25 * pi * k + spun;
-              const Vec3d trial = closest_point(body.patches[patch].shape,
-                                                into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
-              if (!inside(trial)) continue;
-              const double s = advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
-              if (s < nearest - gain) nearest = s, seed = trial, moved = true;
-            }
-          }
-      };
-      // Pattern search on the exact shape: the advance is quadratic about its minimum, so 1 nm of place is far below
-      // any depth that matters.
-      search(0.1 * (high - low).norm(), 0.0, 1e-16);
+      detail::PatchSearch<Tool> search{line, body.patches[patch], sx, sy, 1e-12 * size};
+      search.add_nodes(mesh, int(patch), body.symmetry);
+      if (search.empty()) continue;
+      search.follow_line();
+      if (!std::isfinite(search.nearest)) continue;
+      search.refine(0.0, 1e-16);
       // Edges of a tool put kinks into the advance, at which fixed directions can get stuck; directions that never
       // repeat do not (Audet, Dennis 2006).
-      search(0.1 * (high - low).norm(), 0.25 * pi * 0.61803398875, 1e-12);
-      if (nearest < best) best = nearest, point = fold(seed);
+      constexpr double golden = 0.61803398875;
+      search.refine(0.25 * pi * golden, 1e-12);
+      if (search.nearest < best) {
+        best = search.nearest;
+        point = search.fold(search.seed);
+      }
     }
   }
   if (!std::isfinite(best))

@@ -19,13 +19,13 @@ struct FrictionForces {
 struct FrictionHistory {
   double coefficient = 0.0;
   double stiffness_N_per_m3 = 0.0;  ///< of the spring
-  double turning =
-      1.0;  ///< 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle
+  /// 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle.
+  double turning = 1.0;
   Vec3d origin{0.0, 0.0, 0.0};              ///< of the rigid thing's frame at the last equilibrium [m]
   std::vector<std::vector<Vec3d>> place;    ///< of each surface point there, face by face [m]
   std::vector<std::vector<Vec3d>> stretch;  ///< of its spring there [m]
 
-  /// Everything unstretched at positions x. The spring is a tenth as stiff as the law's penalty: it stretches by ten
+  /// Springs without stretch at positions x, each a tenth as stiff as the law's penalty: a spring stretches by ten
   /// overlaps times the coefficient.
   template <ContactHandler Contact>
   FrictionHistory(const ContactSurface& surface, const Contact& law, const Positions& x, const Vec3d& rigid_origin)
@@ -60,8 +60,7 @@ struct FrictionHistory {
             stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
   }
 
-  /// Makes the equilibrium at positions x, with the rigid thing as it is now, the last one. Points out of contact let
-  /// go.
+  /// Takes positions x, with the rigid thing as it is now, as the last equilibrium. Springs out of contact relax.
   template <ContactHandler Contact, class Tool>
   void settle(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x) {
     if (coefficient == 0.0) return;

@@ -48,7 +48,7 @@ template <Indenter Tool> Scenario<Tool> mirrored(Scenario<Tool> s, Symmetry plan
 /// What validate() admits, in the units in which people give it.
 inline constexpr Limits approach_angles_deg{-80.0, 80.0}, contact_places_mm{-1e4, 1e4}, loads_admitted_N{1e-3, 1e4};
 
-/// Throws InvalidArgument when an angle, place or load makes no sense.
+/// Throws InvalidArgument for an angle, place or load out of range, and for loads that do not increase.
 template <Indenter Tool> void validate(const Scenario<Tool>& s) {
   validate(s.indenter);
   require_in_range("approach angle", s.angle_rad * 180.0 / pi, approach_angles_deg, "deg");

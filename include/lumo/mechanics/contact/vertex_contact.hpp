@@ -15,7 +15,7 @@ struct VertexContact {
   double friction = 0.5;            ///< Coulomb's coefficient
   double area_per_vertex_m2 = 0.0;  ///< the same for all; 0: each vertex has its share of the surface
 
-  ContactResponse respond(double gap) const { return penalty(stiffness_N_per_m3, gap); }
+  template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
 
 inline void validate(const VertexContact& c) {

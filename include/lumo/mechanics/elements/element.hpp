@@ -9,12 +9,12 @@
 namespace lumo {
 
 /// Gradients of Lagrange's shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
-template <int Nodes> Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3d& xi) {
+template <int Nodes, class S> Eigen::Matrix<S, 3, Nodes> shape_gradients(const Vec3<S>& xi) {
   static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-  Eigen::Matrix<double, 3, Nodes> g;
-  const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
+  Eigen::Matrix<S, 3, Nodes> g;
+  const std::array<S, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
   for (int i = 0; i < 3; ++i) {
-    for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? corner[k][i] : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
+    for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? S(corner[k][i]) : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
     for (int k = 4; k < Nodes; ++k) {
       const int a = tet_edges[k - 4][0], b = tet_edges[k - 4][1];
       g(i, k) = 4.0 * (l[std::size_t(b)] * corner[a][i] + l[std::size_t(a)] * corner[b][i]);
@@ -64,7 +64,7 @@ struct LinearTet {
   static constexpr int points = 1;
   bool mean_dilatation = false;
 
-  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes>(Vec3d::Constant(0.25)); }
+  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes>(Vec3d(0.25, 0.25, 0.25)); }
   static double weight(int) { return 1.0 / 6.0; }
   static double mass_share(int) { return 0.25; }
 };
@@ -89,7 +89,10 @@ struct LinearPatchTet {
     for (int k = 1; k < 4; ++k) {
       const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1),
                   slope = 8.0 * u.cross(v);  // u × v · edge(k) = 1/8, six times the volume
-      for (int i = 0; i < 3; ++i) g(i, part[k]) = slope[i], g(i, part[0]) -= slope[i];
+      for (int i = 0; i < 3; ++i) {
+        g(i, part[k]) = slope[i];
+        g(i, part[0]) -= slope[i];
+      }
     }
     return g;
   }
@@ -113,16 +116,16 @@ struct LinearPatchTet {
 
 /// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of
 /// BoundaryFace.
-inline std::array<double, 6> face_shape(double u, double v, int order) {
-  const double w = 1.0 - u - v;
+template <class S> std::array<S, 6> face_shape(const S& u, const S& v, int order) {
+  const S w = 1.0 - u - v;
   if (order == 1) return {w, u, v, 0.0, 0.0, 0.0};
   return {w * (2 * w - 1), u * (2 * u - 1), v * (2 * v - 1), 4 * w * u, 4 * u * v, 4 * v * w};
 }
 
 /// Derivatives of face_shape by u and v.
-inline std::array<std::array<double, 2>, 6> face_shape_derivatives(double u, double v, int order) {
+template <class S> std::array<std::array<S, 2>, 6> face_shape_derivatives(const S& u, const S& v, int order) {
   if (order == 1) return {{{-1, -1}, {1, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}}};
-  const double w = 1.0 - u - v;
+  const S w = 1.0 - u - v;
   return {{{1 - 4 * w, 1 - 4 * w},
            {4 * u - 1, 0},
            {0, 4 * v - 1},
@@ -130,5 +133,7 @@ inline std::array<std::array<double, 2>, 6> face_shape_derivatives(double u, dou
            {4 * v, 4 * u},
            {-4 * v, 4 * (w - v)}}};
 }
+
+static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);
 
 }  // namespace lumo

@@ -53,4 +53,6 @@ class EigenCholesky {
   Eigen::SimplicialLLT<SparseLower, Eigen::Lower> solver_;
 };
 
+static_assert(LinearSolver<EigenCholesky>);
+
 }  // namespace lumo

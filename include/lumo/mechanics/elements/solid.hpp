@@ -78,15 +78,15 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     return J;
   }
 
-  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). With `seen` volume ratios the volumetric stress is
-  /// linearised about them, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
-  void add_forces(const Positions& x, Positions& force, const std::vector<double>* seen = nullptr) const {
+  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). The volumetric stress is linearised `about` given
+  /// volume ratios θ, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
+  void add_forces(const Positions& x, Positions& force, const std::vector<double>* about = nullptr) const {
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, x);
       Gradients f = Gradients::Zero();
       for (int q = 0; q < Element::points; ++q) {
-        const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, seen);
-        const VolumetricSample u = material_.volumetric(theta);
+        const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, about);
+        const VolumetricSample<double> u = material_.volumetric(theta);
         const Mat3d& F = s.F[std::size_t(q)];
         f += product(
             weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)),
@@ -98,11 +98,11 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
 
   /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
   void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
-                   const std::vector<double>* seen = nullptr) const {
+                   const std::vector<double>* about = nullptr) const {
     constexpr int size = 3 * N;
     Eigen::Matrix<double, size, size> K;
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      element_tangent(e, x, seen, K);
+      element_tangent(e, x, about, K);
       for (std::size_t k = 0; k < systems.size(); ++k) {
         const int* slot = systems[k]->slots.data() + e * (size * (size + 1) / 2);
         double* v = values[k];
@@ -173,12 +173,12 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
   std::size_t cells() const { return element_.mean_dilatation ? 1 : std::size_t(Element::points); }
 
   // Volume ratio that the volumetric energy is taken at.
-  double ratio(std::size_t e, int q, const ElementState& s, const std::vector<double>* seen) const {
-    if (seen) return (*seen)[e * cells() + (element_.mean_dilatation ? 0 : std::size_t(q))];
+  double ratio(std::size_t e, int q, const ElementState& s, const std::vector<double>* about) const {
+    if (about) return (*about)[e * cells() + (element_.mean_dilatation ? 0 : std::size_t(q))];
     return element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)];
   }
 
-  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* seen,
+  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* about,
                        Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
     const ElementState s = state(e, x);
     Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
@@ -187,7 +187,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
       const Mat3d& F = s.F[std::size_t(q)];
       const Gradients& g = gradient(e, q);
       const Mat3d c = cofactor(F);
-      const VolumetricSample u = material_.volumetric(ratio(e, q, s, seen));
+      const VolumetricSample<double> u = material_.volumetric(ratio(e, q, s, about));
       Mat9d A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
       if (element_.mean_dilatation) {
         dJ += product(weight(e, q) * c, g);
@@ -195,7 +195,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
         A += dyad(u.stiffness * c, c);
       }
       A = A * weight(e, q);
-      // Plain loops: Eigen's expressions of blocks were the dearest thing to compile in a simulator.
+      // Plain loops: Eigen's expressions of blocks took most of a simulator's compile time.
       for (int a = 0; a < N; ++a) {
         std::array<double, 27> T;  // 9 × 3, by columns
         for (std::size_t k = 0; k < 27; ++k)
@@ -209,7 +209,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
       }
     }
     if (element_.mean_dilatation) {
-      const double stiffness = material_.volumetric(ratio(e, 0, s, seen)).stiffness / s.volume;
+      const double stiffness = material_.volumetric(ratio(e, 0, s, about)).stiffness / s.volume;
       for (int j = 0; j < 3 * N; ++j) {
         const double scaled = stiffness * dJ.data()[j];
         for (int i = j; i < 3 * N; ++i) K(i, j) += scaled * dJ.data()[i];

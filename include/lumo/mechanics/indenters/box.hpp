@@ -4,10 +4,24 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace lumo {
 
 /// Signed distance from p to the box |x| ≤ half about the origin.
+template <class S> S box_distance(const Vec3d& half, const Vec3<S>& p) {
+  using std::abs;
+  Vec3<S> out;
+  S most = -std::numeric_limits<double>::infinity();
+  for (int i = 0; i < 3; ++i) {
+    const S beyond = abs(p[i]) - half[i];
+    out[i] = beyond < 0.0 ? S(0.0) : beyond;
+    if (i == 0 || beyond > most) most = beyond;
+  }
+  return most <= 0.0 ? most : S(out.norm());
+}
+
+/// The same with its derivatives.
 inline DistanceSample distance_to_box(const Vec3d& half, const Vec3d& p) {
   Vec3d sign, beyond, out;
   int axis = 0;
@@ -43,12 +57,15 @@ struct Box {
   double radius_m() const { return 0.5 * size_m.norm(); }
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
   bool symmetric(int) const { return true; }
-  double distance(const Vec3d& p) const { return sample(p).distance; }
+  template <class S> S distance(const Vec3<S>& p) const { return box_distance(inner(), p) - edge_radius_m; }
   DistanceSample sample(const Vec3d& p) const {
-    DistanceSample d = distance_to_box(0.5 * size_m - Vec3d::Constant(edge_radius_m), p);
+    DistanceSample d = distance_to_box(inner(), p);
     d.distance -= edge_radius_m;
     return d;
   }
+
+ private:
+  Vec3d inner() const { return 0.5 * size_m - Vec3d::Constant(edge_radius_m); }  // half edges without the rounding
 };
 
 inline void validate(const Box& b) {

@@ -18,7 +18,7 @@ struct Capsule {
   double radius_m() const { return 0.5 * (length_m + diameter_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  double distance(const Vec3d& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
+  template <class S> S distance(const Vec3<S>& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
   DistanceSample sample(const Vec3d& p) const {
     const Vec3d foot = nearest(p), out = p - foot;
     const double r = out.norm();
@@ -30,7 +30,9 @@ struct Capsule {
   }
 
  private:
-  Vec3d nearest(const Vec3d& p) const { return {0.0, 0.0, std::clamp(p.z(), -0.5 * length_m, 0.5 * length_m)}; }
+  template <class S> Vec3<S> nearest(const Vec3<S>& p) const {
+    return {S(0.0), S(0.0), std::clamp(p.z(), S(-0.5 * length_m), S(0.5 * length_m))};
+  }
 };
 
 inline void validate(const Capsule& c) {

@@ -19,7 +19,7 @@ struct Cylinder {
   double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  double distance(const Vec3d& p) const { return sample(p).distance; }
+  template <class S> S distance(const Vec3<S>& p) const;
   DistanceSample sample(const Vec3d& p) const;
 };
 
@@ -31,6 +31,14 @@ inline void validate(const Cylinder& c) {
 }
 
 // A rectangle in the half-plane through the axis, turned about it.
+template <class S> S Cylinder::distance(const Vec3<S>& p) const {
+  using std::abs, std::hypot;
+  const S beyond = abs(p.z()) - 0.5 * length_m + edge_radius_m,
+          aside = hypot(p.x(), p.y()) - 0.5 * diameter_m + edge_radius_m;
+  if (beyond > 0.0 && aside > 0.0) return hypot(beyond, aside) - edge_radius_m;
+  return (beyond > aside ? beyond : aside) - edge_radius_m;
+}
+
 inline DistanceSample Cylinder::sample(const Vec3d& p) const {
   const double rho = std::hypot(p.x(), p.y()), up = p.z() < 0.0 ? -1.0 : 1.0;
   const Vec3d radial = rho > 0.0 ? Vec3d(p.x() / rho, p.y() / rho, 0.0) : Vec3d(Vec3d::UnitX()),

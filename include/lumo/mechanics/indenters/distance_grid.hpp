@@ -43,6 +43,10 @@ class DistanceGrid {
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
   Vec3d node(int i, int j, int k) const { return origin_ + h_ * Vec3d(i, j, k); }
 
+  static const TriangleSurface& checked(const TriangleSurface& surface) {
+    validate_surface(surface);
+    return surface;
+  }
   void fill();
   void filter();
   void measure();
@@ -58,7 +62,7 @@ class DistanceGrid {
 };
 
 inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells)
-    : surface_((validate_surface(surface), surface)), exact_(surface_) {
+    : surface_(checked(surface)), exact_(surface_) {
   if (cells < 8 || cells > 256)
     throw InvalidArgument(message("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
   Eigen::AlignedBox3d box;
@@ -130,7 +134,9 @@ inline DistanceSample DistanceGrid::spline(const Vec3d& p) const {
       double f = 0.0, fx = 0.0, fxx = 0.0;
       for (std::size_t i = 0; i < 4; ++i) {
         const double c = at(cell[0] + int(i) - 1, cell[1] + int(j) - 1, cell[2] + int(k) - 1);
-        f += w[0][i] * c, fx += dw[0][i] * c, fxx += ddw[0][i] * c;
+        f += w[0][i] * c;
+        fx += dw[0][i] * c;
+        fxx += ddw[0][i] * c;
       }
       d.distance += w[1][j] * w[2][k] * f;
       d.gradient += Vec3d(w[1][j] * w[2][k] * fx, dw[1][j] * w[2][k] * f, w[1][j] * dw[2][k] * f);
@@ -141,7 +147,7 @@ inline DistanceSample DistanceGrid::spline(const Vec3d& p) const {
       d.hessian(2, 0) += w[1][j] * dw[2][k] * fx;
       d.hessian(2, 1) += dw[1][j] * dw[2][k] * f;
     }
-  d.hessian.template triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
+  d.hessian.triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
   return d;
 }
 

@@ -15,8 +15,8 @@ struct DistanceSample {
 };
 
 /// A rigid tool, given by its signed distance field in its own frame (origin at its centre); radius_m() is that of a
-/// ball about the origin that holds it. Laws: |gradient| = 1 almost everywhere; distance is 1-Lipschitz; derivatives
-/// match finite differences.
+/// ball about the origin that holds it. distance() is for doubles, or of a deduced scalar. Laws: |gradient| = 1 almost
+/// everywhere; distance is 1-Lipschitz; derivatives match finite differences.
 template <class T>
 concept Indenter = requires(const T& tool, const Vec3d& p) {
   { tool.distance(p) } -> std::convertible_to<double>;
@@ -53,7 +53,7 @@ struct Sphere {
 
   double radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  double distance(const Vec3d& p) const { return p.norm() - radius_m(); }
+  template <class S> S distance(const Vec3<S>& p) const { return p.norm() - radius_m(); }
   DistanceSample sample(const Vec3d& p) const {
     const double r = p.norm();
     const Vec3d n = r > 0.0 ? Vec3d(p / r) : Vec3d(Vec3d::UnitZ());

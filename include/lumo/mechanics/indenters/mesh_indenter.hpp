@@ -15,7 +15,10 @@ class MeshIndenter {
   explicit MeshIndenter(const TriangleSurface& surface, int cells = 64)
       : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
     Eigen::AlignedBox3d box;
-    for (const Vec3d& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
+    for (const Vec3d& v : surface.vertices) {
+      radius_m_ = std::max(radius_m_, v.norm());
+      box.extend(v);
+    }
     contact_radius_m_ = 0.5 * box.sizes().minCoeff();
   }
 

@@ -22,7 +22,9 @@ template <Indenter Tool> struct Oriented {
       if (std::abs(turn(axis, k)) == 1.0) return is_symmetric(tool, k);
     return false;
   }
-  double distance(const Vec3d& p) const { return tool.distance(turn.transpose() * p); }
+  template <class S> auto distance(const Vec3<S>& p) const -> decltype(tool.distance(p)) {
+    return tool.distance(Vec3<S>(turn.template cast<S>().transpose() * p));
+  }
   DistanceSample sample(const Vec3d& p) const {
     const auto d = tool.sample(turn.transpose() * p);
     return {d.distance, turn * d.gradient, turn * d.hessian * turn.transpose()};

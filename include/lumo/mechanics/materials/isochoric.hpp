@@ -10,32 +10,27 @@
 namespace lumo {
 
 /// A function of the deformation gradient with its first and second derivative, the latter flattened by columns.
-struct InvariantSample {
-  double value;
-  Mat3d gradient;
-  Mat9d hessian;
+template <class S> struct InvariantSample {
+  S value;
+  Mat3<S> gradient;
+  Mat9<S> hessian;
 };
 
-/// Ī₁ = J^(−2/3) tr C; det F must be positive.
-inline InvariantSample first_isochoric_invariant(const Mat3d& F);
-
-/// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
-inline InvariantSample second_isochoric_invariant(const Mat3d& F);
-
 /// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
-inline VolumetricSample convex_volumetric(double bulk, double J) {
+template <class S> VolumetricSample<S> convex_volumetric(double bulk, const S& J) {
+  using std::log;
   if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
-  return {0.25 * bulk * (J * J - 1.0 - 2.0 * std::log(J)), 0.5 * bulk * (J - 1.0 / J),
-          0.5 * bulk * (1.0 + 1.0 / (J * J))};
+  return {0.25 * bulk * (J * J - 1.0 - 2.0 * log(J)), 0.5 * bulk * (J - 1.0 / J), 0.5 * bulk * (1.0 + 1.0 / (J * J))};
 }
 
 namespace detail {
 
 // I J^(−m), from I with its derivatives.
-inline InvariantSample without_volume(const Mat3d& F, const InvariantSample& full, double m) {
-  const double J = F.determinant(), scale = std::pow(J, -m);
-  const Mat3d c = cofactor(F);
-  const Mat9d mixed = dyad(full.gradient, c);
+template <class S> InvariantSample<S> without_volume(const Mat3<S>& F, const InvariantSample<S>& full, double m) {
+  using std::pow;
+  const S J = F.determinant(), scale = pow(J, -m);
+  const Mat3<S> c = cofactor(F);
+  const Mat9<S> mixed = dyad(full.gradient, c);
   return {
       scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
       scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) +
@@ -44,14 +39,17 @@ inline InvariantSample without_volume(const Mat3d& F, const InvariantSample& ful
 
 }  // namespace detail
 
-inline InvariantSample first_isochoric_invariant(const Mat3d& F) {
-  return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, isotropic(2.0)}, 2.0 / 3.0);
+/// Ī₁ = J^(−2/3) tr C; det F must be positive.
+template <class S> InvariantSample<S> first_isochoric_invariant(const Mat3<S>& F) {
+  const InvariantSample<S> full{F.squaredNorm(), 2.0 * F, isotropic(S(2.0))};
+  return detail::without_volume(F, full, 2.0 / 3.0);
 }
 
-inline InvariantSample second_isochoric_invariant(const Mat3d& F) {
-  const Mat3d C = F.transpose() * F, B = F * F.transpose();
-  const double I1 = C.trace();
-  Mat9d h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)
+/// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
+template <class S> InvariantSample<S> second_isochoric_invariant(const Mat3<S>& F) {
+  const Mat3<S> C = F.transpose() * F, B = F * F.transpose();
+  const S I1 = C.trace();
+  Mat9<S> h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
       for (int k = 0; k < 3; ++k)
@@ -60,7 +58,8 @@ inline InvariantSample second_isochoric_invariant(const Mat3d& F) {
           h(i + 3 * j, k + 3 * l) = 2.0 * (I1 * same_row * same_column + 2.0 * F(i, j) * F(k, l) - same_row * C(l, j) -
                                            F(i, l) * F(k, j) - same_column * B(i, k));
         }
-  return detail::without_volume(F, {0.5 * (I1 * I1 - C.squaredNorm()), 2.0 * (I1 * F - F * C), h}, 4.0 / 3.0);
+  const InvariantSample<S> full{0.5 * (I1 * I1 - C.squaredNorm()), 2.0 * (I1 * F - F * C), h};
+  return detail::without_volume(F, full, 4.0 / 3.0);
 }
 
 }  // namespace lumo

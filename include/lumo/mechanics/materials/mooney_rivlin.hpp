@@ -15,17 +15,17 @@ struct MooneyRivlin {
 
   double shear_modulus() const { return 2.0 * (c10 + c01); }
 
-  double distortion_energy(const Mat3d& F) const {
+  template <class S> S distortion_energy(const Mat3<S>& F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     return c10 * (first_isochoric_invariant(F).value - 3.0) + c01 * (second_isochoric_invariant(F).value - 3.0);
   }
-  Mat3d distortion_stress(const Mat3d& F) const {
+  template <class S> Mat3<S> distortion_stress(const Mat3<S>& F) const {
     return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient;
   }
-  Mat9d distortion_tangent(const Mat3d& F) const {
+  template <class S> Mat9<S> distortion_tangent(const Mat3<S>& F) const {
     return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian;
   }
-  VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
+  template <class S> VolumetricSample<S> volumetric(const S& J) const { return convex_volumetric(bulk, J); }
 };
 
 inline void validate(const MooneyRivlin& m) {
@@ -34,5 +34,7 @@ inline void validate(const MooneyRivlin& m) {
   require_positive("shear modulus 2 (c10 + c01)", m.shear_modulus(), "Pa");
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
+
+static_assert(HyperelasticMaterial<MooneyRivlin>);
 
 }  // namespace lumo

@@ -15,25 +15,29 @@ struct NeoHookean {
 
   double shear_modulus() const { return mu; }
 
-  double distortion_energy(const Mat3d& F) const {
-    const double J = F.determinant();
+  template <class S> S distortion_energy(const Mat3<S>& F) const {
+    using std::log;
+    const S J = F.determinant();
     if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
-    return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * std::log(J);
+    return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * log(J);
   }
-  Mat3d distortion_stress(const Mat3d& F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
-  Mat9d distortion_tangent(const Mat3d& F) const {
-    const double J = F.determinant();
-    const Mat3d c = cofactor(F);
-    return isotropic(mu) + dyad((mu / (J * J)) * c, c) - (mu / J) * determinant_hessian(F);
+  template <class S> Mat3<S> distortion_stress(const Mat3<S>& F) const {
+    return mu * F - (mu / F.determinant()) * cofactor(F);
   }
-  VolumetricSample volumetric(double J) const {
+  template <class S> Mat9<S> distortion_tangent(const Mat3<S>& F) const {
+    const S J = F.determinant();
+    const Mat3<S> c = cofactor(F);
+    return isotropic(S(mu)) + dyad((mu / (J * J)) * c, c) - (mu / J) * determinant_hessian(F);
+  }
+  template <class S> VolumetricSample<S> volumetric(const S& J) const {
+    using std::log;
     if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
-    const double l = std::log(J);
+    const S l = log(J);
     return {0.5 * lambda * l * l, lambda * l / J, lambda * (1.0 - l) / (J * J)};
   }
-  template <class T> DilatationSample<T> dilatation(const T& J) const {
+  template <class S> DilatationSample<S> dilatation(const S& J) const {
     using std::log;
-    const T l = log(J);
+    const S l = log(J);
     return {(lambda * l - mu) / J, (lambda * (1.0 - l) + mu) / (J * J)};
   }
 };
@@ -42,5 +46,7 @@ inline void validate(const NeoHookean& m) {
   require_positive("shear modulus mu", m.mu, "Pa");
   require_in_range("Lame parameter lambda", m.lambda, 0.0, 1e15, "Pa");
 }
+
+static_assert(HyperelasticMaterial<NeoHookean>);
 
 }  // namespace lumo

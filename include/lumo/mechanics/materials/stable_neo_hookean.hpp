@@ -16,16 +16,18 @@ struct StableNeoHookean {
   double shear_modulus() const { return mu; }
 
   // λ'/2 (J − α)² − μ²/(2 λ') = λ'/2 (J − 1)² − μ (J − 1): only the first term is stiff.
-  double distortion_energy(const Mat3d& F) const {
+  template <class S> S distortion_energy(const Mat3<S>& F) const {
     return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0);
   }
-  Mat3d distortion_stress(const Mat3d& F) const { return mu * (F - cofactor(F)); }
-  Mat9d distortion_tangent(const Mat3d& F) const { return mu * (isotropic(1.0) - determinant_hessian(F)); }
-  VolumetricSample volumetric(double J) const {
+  template <class S> Mat3<S> distortion_stress(const Mat3<S>& F) const { return mu * (F - cofactor(F)); }
+  template <class S> Mat9<S> distortion_tangent(const Mat3<S>& F) const {
+    return mu * (isotropic(S(1.0)) - determinant_hessian(F));
+  }
+  template <class S> VolumetricSample<S> volumetric(const S& J) const {
     const double k = lambda + mu;
     return {0.5 * k * (J - 1.0) * (J - 1.0), k * (J - 1.0), k};
   }
-  template <class T> DilatationSample<T> dilatation(const T& J) const {
+  template <class S> DilatationSample<S> dilatation(const S& J) const {
     const double k = lambda + mu;
     return {k * (J - 1.0) - mu, k + 0.0 * J};
   }
@@ -35,5 +37,7 @@ inline void validate(const StableNeoHookean& m) {
   require_positive("shear modulus mu", m.mu, "Pa");
   require_in_range("Lame parameter lambda", m.lambda, 0.0, 1e15, "Pa");
 }
+
+static_assert(HyperelasticMaterial<StableNeoHookean>);
 
 }  // namespace lumo

@@ -19,25 +19,25 @@ struct Yeoh {
 
   double shear_modulus() const { return 2.0 * c1; }
 
-  double distortion_energy(const Mat3d& F) const {
+  template <class S> S distortion_energy(const Mat3<S>& F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
-    const double s = first_isochoric_invariant(F).value - 3.0;
+    const S s = first_isochoric_invariant(F).value - 3.0;
     return s * (c1 + s * (c2 + s * c3));
   }
-  Mat3d distortion_stress(const Mat3d& F) const {
-    const InvariantSample I = first_isochoric_invariant(F);
+  template <class S> Mat3<S> distortion_stress(const Mat3<S>& F) const {
+    const InvariantSample<S> I = first_isochoric_invariant(F);
     return slope(I.value - 3.0) * I.gradient;
   }
-  Mat9d distortion_tangent(const Mat3d& F) const {
-    const InvariantSample I = first_isochoric_invariant(F);
-    const double s = I.value - 3.0;
-    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(I.gradient.data());
+  template <class S> Mat9<S> distortion_tangent(const Mat3<S>& F) const {
+    const InvariantSample<S> I = first_isochoric_invariant(F);
+    const S s = I.value - 3.0;
+    const Eigen::Map<const Eigen::Matrix<S, 9, 1>> g(I.gradient.data());
     return slope(s) * I.hessian + (2.0 * c2 + 6.0 * c3 * s) * g * g.transpose();
   }
-  VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
+  template <class S> VolumetricSample<S> volumetric(const S& J) const { return convex_volumetric(bulk, J); }
 
  private:
-  double slope(double s) const { return c1 + s * (2.0 * c2 + s * 3.0 * c3); }
+  template <class S> S slope(const S& s) const { return c1 + s * (2.0 * c2 + s * 3.0 * c3); }
 };
 
 inline void validate(const Yeoh& m) {
@@ -50,5 +50,7 @@ inline void validate(const Yeoh& m) {
                                   " Pa, or not below 0, and not above 1e12 Pa"));
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
+
+static_assert(HyperelasticMaterial<Yeoh>);
 
 }  // namespace lumo

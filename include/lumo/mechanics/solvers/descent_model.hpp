@@ -2,7 +2,8 @@
 
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
-#include "lumo/mechanics/elements/lumped_mass.hpp"
+#include "lumo/mechanics/elements/element_points.hpp"
+#include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mechanics/solvers/vertex_block.hpp"
 #include "lumo/mechanics/solvers/vertex_colors.hpp"
 #include "lumo/mechanics/solvers/vertex_packs.hpp"
@@ -34,7 +35,7 @@ struct DescentConfig {
   double detection_m = 1e-3;          ///< points nearer than this at a step's start are watched during the step
   double max_advance_m = 20e-3;       ///< a load that is not met by then is given up
   double time_limit_s = 1e9;          ///< per scenario, wall clock
-  bool lanes = true;                  ///< eight vertices of a color at once, where material and element allow it
+  bool packs = true;                  ///< eight vertices of a color at once, where material and element allow it
   VertexColors colors = {};           ///< empty: color_vertices
 };
 
@@ -66,36 +67,36 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
   VertexColors colors;       ///< of the nodes that move
   bool resists_inversion;    ///< the material's energy has no bound where J ≤ 0
 
-  struct NoLanes {};
-  static auto lanes_type() {
+  struct NoPacks {};
+  static auto packs_type() {
     if constexpr (batched)
-      return std::optional<VertexLanes<Material>>();
+      return std::optional<VertexPacks<Material>>();
     else
-      return std::optional<NoLanes>();
+      return std::optional<NoPacks>();
   }
   static auto start_type() {
     if constexpr (batched)
-      return typename VertexLanes<Material>::Start();
+      return typename VertexPacks<Material>::Start();
     else
-      return NoLanes();
+      return NoPacks();
   }
-  using LanesStart = decltype(start_type());
-  decltype(lanes_type()) lanes;
+  using PacksStart = decltype(start_type());
+  decltype(packs_type()) packs;
 
   /// Throws InvalidArgument when the given colors are none.
-  DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& law,
-               const Element& element, const DescentConfig& config)
+  DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes,
+               const PressPhysics<Material, Contact, Element>& physics, const DescentConfig& config)
       : sector(sector_of(mesh, planes)),
-        contact(law),
-        elasticity(sector.mesh, material, element),
+        contact(physics.contact),
+        elasticity(sector.mesh, physics.material, physics.element),
         touchable(
-            sector.mesh, body, [](const Patch& p) { return p.contactable; }, law),
+            sector.mesh, body, [](const Patch& p) { return p.contactable; }, contact),
         resting(
-            sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, law),
+            sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, contact),
         carrier{body.carrier},
         mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)),
         moves(sector.mesh.nodes.size(), 1),
-        resists_inversion(!std::isfinite(energy_density(material, Mat3d(-Mat3d::Identity())))) {
+        resists_inversion(!std::isfinite(energy_density(physics.material, Mat3d(-Mat3d::Identity())))) {
     for (const BoundaryFace& f : sector.mesh.faces)
       if (body.patches[std::size_t(f.patch)].bonded)
         for (int k = 0; k < sector.mesh.nodes_per_face(); ++k) moves[std::size_t(f.nodes[std::size_t(k)])] = 0;
@@ -107,7 +108,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
         if (moves[std::size_t(v)]) colors.back().push_back(v);
     }
     if constexpr (batched)
-      if (config.lanes) lanes.emplace(sector.mesh, elasticity, colors);
+      if (config.packs) packs.emplace(sector.mesh, elasticity, colors);
   }
   DescentModel(const DescentModel&) = delete;  // elements and surfaces point into the sector's mesh
   DescentModel& operator=(const DescentModel&) = delete;

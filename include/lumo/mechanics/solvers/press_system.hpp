@@ -2,10 +2,10 @@
 
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
-#include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mechanics/contact/friction.hpp"
 #include "lumo/mechanics/elements/equations.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
+#include "lumo/mechanics/solvers/press_solver.hpp"
 
 #include <map>
 #include <memory>
@@ -32,16 +32,16 @@ struct SectorModel {
   };
   std::vector<Block> blocks;  ///< first the even fields, then every other parity of the bounding planes
 
-  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& c,
-              const Element& element)
+  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes,
+              const PressPhysics<Material, Contact, Element>& physics)
       : sector(sector_of(mesh, planes)),
         body(b),
-        contact(c),
-        solid(sector.mesh, material, element),
+        contact(physics.contact),
+        solid(sector.mesh, physics.material, physics.element),
         touchable(
-            sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
+            sector.mesh, b, [](const Patch& p) { return p.contactable; }, contact),
         resting(
-            sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c),
+            sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, contact),
         carrier{b.carrier} {
     blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
@@ -63,11 +63,11 @@ template <class Model, Indenter Tool> struct PressSystem {
   const Tool& tool;
   Vec3d origin;  ///< of the indenter at first touch
   Vec3d direction;
-  double firmness = 1.0;  ///< factor on all contact pressures; 1 but on the way to equilibrium
+  double penalty_scale = 1.0;                       ///< of all contact pressures; 1 but on the way to equilibrium
   const FrictionHistory* touch_friction = nullptr;  ///< with the indenter
   const FrictionHistory* rest_friction = nullptr;   ///< with the carrier
 
-  Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
+  ScaledContact<decltype(Model::contact)> contact() const { return {&model.contact, penalty_scale}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
   Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::UnitZ()}; }
 
@@ -80,30 +80,39 @@ template <class Model, Indenter Tool> struct PressSystem {
   }
 
   /// What the stiff parts of the energy, volume and contact, are linearised about; see QuasiStatic.
-  struct Seen {
+  struct LinearisationPoint {
     std::vector<double> ratios;
-    SeenGaps touch, rest;
+    SurfaceGaps touch, rest;
   };
+  ContactHistory<FrictionHistory> touch_history(const LinearisationPoint* about) const {
+    return {about ? &about->touch : nullptr, touch_friction};
+  }
+  ContactHistory<FrictionHistory> rest_history(const LinearisationPoint* about) const {
+    return {about ? &about->rest : nullptr, rest_friction};
+  }
   /// A configuration of pad and indenter.
   struct Place {
     Positions x;
     double advance = 0.0;
   };
   /// Values at `now`, carried on by (dx, ds) along the slopes at `linear`.
-  Seen predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
+  LinearisationPoint predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
+    using Touching = ContactPlace<Tool>;
+    using Resting = ContactPlace<Carrier>;
     return {model.solid.predicted_ratios(now.x, linear.x, dx),
-            predicted_gaps(model.touchable, indenter(now.advance), now.x, indenter(linear.advance), linear.x, dx, ds),
-            predicted_gaps(model.resting, support(), now.x, support(), linear.x, dx, 0.0)};
+            predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
+                           Touching{indenter(linear.advance), linear.x}, dx, ds),
+            predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
   Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq,
-                           const Seen* seen = nullptr) const {
+                           const LinearisationPoint* about = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
-    model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
-    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f,
-                                                 seen ? &seen->touch : nullptr, touch_friction);
-    add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
+    model.solid.add_forces(x, f, about ? &about->ratios : nullptr);
+    const ContactSums touch =
+        add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, touch_history(about));
+    add_contact_forces(model.resting, contact(), support(), x, &f, rest_history(about));
     Eigen::VectorXd r(eq.count + 1);
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
@@ -119,7 +128,7 @@ template <class Model, Indenter Tool> struct PressSystem {
     double stiffness = 0.0;
   };
   void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t,
-               const Seen* seen = nullptr) const {
+               const LinearisationPoint* about = nullptr) const {
     t.matrix.resize(last - first);
     std::vector<const Equations*> systems;
     std::vector<double*> values;
@@ -131,16 +140,15 @@ template <class Model, Indenter Tool> struct PressSystem {
       systems.push_back(&eq);
       values.push_back(m.valuePtr());
     }
-    model.solid.add_tangent(x, systems, values, seen ? &seen->ratios : nullptr);
+    model.solid.add_tangent(x, systems, values, about ? &about->ratios : nullptr);
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
       const ContactSums s =
-          add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k],
-                              even ? &t.coupling : nullptr, seen ? &seen->touch : nullptr, touch_friction);
+          add_contact_tangent(model.touchable, contact(), indenter(advance), x,
+                              {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr,
-                          seen ? &seen->rest : nullptr, rest_friction);
+      add_contact_tangent(model.resting, contact(), support(), x, {*systems[k], values[k]}, rest_history(about));
     }
   }
 

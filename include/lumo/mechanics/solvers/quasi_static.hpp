@@ -1,8 +1,6 @@
 #pragma once
 
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/mechanics/contact/contact_set.hpp"
-#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"
 #include "lumo/mechanics/solvers/secant_pairs.hpp"
 
@@ -20,8 +18,8 @@ struct QuasiStaticConfig {
   int max_iterations = 200;          ///< factorisations per load
   int stride_iterations = 40;        ///< factorisations before a stride is cut
   double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
-  double late_contraction =
-      0.8;  ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
+  /// By this one, when the residual is below 1 % of the load: a step costs a tenth of a factor.
+  double late_contraction = 0.8;
   double load_stride = 1.6;   ///< loads in between are at most this factor apart
   double max_advance = 0.2;   ///< largest advance in one step, in radii of the indenter's contact
   double time_limit_s = 1e9;  ///< per scenario, wall clock
@@ -54,14 +52,14 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
   Config config = {};
 
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
-                                                           const Material& material, const Contact& contact,
-                                                           const Element& element) const {
-    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element);
+  std::unique_ptr<Model<Material, Contact, Element>> model(
+      const Body& body, const TetMesh& mesh, Symmetry planes,
+      const PressPhysics<Material, Contact, Element>& physics) const {
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
 
-  /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no
-  /// further one is tried (it carries the reason).
+  /// States at the scenario's loads, displacements on the sector's nodes, up to the first that is not converged; its
+  /// status is the reason.
   template <class SomeModel, Indenter Tool>
   std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
@@ -92,8 +90,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
                    tolerance = next == load ? config_.residual_tolerance : on_the_way;
-      const Status s = load_ == 0.0 ? touch_down(next, tolerance)
-                                    : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
+      const Status s = load_ == 0.0 ? first_load(next, tolerance)
+                                    : load_step(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
       if (s == Status::converged) {
         load_ = next;
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
@@ -102,9 +100,11 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
                         s == Status::max_iterations;
-      if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
-      now_ = start, touched_ = touched_before, rested_ = rested_before,
-      load_ = from;  // what was reached loosely on the way may be what led astray
+      if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
+      now_ = start;  // what was reached loosely on the way may be what led astray
+      touched_ = touched_before;
+      rested_ = rested_before;
+      load_ = from;
       first /= 4.0;
       stride = std::sqrt(stride);
       on_the_way = close;
@@ -120,11 +120,11 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
-  static constexpr double
-      loose = 0.3,
-      close = 1e-3;  ///< residual over load at which a stride on the way may end, at first and after a loss
-  static constexpr double settled =
-      1e-2;  ///< residual over load below which points seldom come and go, or change between sticking and sliding
+  // Residual over load at which a stride on the way may end, at first and after a loss.
+  static constexpr double loose = 0.3, close = 1e-3;
+  // Residual over load below which points seldom come and go, or change between sticking and sliding.
+  static constexpr double settled = 1e-2;
+  static constexpr int most_cuts = 5;  // of the strides to one load
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const {
@@ -155,25 +155,29 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   }
 
   // From first touch. A softer contact forgives a wrong guess of its extent.
-  Status touch_down(double load, double tolerance) {
-    system_.firmness = 0.1;
-    const Status s = approach(load, loose, hertz_area(load));
-    if (touched_.coefficient > 0.0) system_.touch_friction = &touched_, system_.rest_friction = &rested_;
-    const double softer = std::exchange(system_.firmness, 1.0);
-    return s == Status::converged ? approach(load, tolerance, 0.0, softer) : s;
+  static constexpr double first_penalty_scale = 0.1;
+  Status first_load(double load, double tolerance) {
+    system_.penalty_scale = first_penalty_scale;
+    const Status s = load_step(load, loose, hertz_area(load));
+    if (touched_.coefficient > 0.0) {
+      system_.touch_friction = &touched_;
+      system_.rest_friction = &rested_;
+    }
+    const double softer = std::exchange(system_.penalty_scale, 1.0);
+    return s == Status::converged ? load_step(load, tolerance, 0.0, softer) : s;
   }
 
-  // Equilibrium at a load, from contact on at least `area`. Pressures are kept when overlaps so far were those of a
-  // contact `softer` times as firm.
-  Status approach(double load, double tolerance, double area, double softer = 1.0) {
-    auto seen = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
-    for (SeenGaps* gaps : {&seen.touch, &seen.rest})
+  // Equilibrium at a load, from contact on at least `area`. Overlaps so far were those of a contact with `softer` times
+  // the penalty stiffness; pressures are kept.
+  Status load_step(double load, double tolerance, double area, double softer = 1.0) {
+    auto about = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
+    for (SurfaceGaps* gaps : {&about.touch, &about.rest})
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
-    touch_nearest(seen.touch, area);
+    touch_nearest(about.touch, area);
     Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
     for (const int stop = iterations + config_.stride_iterations;;) {
-      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
+      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &about);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
@@ -189,30 +193,30 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
-        system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
+        system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &about);
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
         if (f != FactorStatus::positive_definite)
           return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
-        if (!border()) return Status::not_positive_definite;
+        if (!schur_complement()) return Status::not_positive_definite;
         factored_ = now_;
         steps_.clear();
       }
-      if (const Status s = step(r, seen); s != Status::converged) return s;
+      if (const Status s = step(r, about); s != Status::converged) return s;
       before = std::move(r);
     }
   }
 
-  // Points that have just come into contact overlap, or gape, by what the last step did not know of; that is to be
-  // undone, but it is no pressure yet that could bend the tangent.
+  // Points that have just come into contact overlap, or gape, by the error of the last step. The next step undoes it;
+  // it must not enter the tangent as pressure.
   static constexpr double just_touching = -1e-15;
-  static void enter(SeenGaps& gaps, const SeenGaps& before) {
+  static void enter(SurfaceGaps& gaps, const SurfaceGaps& before) {
     for (std::size_t f = 0; f < gaps.size(); ++f)
       for (std::size_t k = 0; k < gaps[f].size(); ++k)
         if (gaps[f][k] < 0.0 && before[f][k] >= 0.0) gaps[f][k] = just_touching;
   }
 
   // Brings the points with the smallest gaps into contact until `area` [m²] is.
-  void touch_nearest(SeenGaps& gaps, double area) const {
+  void touch_nearest(SurfaceGaps& gaps, double area) const {
     struct Point {
       double gap, area_m2;
       auto operator<=>(const Point&) const = default;
@@ -223,13 +227,16 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         points.push_back({gaps[f][k], model_.touchable.points(f)[k].area_m2});
     std::sort(points.begin(), points.end());
     double last = 0.0;
-    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].area_m2, last = points[k].gap;
+    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) {
+      area -= points[k].area_m2;
+      last = points[k].gap;
+    }
     for (std::vector<double>& face : gaps)
       for (double& g : face)
         if (g >= 0.0 && g <= last) g = just_touching;
   }
 
-  bool border() {
+  bool schur_complement() {
     response_ = linear_.front().solve(tangent_.coupling);
     schur_ = tangent_.stiffness - tangent_.coupling.dot(response_);
     return std::isfinite(schur_) && schur_ > 0.0;
@@ -245,8 +252,10 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   }
 
   // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that
-  // is predicted for it. What refuses even the shortest step says why there is none.
-  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
+  // is predicted for it. The status names what refuses even the shortest step.
+  static constexpr double least_volume = 0.2;  // of an element: of its present one, and by the prediction
+  static constexpr int halvings = 20;
+  Status step(const Eigen::VectorXd& r, typename System::LinearisationPoint& about) {
     const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
     const double ds = d[eq_.count];
@@ -255,16 +264,16 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, d, 1.0);
     Status refusal = Status::inverted;
-    for (int k = 0; k < 20; ++k, t *= 0.5) {
+    for (int k = 0; k < halvings; ++k, t *= 0.5) {
       const Positions trial = now_.x + t * dx;
       refusal = Status::inverted;
-      if (!(model_.solid.smallest_J(trial) > 0.2 * now)) continue;
+      if (!(model_.solid.smallest_J(trial) > least_volume * now)) continue;
       refusal = Status::line_search;
       auto next = system_.predicted(now_, factored_, t * dx, t * ds);
-      if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > 0.2)) continue;
-      enter(next.touch, seen.touch);
-      enter(next.rest, seen.rest);
-      seen = std::move(next);
+      if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > least_volume)) continue;
+      enter(next.touch, about.touch);
+      enter(next.rest, about.rest);
+      about = std::move(next);
       now_.x = trial;
       now_.advance += t * ds;
       last_step_ = t * d;

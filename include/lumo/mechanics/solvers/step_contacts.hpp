@@ -81,7 +81,7 @@ template <ContactHandler Contact, class Tool> class StepContacts {
     const Vec3d at = place(p, x);
     const auto [g, n] = gap(p, at);
     if (g >= 0.0) return {};
-    const ContactResponse r = law_.respond(g);
+    const ContactResponse<double> r = law_.respond(g);
     const double weight = surface_->points(p.face)[p.number].weight_m2, push = weight * r.pressure;
     VertexBlock out{push * n, weight * r.stiffness * n * n.transpose()};
     if (law_friction() == 0.0) return out;

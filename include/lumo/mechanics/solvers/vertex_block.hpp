@@ -12,6 +12,9 @@ struct VertexBlock {
   Mat3d block{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};  ///< [N/m]
 };
 
+/// Part of det F that a vertex's step must leave.
+inline constexpr double least_J_kept = 0.1;
+
 /// Elastic and viscous force and stiffness of single nodes, for any material and element.
 /// Viscosity is absolute, on the rate of C = FᵀF since the step's start: force −η ∂/∂x ½ ∫ |Ċ|² dt, as Newton 1.8 has
 /// it.
@@ -45,7 +48,7 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
         out.block += w * contracted(material_.distortion_tangent(f), g);
         dilation += w * c;
         if (!element_.mean_dilatation) {
-          const VolumetricSample u = material_.volumetric(f.determinant());
+          const VolumetricSample<double> u = material_.volumetric(f.determinant());
           out.force -= w * u.stress * c;
           out.block +=
               w * u.stiffness * c * c.transpose();  // the second derivative of J vanishes on a node's own block
@@ -58,22 +61,22 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
         }
       }
       if (element_.mean_dilatation) {
-        const VolumetricSample u = material_.volumetric(changed / volume);
+        const VolumetricSample<double> u = material_.volumetric(changed / volume);
         out.force -= u.stress * dilation;
         out.block += u.stiffness / volume * dilation * dilation.transpose();
       }
     }
   }
 
-  /// Largest part t ≤ 1 of a step of node v that leaves every det F about it above a tenth of what it is (det F is
-  /// linear in one node).
+  /// Largest part t ≤ 1 of a step of node v that leaves every det F about it above `least_J_kept` of its value (det F
+  /// is linear in one node).
   double feasible_part(int v, const Positions& x, const Vec3d& step) const {
     double t = 1.0;
     for (const Incidence& in : at_[std::size_t(v)])
       for (int q = 0; q < Element::points; ++q) {
         const Mat3d f = deformation(in.tet, q, x);
         const double slope = (cofactor(f) * gradient(in.tet, q).col(in.place)).dot(step), J = f.determinant();
-        if (J + t * slope < 0.1 * J) t = -0.9 * J / slope;
+        if (J + t * slope < least_J_kept * J) t = (least_J_kept - 1.0) * J / slope;
       }
     return t;
   }
@@ -110,10 +113,8 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
 
   // Σ gₖ A(i + 3k, j + 3l) gₗ
   static Mat3d contracted(const Mat9d& A, const Vec3d& g) {
-    Eigen::Matrix<double, 9, 3> right =
-        A.template leftCols<3>() * g[0] + A.template middleCols<3>(3) * g[1] + A.template rightCols<3>() * g[2];
-    return right.template topRows<3>() * g[0] + right.template middleRows<3>(3) * g[1] +
-           right.template bottomRows<3>() * g[2];
+    Eigen::Matrix<double, 9, 3> right = A.leftCols<3>() * g[0] + A.middleCols<3>(3) * g[1] + A.rightCols<3>() * g[2];
+    return right.topRows<3>() * g[0] + right.middleRows<3>(3) * g[1] + right.bottomRows<3>() * g[2];
   }
 
   const TetMesh* mesh_;

@@ -4,7 +4,6 @@
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/solvers/descent_model.hpp"
-#include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mechanics/solvers/step_contacts.hpp"
 
 #include <Eigen/Eigenvalues>
@@ -30,11 +29,11 @@ template <Executor E = Serial> struct BlockDescent {
 
   /// Throws InvalidArgument for settings out of range and for colors that are none.
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
-                                                           const Material& material, const Contact& contact,
-                                                           const Element& element) const {
+  std::unique_ptr<Model<Material, Contact, Element>> model(
+      const Body& body, const TetMesh& mesh, Symmetry planes,
+      const PressPhysics<Material, Contact, Element>& physics) const {
     validate(config);
-    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element, config);
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics, config);
   }
 
   /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations; a step
@@ -64,11 +63,15 @@ template <class Model, Indenter Tool, Executor E> class Descent {
         touching_(model.touchable, model.contact),
         resting_(model.resting, model.contact) {
     if constexpr (Model::batched)
-      if (model.lanes) points_.resize(std::size_t(x_.cols())), lanes_start_.resize(model.lanes->slots()), place_all();
+      if (model.packs) {
+        points_.resize(std::size_t(x_.cols()));
+        packs_start_.resize(model.packs->slots());
+        place_all();
+      }
   }
 
-  /// One time step, at whose start the indenter moves on by `by` [m]. False where it ends in what is no place on earth:
-  /// then all is as it was before.
+  /// One time step, at whose start the indenter moves on by `by` [m]. False when it ends without sound positions; then
+  /// all is as it was before.
   bool step(double by) {
     advance_ += by;
     const double dt = config_.time_step_s, stick = config_.slip_speed_m_per_s * dt;
@@ -80,9 +83,9 @@ template <class Model, Indenter Tool, Executor E> class Descent {
                    stick);
     resting_.find(start_, {&model_.carrier, Vec3d::Zero(), Vec3d::UnitZ()}, Vec3d::Zero(), config_.detection_m, stick);
     for (int k = 0; k < config_.sweeps; ++k) sweep();
-    // A kilometre off, a pad is as lost as with NaN, and its forces are about to overflow.
-    if (!(x_.array().abs() < 1e3).all()) {
-      x_ = start_, advance_ -= by;
+    if (!(x_.array().abs() < lost_m).all()) {
+      x_ = start_;
+      advance_ -= by;
       place_all();
       return false;
     }
@@ -103,19 +106,22 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   double advance() const { return advance_; }
 
  private:
+  // That far off, a pad is as lost as with NaN, and its forces are about to overflow.
+  static constexpr double lost_m = 1e3;
+
   double rate() const { return config_.viscosity_Pa_s / config_.time_step_s; }
 
-  // Tells the lanes where a vertex is.
+  // Copies a vertex's position for the packs.
   void place(int v) {
     if constexpr (Model::batched)
-      if (model_.lanes) points_[std::size_t(v)] = {Lanes::Point::Register{x_(0, v), x_(1, v), x_(2, v), 0.0}};
+      if (model_.packs) points_[std::size_t(v)] = {SimdPack::Point::Register{x_(0, v), x_(1, v), x_(2, v), 0.0}};
   }
   void place_all() {
     for (int v = 0; v < int(x_.cols()); ++v) place(v);
   }
   void remember() {
     if constexpr (Model::batched)
-      if (rate() > 0.0) for_batches([&](const auto& batch) { model_.lanes->remember(batch, points_, lanes_start_); });
+      if (rate() > 0.0) for_batches([&](const auto& batch) { model_.packs->remember(batch, points_, packs_start_); });
   }
 
   // Where inertia alone would carry the vertices, and where the sweeps begin.
@@ -131,7 +137,10 @@ template <class Model, Indenter Tool, Executor E> class Descent {
     // A law without an energy inside out must not begin there.
     if (model_.resists_inversion && config_.predictor != Predictor::position) {
       const double floor = 0.2 * model_.elasticity.smallest_J(start_);
-      for (int k = 0; k < 10 && !(model_.elasticity.smallest_J(x_) > floor); ++k) ahead *= 0.5, x_ = start_ + ahead;
+      for (int k = 0; k < 10 && !(model_.elasticity.smallest_J(x_) > floor); ++k) {
+        ahead *= 0.5;
+        x_ = start_ + ahead;
+      }
       if (!(model_.elasticity.smallest_J(x_) > floor)) x_ = start_;
     }
   }
@@ -141,8 +150,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
 
   template <class Visit> void for_batches(Visit&& visit) const {
     if constexpr (Model::batched)
-      if (model_.lanes)
-        for (const auto& batches : model_.lanes->batches())
+      if (model_.packs)
+        for (const auto& batches : model_.packs->batches())
           over(batches.size(), [&](std::size_t k) { visit(batches[k]); });
   }
   template <class Visit> void over(std::size_t count, Visit&& visit) const {
@@ -153,20 +162,23 @@ template <class Model, Indenter Tool, Executor E> class Descent {
 
   void sweep() {
     if constexpr (Model::batched)
-      if (model_.lanes) {
+      if (model_.packs) {
         for_batches([&](const auto& batch) {
-          std::array<VertexBlock, Lanes::width> blocks;
-          model_.lanes->add(batch, points_, lanes_start_, rate(), blocks);
-          std::array<Vec3d, Lanes::width> steps;
+          std::array<VertexBlock, SimdPack::width> blocks;
+          model_.packs->add(batch, points_, packs_start_, rate(), blocks);
+          std::array<Vec3d, SimdPack::width> steps;
           steps.fill(Vec3d::Zero());
-          for (std::size_t lane = 0; lane < Lanes::width; ++lane)
+          for (std::size_t lane = 0; lane < SimdPack::width; ++lane)
             if (batch.moves[lane]) steps[lane] = step_of(batch.vertex[lane], blocks[lane]);
           if (model_.resists_inversion) {
-            const auto part = model_.lanes->feasible_parts(batch, points_, steps);
-            for (std::size_t lane = 0; lane < Lanes::width; ++lane) steps[lane] *= part[lane];
+            const auto part = model_.packs->feasible_parts(batch, points_, steps);
+            for (std::size_t lane = 0; lane < SimdPack::width; ++lane) steps[lane] *= part[lane];
           }
-          for (std::size_t lane = 0; lane < Lanes::width; ++lane)
-            if (batch.moves[lane]) x_.col(batch.vertex[lane]) += steps[lane], place(batch.vertex[lane]);
+          for (std::size_t lane = 0; lane < SimdPack::width; ++lane)
+            if (batch.moves[lane]) {
+              x_.col(batch.vertex[lane]) += steps[lane];
+              place(batch.vertex[lane]);
+            }
         });
         return;
       }
@@ -210,8 +222,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   Positions x_, start_, target_, velocity_, last_velocity_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
-  std::vector<Lanes::Point> points_;  // x_ for the lanes
-  typename Model::LanesStart lanes_start_;
+  std::vector<SimdPack::Point> points_;  // x_ for the packs
+  typename Model::PacksStart packs_start_;
 };
 
 template <Executor E>

@@ -25,7 +25,10 @@ inline VertexColors color_vertices(const TetMesh& mesh) {
         if (const int c = color[std::size_t(mesh.tets[std::size_t(e)][a])]; c >= 0) last_seen[std::size_t(c)] = int(v);
     std::size_t free = 0;
     while (free < colors.size() && last_seen[free] == int(v)) ++free;
-    if (free == colors.size()) colors.emplace_back(), last_seen.push_back(-1);
+    if (free == colors.size()) {
+      colors.emplace_back();
+      last_seen.push_back(-1);
+    }
     color[v] = int(free);
     colors[free].push_back(int(v));
   }

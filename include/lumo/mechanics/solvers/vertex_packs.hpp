@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/mechanics/solvers/simd.hpp"
 #include "lumo/mechanics/solvers/vertex_block.hpp"
 #include "lumo/mechanics/solvers/vertex_colors.hpp"
 
@@ -9,13 +10,20 @@
 
 namespace lumo {
 
+/// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many
+/// elements at once.
+template <class M>
+concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, const SimdPack& J) {
+  { m.dilatation(J) } -> std::same_as<DilatationSample<SimdPack>>;
+};
+
 /// Elastic and viscous forces and blocks of eight vertices of one color at once, on linear tetrahedra of a dilatational
 /// solid. What a vertex's tetrahedra need lies in the order of use; vertices with as many tetrahedra go together. A
 /// sweep waits for memory as much as for arithmetic, and the solid is isotropic: a tetrahedron at rest is seen in axes
 /// of its own, where a third of F's derivatives vanish.
-template <DilatationalMaterial Material> class VertexLanes {
+template <DilatationalMaterial Material> class VertexPacks {
  public:
-  static constexpr std::size_t width = Lanes::width;
+  static constexpr std::size_t width = SimdPack::width;
 
   /// Up to eight vertices of one color.
   struct Batch {
@@ -23,12 +31,12 @@ template <DilatationalMaterial Material> class VertexLanes {
     std::array<bool, width> moves;  ///< there is one
     std::size_t first, count;       ///< their slots
   };
-  using Places = std::vector<Lanes::Point>;  ///< where nodes are [m]
+  using Places = std::vector<SimdPack::Point>;  ///< where nodes are [m]
   /// Per slot what viscosity wants of a step's start: the column of C = FᵀF along the vertex's own gradient.
-  using Start = std::vector<std::array<Lanes, 3>>;
+  using Start = std::vector<std::array<SimdPack, 3>>;
 
   /// `colors` name the vertices that move.
-  VertexLanes(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors);
+  VertexPacks(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors);
 
   /// Batches color by color.
   const std::vector<std::vector<Batch>>& batches() const { return batches_; }
@@ -46,24 +54,24 @@ template <DilatationalMaterial Material> class VertexLanes {
                                            const std::array<Vec3d, width>& steps) const;
 
  private:
-  using Vector = std::array<Lanes, 3>;
+  using Vector = std::array<SimdPack, 3>;
   // One tetrahedron of each of the batch's vertices, by its three other nodes. Axis 1 lies along the gradient g = (γ,
   // 0, 0) of the vertex's own shape function, axis 3 across the first other node's: the gradients are (a₀, c, 0), (a₁,
   // d, f), (a₂, −c−d, −f), γ = −a₀−a₁−a₂, and γ c f = 1/(6 V).
   struct Slot {
     Vector a;
-    Lanes c, d, f;                               // [1/m]
-    Lanes volume;                                // [m³]; 0 where a vertex has no further tetrahedron
+    SimdPack c, d, f;                            // [1/m]
+    SimdPack volume;                             // [m³]; 0 where a vertex has no further tetrahedron
     std::array<std::array<int, width>, 3> node;  // right-handed as seen from the vertex
   };
   // A tetrahedron as it is now.
   struct Shape {
     std::array<Vector, 3> F;  // columns
     Vector area;              // slope of det F by the vertex's place, cof F applied to g
-    Lanes J, gamma;
+    SimdPack J, gamma;
   };
 
-  [[gnu::always_inline]] static Lanes dot(const Vector& a, const Vector& b) {
+  [[gnu::always_inline]] static SimdPack dot(const Vector& a, const Vector& b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   }
   [[gnu::always_inline]] static Vector difference(const Vector& a, const Vector& b) {
@@ -71,13 +79,13 @@ template <DilatationalMaterial Material> class VertexLanes {
   }
   // From vertices at `self`.
   [[gnu::always_inline]] static Shape shape(const Vector& self, const Slot& s, const Places& x) {
-    const Vector p0 = Lanes::gathered(x, s.node[0]), p1 = Lanes::gathered(x, s.node[1]),
-                 p2 = Lanes::gathered(x, s.node[2]);
+    const Vector p0 = SimdPack::gathered(x, s.node[0]), p1 = SimdPack::gathered(x, s.node[1]),
+                 p2 = SimdPack::gathered(x, s.node[2]);
     const Vector e0 = difference(p0, self), e1 = difference(p1, self), e2 = difference(p2, self),
                  u = difference(p0, p2), v = difference(p1, p2);
     Shape now;
     now.gamma = -(s.a[0] + s.a[1] + s.a[2]);
-    const Lanes scale = now.gamma * s.c * s.f;
+    const SimdPack scale = now.gamma * s.c * s.f;
     for (std::size_t i = 0; i < 3; ++i) {
       const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
       now.F[0][i] = s.a[0] * e0[i] + s.a[1] * e1[i] + s.a[2] * e2[i];
@@ -99,7 +107,7 @@ template <DilatationalMaterial Material> class VertexLanes {
 };
 
 template <DilatationalMaterial Material>
-VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity,
+VertexPacks<Material>::VertexPacks(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity,
                                    const VertexColors& colors)
     : material_(elasticity.material()) {
   for (const std::vector<int>& color : colors) {
@@ -143,45 +151,46 @@ VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<M
 }
 
 template <DilatationalMaterial Material>
-std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible_parts(
+std::array<double, VertexPacks<Material>::width> VertexPacks<Material>::feasible_parts(
     const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const {
   std::array<double, width> part;
   part.fill(1.0);
   Vector step;
   for (std::size_t lane = 0; lane < width; ++lane)
     for (std::size_t i = 0; i < 3; ++i) step[i].set(lane, steps[lane][Eigen::Index(i)]);
-  const Vector self = Lanes::gathered(x, batch.vertex);
+  const Vector self = SimdPack::gathered(x, batch.vertex);
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     const Shape now = shape(self, slots_[k], x);
-    const Lanes slope = dot(now.area, step);
+    const SimdPack slope = dot(now.area, step);
     for (std::size_t lane = 0; lane < width; ++lane)
-      if (now.J[lane] + part[lane] * slope[lane] < 0.1 * now.J[lane]) part[lane] = -0.9 * now.J[lane] / slope[lane];
+      if (now.J[lane] + part[lane] * slope[lane] < least_J_kept * now.J[lane])
+        part[lane] = (least_J_kept - 1.0) * now.J[lane] / slope[lane];
   }
   return part;
 }
 
 template <DilatationalMaterial Material>
-void VertexLanes<Material>::remember(const Batch& batch, const Places& x, Start& start) const {
-  const Vector self = Lanes::gathered(x, batch.vertex);
+void VertexPacks<Material>::remember(const Batch& batch, const Places& x, Start& start) const {
+  const Vector self = SimdPack::gathered(x, batch.vertex);
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) start[k] = square(shape(self, slots_[k], x));
 }
 
 template <DilatationalMaterial Material>
-void VertexLanes<Material>::add(const Batch& batch, const Places& x, const Start& start, double rate,
+void VertexPacks<Material>::add(const Batch& batch, const Places& x, const Start& start, double rate,
                                 std::array<VertexBlock, width>& out) const {
   static constexpr std::size_t row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
   const double mu = material_.shear_modulus();
-  const Vector self = Lanes::gathered(x, batch.vertex);
+  const Vector self = SimdPack::gathered(x, batch.vertex);
   Vector force;
-  std::array<Lanes, 6> block;
+  std::array<SimdPack, 6> block;
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     // Neighbours are scattered over the mesh: those of the slot after next are sent for.
     for (const auto& nodes : slots_[std::min(k + 2, slots_.size() - 1)].node)
-      for (int n : nodes) __builtin_prefetch(&x[std::size_t(n)]);
+      for (int n : nodes) SimdPack::prefetch(x[std::size_t(n)]);
     const Slot& s = slots_[k];
     const Shape now = shape(self, s, x);
-    const DilatationSample<Lanes> h = material_.dilatation(now.J);
-    const Lanes stretch = mu * s.volume * now.gamma, push = s.volume * h.stress, bulk = s.volume * h.stiffness;
+    const DilatationSample<SimdPack> h = material_.dilatation(now.J);
+    const SimdPack stretch = mu * s.volume * now.gamma, push = s.volume * h.stress, bulk = s.volume * h.stiffness;
     Vector bulk_area;
     for (std::size_t i = 0; i < 3; ++i) {
       force[i] -= stretch * now.F[0][i] + push * now.area[i];
@@ -190,11 +199,11 @@ void VertexLanes<Material>::add(const Batch& batch, const Places& x, const Start
     }
     for (std::size_t m = 0; m < 6; ++m) block[m] += bulk_area[row[m]] * now.area[column[m]];
     if (rate > 0.0) {
-      const Lanes w = (2.0 * rate) * s.volume * now.gamma;
+      const SimdPack w = (2.0 * rate) * s.volume * now.gamma;
       const Vector change = difference(square(now), start[k]);
       for (std::size_t i = 0; i < 3; ++i)
         force[i] -= w * (now.F[0][i] * change[0] + now.F[1][i] * change[1] + now.F[2][i] * change[2]);
-      const Lanes wg = w * now.gamma;
+      const SimdPack wg = w * now.gamma;
       for (std::size_t m = 0; m < 6; ++m) {
         const std::size_t i = row[m], j = column[m];
         block[m] += wg * (2.0 * now.F[0][i] * now.F[0][j] + now.F[1][i] * now.F[1][j] + now.F[2][i] * now.F[2][j]);

@@ -2,8 +2,8 @@
 
 #include "lumo/core/types.hpp"
 #include "lumo/optics/exit_power.hpp"
-#include "lumo/optics/ledger.hpp"
 #include "lumo/optics/optical_scene.hpp"
+#include "lumo/optics/response.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -12,12 +12,12 @@
 
 namespace lumo {
 
-/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power) from where it
+/// Power of some paths: booked, or arrived at nodes of Lambertian faces (index, power), from where it
 /// goes on.
 struct Tally {
   EnergyLedger ledger;
   std::vector<double> direct;    ///< part of the channels: direct light, but not what `gathered` has
-  std::vector<double> gathered;  ///< part of the channels that ExitGather finds with less noise
+  std::vector<double> gathered;  ///< part of the channels that NextEventGather finds with less noise
   std::vector<std::pair<int, double>> arrived;
 };
 
@@ -31,7 +31,7 @@ struct Exit {
   double power;  ///< [W], of one image
 };
 
-/// Where the power of paths is booked. A traced path stands for all its mirror images.
+/// Accounts of the power of paths. A traced path stands for all its mirror images.
 template <ExitReadout Readout> class LightAccounts {
  public:
   LightAccounts(const OpticalScene& surface, const Readout& readout, int channels, std::size_t nodes, Symmetry symmetry)
@@ -55,7 +55,7 @@ template <ExitReadout Readout> class LightAccounts {
   void book_exit(int channel, double power) {
     (seen(channel) ? ledger.channels[std::size_t(channel)] : ledger.elsewhere) += power;
   }
-  /// Books an exit of all images. `is_direct`: refracted out at most; `is_gathered`: ExitGather finds it, too.
+  /// Books an exit of all images. `is_direct`: refracted out at most; `is_gathered`: NextEventGather finds it, too.
   void book_exit(const Exit& e, bool is_direct, bool is_gathered) {
     for (unsigned image : images_) {
       const int c = channel(e, image);
@@ -76,10 +76,13 @@ template <ExitReadout Readout> class LightAccounts {
                                             : surface_.region(e.patch, e.light.reference, e.light.position, image)});
   }
 
-  /// What was booked since the last call.
+  /// All that was booked since the last call.
   Tally take() {
     Tally t{std::move(ledger), std::move(direct_), std::move(gathered_), {}};
-    for (int k : reached_) t.arrived.emplace_back(k, arrived_[std::size_t(k)]), arrived_[std::size_t(k)] = 0.0;
+    for (int k : reached_) {
+      t.arrived.emplace_back(k, arrived_[std::size_t(k)]);
+      arrived_[std::size_t(k)] = 0.0;
+    }
     reached_.clear();
     reset();
     return t;
@@ -88,7 +91,10 @@ template <ExitReadout Readout> class LightAccounts {
   /// was booked.
   template <class Weight> double collect(Weight&& weight) {
     double sum = 0.0;
-    for (int k : reached_) sum += weight(std::size_t(k)) * arrived_[std::size_t(k)], arrived_[std::size_t(k)] = 0.0;
+    for (int k : reached_) {
+      sum += weight(std::size_t(k)) * arrived_[std::size_t(k)];
+      arrived_[std::size_t(k)] = 0.0;
+    }
     reached_.clear();
     return sum;
   }
@@ -100,7 +106,8 @@ template <ExitReadout Readout> class LightAccounts {
   void reset() {
     ledger = {};
     ledger.channels.assign(channels_, 0.0);
-    direct_ = gathered_ = ledger.channels;
+    direct_ = ledger.channels;
+    gathered_ = ledger.channels;
   }
 
   const OpticalScene& surface_;

@@ -6,7 +6,6 @@
 #include "lumo/optics/fresnel.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/transport/face_set.hpp"
-#include "lumo/optics/transport/light_nodes.hpp"
 #include "lumo/optics/transport/path_tracer.hpp"
 #include "lumo/optics/transport/ray_pattern.hpp"
 
@@ -17,28 +16,19 @@
 
 namespace lumo {
 
-/// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come
-/// there: few do. Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside
-/// into the body ends on Lambertian faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but
-/// for Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout
-/// behind openings is gathered from ways through them; then direct light is not. Points lie fixed in the undeformed
-/// body: no sample crosses the border of a region that moves with it, so states differ smoothly.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class ExitGather {
+/// Finds the light that leaves through faces with regions from those faces (next-event estimation), as few paths come
+/// there. Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the
+/// body ends on Lambertian faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for
+/// Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind
+/// openings is gathered from ways through them; then direct light is not. Points lie fixed in the undeformed body: no
+/// sample crosses the border of a region that moves with it, so states differ smoothly.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
  public:
-  ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene,
-             const Medium& medium, double outer_index, const Readout& readout, int channels, const LightNodes& nodes,
-             const FaceSet& exits, Symmetry symmetry, PathTracer<Scene, Medium, Readout>& path)
-      : surface_(surface),
-        scene_(scene),
-        medium_(medium),
-        ratio_(medium.refractive_index() / outer_index),
-        readout_(readout),
-        channels_(channels),
-        nodes_(nodes),
-        exits_(exits),
-        path_(path) {
+  NextEventGather(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
+                  PathTracer<Scene, Medium, Readout>& path)
+      : body_(body), ratio_(body.index_ratio()), path_(path) {
     for (unsigned image = 0; image < 4; ++image) {
-      if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
+      if (!((image & 1u) && !body.symmetry.x) && !((image & 2u) && !body.symmetry.y)) images_.push_back(image);
       const Vec3d m = sign(image);
       for (const Emitter& e : emitters)
         if (e.has_intensity() && !e.in_air()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
@@ -47,27 +37,27 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class E
 
   /// Replaces the gathered part of the channels of `total`; `sent`: power of the nodes [W], their images included.
   void run(const OwenSobol& sequence, const std::vector<double>& sent, Tally& total) {
-    if (exits_.size() == 0) return;
-    direct_.assign(std::size_t(channels_), 0.0);
+    if (body_.exits.size() == 0) return;
+    direct_.assign(std::size_t(body_.channels), 0.0);
     diffuse_ = direct_;
-    for (std::size_t k = 0; k < exits_.size(); ++k) {
-      const std::uint32_t count = exits_[k].count, direct = (count + direct_every - 1) / direct_every;
+    for (std::size_t k = 0; k < body_.exits.size(); ++k) {
+      const std::uint32_t count = body_.exits[k].count, direct = (count + direct_every - 1) / direct_every;
       for (std::uint32_t i = 0; i < count; ++i) {
-        FaceSet::Sample x = exits_.sample(k, surface_, sequence, i);
-        if (surface_.in_contact(x.at)) continue;
-        reference_ = surface_.reference(x.at);
-        for (unsigned image : images_) region_[image] = surface_.region(x.at, image);
-        Vec3d n = surface_.smooth_normal(x.at);
+        FaceSet::Sample x = body_.exits.sample(k, body_.surface, sequence, i);
+        if (body_.surface.in_contact(x.at)) continue;
+        reference_ = body_.surface.reference(x.at);
+        for (unsigned image : images_) region_[image] = body_.surface.region(x.at, image);
+        Vec3d n = body_.surface.smooth_normal(x.at);
         if (!n.allFinite()) n = x.normal;
         if constexpr (ConnectedReadout<Readout>) {
-          gather_connected(x, n, exits_[k].mirror, sequence, sent);
+          gather_connected(x, n, body_.exits[k].mirror, sequence, sent);
         } else {
-          if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
-          gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
+          if (i % direct_every == 0) gather_direct(x, n, body_.exits[k].mirror, sequence, x.area * count / direct);
+          gather_diffuse(x, n, body_.exits[k].mirror, sequence, sent);
         }
       }
     }
-    path_.accounts().take();  // the paths ran backwards: what they booked on their way is not power
+    path_.accounts().take();  // the paths ran backwards: their bookings are not power
     for (std::size_t c = 0; c < direct_.size(); ++c) {
       const double better = direct_[c] + diffuse_[c] - total.gathered[c];
       total.ledger.channels[c] += better;
@@ -82,7 +72,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class E
     Vec3d axis;
   };
 
-  /// Direct light is smooth in place: one point of this many will do.
+  /// Direct light is smooth in place: one point of this many is enough.
   static constexpr std::uint32_t direct_every = 2;
 
   static Vec3d mirror(const Vec3d& p, const Vec3d& m) { return m.cwiseProduct(p); }
@@ -92,17 +82,17 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class E
   void book(std::vector<double>& account, const FaceSet::Sample& x, const Vec3d& out, double power) const {
     for (unsigned image : images_) {
       const int channel = channel_of(x, out, image);
-      if (channel >= 0 && channel < channels_) account[std::size_t(channel)] += power;
+      if (channel >= 0 && channel < body_.channels) account[std::size_t(channel)] += power;
     }
   }
   int channel_of(const FaceSet::Sample& x, const Vec3d& out, unsigned image) const {
     const Vec3d m = sign(image);
-    return readout_.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
+    return body_.readout.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
   }
   bool seen(const FaceSet::Sample& x, const Vec3d& out) const {
     bool any = false;
     for (unsigned image : images_) any = any || channel_of(x, out, image) >= 0;
-    return any && !scene_.first_hit(x.ray.origin, out, false);
+    return any && !body_.scene.first_hit(x.ray.origin, out, false);
   }
 
   void gather_direct(const FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, double area) {
@@ -114,15 +104,15 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class E
       const double intensity = s.emitter.intensity(d.dot(mirror(s.axis, m))), meets = d.dot(x.normal),
                    cosine = std::min(1.0, d.dot(n));
       if (!(intensity > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
-      const FresnelSplit split = fresnel(cosine, ratio_);
+      const FresnelSplit<double> split = fresnel(cosine, ratio_);
       if (split.reflectance >= 1.0) continue;
       const Vec3d out = refract(d, -n, ratio_, split.cosine_behind);
       if (out.dot(x.normal) <= 0.0 || !seen(x, out)) continue;
       ++path_.segments;
-      const RayHit hit = scene_.first_hit(from, d, true);
+      const RayHit hit = body_.scene.first_hit(from, d, true);
       if (!hit || hit.t < length - 1e-6 * length) continue;
       const double power = intensity * meets / (length * length) * area * (1.0 - split.reflectance);
-      book(direct_, x, out, power * medium_.transmittance(length));
+      book(direct_, x, out, power * body_.medium.transmittance(length));
     }
   }
 
@@ -138,15 +128,15 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class E
   void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
                         const std::vector<double>& sent) {
     for (unsigned image : images_)
-      for (int k = 0; k < readout_.openings(); ++k) {
+      for (int k = 0; k < body_.readout.openings(); ++k) {
         const Connection way =
-            readout_.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
+            body_.readout.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
         const Vec3d out = mirror(way.direction, sign(image));
         double weight = 0.0;
         if (!(way.solid_angle_sr > 0.0 && out.dot(x.normal) > 0.0 && out.dot(n) > 0.0) || !enter(x, n, out, weight))
           continue;
         const int channel = channel_of(x, out, image);
-        if (channel < 0 || channel >= channels_ || scene_.first_hit(x.ray.origin, out, false)) continue;
+        if (channel < 0 || channel >= body_.channels || body_.scene.first_hit(x.ray.origin, out, false)) continue;
         diffuse_[std::size_t(channel)] += radiosity(x, m, weight * out.dot(n) * way.solid_angle_sr / pi, sent);
       }
   }
@@ -154,7 +144,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class E
   // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is
   // weight·radiosity of where it comes from, if its directions have a cosine law. False: there is no such light.
   bool enter(FaceSet::Sample& x, const Vec3d& n, const Vec3d& out, double& weight) const {
-    const FresnelSplit split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
+    const FresnelSplit<double> split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
     if (split.reflectance >= 1.0) return false;
     x.ray.direction = refract(-out, n, 1.0 / ratio_, split.cosine_behind);
     const double slant = x.ray.direction.dot(x.normal) / x.ray.direction.dot(n);  // flat facet, curved normal
@@ -164,18 +154,12 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class E
   }
 
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
-    path_.run(x.ray, m, weight / double(images_.size()), false);
-    return path_.accounts().collect([&](std::size_t k) { return sent[k] / nodes_.area(k); });
+    path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
+    return path_.accounts().collect([&](std::size_t k) { return sent[k] / body_.nodes.area(k); });
   }
 
-  const OpticalScene& surface_;
-  const Scene& scene_;
-  const Medium& medium_;
+  const LitBody<Scene, Medium, Readout> body_;
   double ratio_;  ///< index inside / outside
-  const Readout& readout_;
-  int channels_;
-  const LightNodes& nodes_;
-  const FaceSet& exits_;
   PathTracer<Scene, Medium, Readout>& path_;
   std::vector<unsigned> images_;
   std::array<std::vector<Source>, 4> emitters_;

@@ -18,16 +18,17 @@ namespace lumo {
 /// regions: rays from one point of an emitter form a grid of directions, and where the three rays of a triangle of
 /// neighbours go the same way, their power is spread over the triangle of their exits, linearly, and cut exactly at the
 /// borders (beams: Heckbert & Hanrahan 1984). Rays whose neighbours go another way are booked where they are. All power
-/// is kept; what spreading changes falls with the square of the grid's spacing.
-template <class Path> class ExitBeams {
+/// is kept; the error of spreading falls with the square of the grid's spacing.
+template <class Path> class Splatting {
  public:
-  explicit ExitBeams(Path& path) : path_(path) {}
+  explicit Splatting(Path& path) : path_(path) {}
 
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
-  /// come in pairs opposite each other about the middle; places and shifts are a net. With more rays there are more
+  /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
   /// places and finer grids.
   void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
-    const std::uint32_t pairs = std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / 16.0)));
+    const std::uint32_t pairs =
+        std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / rays_per_pair)));
     const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
     std::uint32_t rows = 1, columns = 1;  // in sin², in azimuth; cells of a full circle are made squarer
     while (rows * columns < directions) (columns < rows * (beam.azimuth_range > 2.0 ? 2u : 1u) ? columns : rows) *= 2u;
@@ -41,11 +42,14 @@ template <class Path> class ExitBeams {
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          path_.run(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), beam.mirror,
-                    beam.power_W, true, true, &exits_, beam.source.has_intensity());
+          path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
+                     .mirror = beam.mirror,
+                     .power_W = beam.power_W,
+                     .gathers_direct = beam.source.has_intensity(),
+                     .exits = &exits_});
           first_.push_back(exits_.size());
         }
-      left_.assign(exits_.size(), 6);
+      left_.assign(exits_.size(), triangles_about);
       const auto at = [&](std::uint32_t i, std::uint32_t j) { return i * columns + j % columns; };
       for (std::uint32_t i = 0; i + 1 < rows; ++i)
         for (std::uint32_t j = 0; j + (around ? 0 : 1) < columns; ++j) {
@@ -55,11 +59,18 @@ template <class Path> class ExitBeams {
       for (std::size_t e = 0; e < exits_.size(); ++e)
         for (unsigned image : path_.accounts().images())
           if (left_[e] > 0)
-            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / 6.0);
+            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image),
+                                       exits_[e].power * left_[e] / double(triangles_about));
     }
   }
 
  private:
+  static constexpr int triangles_about = 6;      ///< an exit, in the grid of directions
+  static constexpr int bisections = 12;          ///< for a border: 2⁻¹² of an edge
+  static constexpr int deepest = 4;              ///< times that a triangle is quartered
+  static constexpr double alike_cosine = 0.5;    ///< between the normals of exits that are neighbours
+  static constexpr double rays_per_pair = 16.0;  ///< of places, as the root of the rays
+
   using Weights = std::array<double, 3>;  ///< of the three exits
   struct Corner {
     Weights at;
@@ -68,20 +79,23 @@ template <class Path> class ExitBeams {
 
   // Each exit has six triangles about it, and gives each a sixth of its power.
   void spread(std::uint32_t a, std::uint32_t b, std::uint32_t c) {
-    const auto same = [&](std::uint32_t ray, const Exit& e) -> std::size_t {
+    const auto alike = [&](std::uint32_t ray, const Exit& e) -> std::size_t {
       for (std::size_t k = first_[ray]; k < first_[ray + 1]; ++k)
-        if (exits_[k].route == e.route && exits_[k].normal.dot(e.normal) > 0.5) return k;
+        if (exits_[k].route == e.route && exits_[k].normal.dot(e.normal) > alike_cosine) return k;
       return exits_.size();
     };
     for (std::size_t k = first_[a]; k < first_[a + 1]; ++k) {
-      const std::size_t l = same(b, exits_[k]), m = same(c, exits_[k]);
+      const std::size_t l = alike(b, exits_[k]), m = alike(c, exits_[k]);
       if (l == exits_.size() || m == exits_.size()) continue;
       corner_ = {&exits_[k], &exits_[l], &exits_[m]};
-      --left_[k], --left_[l], --left_[m];
+      for (const std::size_t e : {k, l, m}) --left_[e];
       for (unsigned image : path_.accounts().images()) {
         image_ = image;
         std::array<Corner, 3> t;
-        for (std::size_t n = 0; n < 3; ++n) t[n] = {{}, path_.accounts().channel(*corner_[n], image)}, t[n].at[n] = 1.0;
+        for (std::size_t n = 0; n < 3; ++n) {
+          t[n] = {{}, path_.accounts().channel(*corner_[n], image)};
+          t[n].at[n] = 1.0;
+        }
         book(t[0], t[1], t[2], 1.0, 0);
       }
     }
@@ -105,8 +119,8 @@ template <class Path> class ExitBeams {
     path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
-  // `area`: share of the whole triangle. Where one corner differs the border is found on its two edges; else the
-  // triangle is quartered.
+  // `area`: share of the whole triangle. If one corner differs, the border is found on its two edges; else the triangle
+  // is quartered.
   void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
     if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
     const Corner* odd = a.channel == b.channel   ? &c
@@ -118,7 +132,7 @@ template <class Path> class ExitBeams {
       bool two = true;
       const auto border = [&](const Corner& other) {
         double low = 0.0, high = 1.0;
-        for (int step = 0; step < 12 && two; ++step) {
+        for (int step = 0; step < bisections && two; ++step) {
           const double t = 0.5 * (low + high);
           const int here = channel(mix(odd->at, other.at, t));
           two = here == odd->channel || here == other.channel;
@@ -135,7 +149,7 @@ template <class Path> class ExitBeams {
         return;
       }
     }
-    if (depth == 4) {
+    if (depth == deepest) {
       for (const Corner* k : {&a, &b, &c}) book(k->at, k->at, k->at, area / 3.0, k->channel);
       return;
     }
@@ -144,8 +158,10 @@ template <class Path> class ExitBeams {
       return Corner{w, channel(w)};
     };
     const Corner ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
-    book(a, ab, ca, area / 4.0, depth + 1), book(ab, b, bc, area / 4.0, depth + 1);
-    book(ca, bc, c, area / 4.0, depth + 1), book(ab, bc, ca, area / 4.0, depth + 1);
+    book(a, ab, ca, area / 4.0, depth + 1);
+    book(ab, b, bc, area / 4.0, depth + 1);
+    book(ca, bc, c, area / 4.0, depth + 1);
+    book(ab, bc, ca, area / 4.0, depth + 1);
   }
 
   Path& path_;

@@ -40,7 +40,7 @@ inline void validate(const LabelledResponses& d) {
     if (!seen[p]) throw InvalidArgument(message("labelled responses: no observation of place ", p));
 }
 
-/// What a decoder says of one response.
+/// What a decoder makes of one response.
 struct Decoding {
   int place = 0;
   Eigen::VectorXd probability;  ///< of each place; sums to 1
@@ -69,8 +69,10 @@ inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
 inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
   Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(t.response.rows(), t.places());
   Eigen::VectorXd count = Eigen::VectorXd::Zero(t.places());
-  for (std::size_t i = 0; i < t.place.size(); ++i)
-    mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;
+  for (std::size_t i = 0; i < t.place.size(); ++i) {
+    mean.col(t.place[i]) += t.response.col(Eigen::Index(i));
+    count[t.place[i]] += 1.0;
+  }
   return mean * count.cwiseInverse().asDiagonal();
 }
 

@@ -6,6 +6,7 @@
 
 #include <Eigen/Cholesky>
 
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -35,8 +36,10 @@ struct GaussianProcessDecoder {
         const auto process = GaussianProcess<>::fit(data);
         residual.row(f) = t.response.row(f) - process.mean(data.x).transpose();
         const auto places = process.predict(t.place_m.transpose()), fine = process.predict(coordinate.transpose());
-        mean.row(f) = places.mean.transpose(), variance.row(f) = places.variance.transpose();
-        on_grid.row(f) = fine.mean.transpose(), grid_variance.row(f) = fine.variance.transpose();
+        mean.row(f) = places.mean.transpose();
+        variance.row(f) = places.variance.transpose();
+        on_grid.row(f) = fine.mean.transpose();
+        grid_variance.row(f) = fine.variance.transpose();
       }
       double share = config.shrinkage;
       covariance_ = shrunk_covariance(residual, t.places(), share);
@@ -79,7 +82,7 @@ struct GaussianProcessDecoder {
   /// Throws InvalidArgument for data that do not fit together.
   Model fit(const LabelledResponses& training) const {
     validate(training);
-    require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");
+    require_in_range("shrinkage", shrinkage, std::numeric_limits<double>::lowest(), 1.0, "");
     require_in_range("grid of the decoder", grid, 2, 100000, "");
     return Model(training, *this);
   }

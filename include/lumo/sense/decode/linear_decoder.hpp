@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 
 #include <algorithm>
+#include <limits>
 
 namespace lumo::sense {
 
@@ -67,7 +68,7 @@ struct LinearDecoder {
   /// Throws InvalidArgument for data that do not fit together.
   Model fit(const LabelledResponses& training) const {
     validate(training);
-    require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");
+    require_in_range("shrinkage", shrinkage, std::numeric_limits<double>::lowest(), 1.0, "");
     return Model(training, shrinkage);
   }
 };

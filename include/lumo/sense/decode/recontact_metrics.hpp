@@ -4,6 +4,7 @@
 #include "lumo/core/types.hpp"
 
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -22,7 +23,7 @@ inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, co
   return response * centred / spread;
 }
 
-/// How well neighbouring places are told apart, against how well re-contacts repeat (paper Eq. 9).
+/// How far neighbouring places differ, against how well re-contacts repeat (paper Eq. 9).
 struct RecontactMetrics {
   double D_neighbor = 0.0;  ///< median over neighbours of the RMS difference of their median profiles [unit/N]
   double W_recontact =
@@ -41,17 +42,6 @@ struct RecontactQuality {
 
 /// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer
 /// than two places, no re-contacts, or shapes that differ.
-inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
-
-/// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median).
-/// The interval is a parametric bootstrap of log Q: re-contacts are drawn about each place's median from a Gaussian
-/// with the covariance that the place's own re-contacts have (channels scatter together where a contact shifts), and
-/// the errors of log Q against that known model are taken off. Drawing the re-contacts themselves anew would not do:
-/// few of them repeat each other, and then W is too small. `confidence` of the interval. Source: Efron & Tibshirani
-/// 1993, §6.5 and §13. Throws InvalidArgument where Q is not defined.
-inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000,
-                                          std::uint64_t seed = 1, double confidence = 0.95);
-
 inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
   if (slope.size() < 2)
     throw InvalidArgument(message("re-contact metrics have ", slope.size(), " places, must have at least 2"));
@@ -72,8 +62,14 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
   return m;
 }
 
-inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed,
-                                          double confidence) {
+/// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median).
+/// The interval is a parametric bootstrap of log Q: re-contacts are drawn about each place's median from a Gaussian
+/// with the covariance that the place's own re-contacts have (channels scatter together where a contact shifts), and
+/// the errors of log Q against that known model are taken off. Re-contacts are not drawn anew: so few of
+/// them would repeat, and W would be too small. `confidence` of the interval. Source: Efron & Tibshirani
+/// 1993, §6.5 and §13. Throws InvalidArgument where Q is not defined.
+inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000,
+                                          std::uint64_t seed = 1, double confidence = 0.95) {
   require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");
   RecontactQuality q;
@@ -92,8 +88,10 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
       some[i].resize(slope[i].rows(), repeats - 1);
       some[i] << slope[i].leftCols(left_out), slope[i].rightCols(repeats - 1 - left_out);
     }
-    if (const auto without = recontact_metrics(some).Q)
-      q.Q_low = std::min(q.Q_low, *without), q.Q_high = std::max(q.Q_high, *without);
+    if (const auto without = recontact_metrics(some).Q) {
+      q.Q_low = std::min(q.Q_low, *without);
+      q.Q_high = std::max(q.Q_high, *without);
+    }
   }
   std::vector<Eigen::VectorXd> middle;
   std::vector<Eigen::MatrixXd> scatter;  // times a vector of normal numbers: a deviation of that place
@@ -127,5 +125,48 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
   q.bootstrap_high = limit(0.5 * (1.0 - confidence));
   return q;
 }
+
+/// One run of cycles within maintained contact: `load[k]` holds the responses at matched force k, channels × cycles.
+struct CycleRun {
+  std::vector<Eigen::MatrixXd> load;
+};
+
+/// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at
+/// that force. The paper says "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles
+/// for re-contacts, is our reading. Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
+inline double cycle_variation(const std::vector<CycleRun>& runs) {
+  std::vector<double> deviation;
+  for (const CycleRun& run : runs)
+    for (const Eigen::MatrixXd& cycles : run.load) {
+      if (cycles.cols() < 2 || cycles.rows() < 1)
+        throw InvalidArgument(message("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(),
+                                      " cycles, must have at least 1 × 2"));
+      if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
+      const Eigen::VectorXd middle = pointwise_median(cycles);
+      for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
+    }
+  if (deviation.empty()) throw InvalidArgument("cycle variation: no runs");
+  return median(deviation);
+}
+
+/// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both
+/// channels × re-contacts.
+inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
+  if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
+    throw InvalidArgument(message("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ",
+                                  high.cols(), " responses, must be the same, at least one re-contact"));
+  if (!low.allFinite() || !high.allFinite()) throw InvalidArgument("regional change: responses must be finite");
+  return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();
+}
+
+/// 100 (1 − W/W_base) [%]: by how much a variation is smaller than the baseline's.
+inline double reduction_percent(double value, double baseline) {
+  require_positive("baseline's value", baseline, "");
+  constexpr double most = std::numeric_limits<double>::max();
+  require_in_range("value", value, -most, most, "");
+  return 100.0 * (1.0 - value / baseline);
+}
+/// 100 (D/D_base − 1) [%].
+inline double gain_percent(double value, double baseline) { return -reduction_percent(value, baseline); }
 
 }  // namespace lumo::sense

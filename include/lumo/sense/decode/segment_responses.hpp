@@ -1,7 +1,6 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/sense/decode/cycle_metrics.hpp"
 #include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/recontact_metrics.hpp"
 #include "lumo/sense/devices/readout.hpp"
@@ -24,8 +23,8 @@ struct HoldResponse {
   int profiles = 0;
 };
 
-/// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last
-/// segment of kind "unloaded" that ended before it, because lamps drift between re-contacts; a session without any is
+/// Responses of all segments of kind `hold` or `cycle` that have profiles. Each is taken against the mean over the last
+/// segment of kind `unloaded` that ended before it, because lamps drift between re-contacts; a session without any is
 /// an error. Throws InvalidArgument.
 inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& profiles,
                                                 const std::vector<Segment>& segments) {
@@ -45,10 +44,10 @@ inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& 
   std::vector<HoldResponse> list;
   std::map<std::size_t, Eigen::VectorXd> unloaded;
   for (const Segment& s : segments) {
-    if (s.kind != "hold" && s.kind != "cycle") continue;
+    if (s.kind != SegmentKind::hold && s.kind != SegmentKind::cycle) continue;
     const Segment* before = nullptr;
     for (const Segment& u : segments)
-      if (u.kind == "unloaded" && u.to_ns <= s.from_ns && (!before || u.to_ns > before->to_ns)) before = &u;
+      if (u.kind == SegmentKind::unloaded && u.to_ns <= s.from_ns && (!before || u.to_ns > before->to_ns)) before = &u;
     if (!before)
       throw InvalidArgument(message("the segment that begins at ", s.from_ns, " ns has no unloaded segment before it"));
     auto& reference = unloaded[std::size_t(before - segments.data())];
@@ -81,7 +80,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
   const Segment* first = nullptr;
   for (const HoldResponse& h : holds) {
     const Segment& s = h.segment;
-    if (s.kind != "hold" || s.place < 0 || s.repetition < 0) continue;
+    if (s.kind != SegmentKind::hold || s.place < 0 || s.repetition < 0) continue;
     if (!first) first = &s;
     if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
       throw InvalidArgument(message("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg,
@@ -125,7 +124,10 @@ inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldRespons
       Eigen::MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
       Eigen::VectorXd load(response.cols());
       Eigen::Index k = 0;
-      for (const auto& hold : recontact.second) response.col(k) = hold.second->response, load[k++] = hold.first;
+      for (const auto& hold : recontact.second) {
+        response.col(k) = hold.second->response;
+        load[k++] = hold.first;
+      }
       m.col(column++) = intensity_force_slope(response, load);
     }
     slopes.push_back(std::move(m));
@@ -204,7 +206,7 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
 inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
-    if (const Segment& s = h.segment; s.kind == "cycle")
+    if (const Segment& s = h.segment; s.kind == SegmentKind::cycle)
       runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
   std::vector<CycleRun> list;
   for (const auto& run : runs) {

@@ -9,9 +9,8 @@
 namespace lumo::sense {
 
 /// A source of frames: live, a video, a folder of images.
-/// Laws: `next` gives each frame once, in the order of taking, and nothing when there is none now; it does not wait for
-/// a frame longer than the model says; the pixels stay valid until the next call; while the state is not `open`, there
-/// is no frame.
+/// Laws: `next` gives each frame once, in the order of taking, and nullopt if there is none now; it waits no longer
+/// than the model states; the pixels stay valid until the next call; there is no frame unless the state is `open`.
 template <class C>
 concept Camera = requires(C& camera, const C& view) {
   { camera.next() } -> std::same_as<std::optional<Frame>>;

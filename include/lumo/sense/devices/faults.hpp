@@ -25,7 +25,7 @@ enum class Fault : std::uint32_t {
   joint_not_finite,  ///< a value is not a number, or the number of joints is another
   torque_stuck,      ///< the very same effort for too long
   torque_spike,
-  torque_saturated,  ///< beyond the motor's range, or at the end of what its driver can say
+  torque_saturated,  ///< beyond the motor's range, or at the end of its driver's
   position_jump,     ///< faster, or farther, than the joint can turn
   actuator_lost,
   count
@@ -37,7 +37,10 @@ class Faults {
   void add(Fault f) { bits_ |= 1u << unsigned(f); }
   bool has(Fault f) const { return bits_ >> unsigned(f) & 1u; }
   bool any() const { return bits_ != 0; }
-  Faults& operator|=(Faults o) { return bits_ |= o.bits_, *this; }
+  Faults& operator|=(Faults o) {
+    bits_ |= o.bits_;
+    return *this;
+  }
   bool operator==(const Faults&) const = default;
 
  private:

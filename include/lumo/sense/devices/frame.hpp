@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -50,6 +51,13 @@ struct Image {
     return {width, height, format,
             std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
   }
+  /// Copies the pixels. Throws InvalidArgument for an empty view.
+  static Image copy(const ImageView& v) {
+    Image image = black(v.width, v.height, v.format);
+    for (int y = 0; y < v.height; ++y)
+      std::copy_n(v.row(y), std::size_t(v.width) * std::size_t(channels(v.format)), image.row(y));
+    return image;
+  }
   ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
   std::uint8_t* row(int y) { return pixels.data() + std::ptrdiff_t(y) * width * channels(format); }
 };
@@ -57,11 +65,11 @@ struct Image {
 /// One picture of a camera and how it was taken.
 struct Frame {
   ImageView image;
-  std::int64_t stamp_ns = 0;  ///< as the source tells it, on the clock that the session names; by how much that is
-                              ///< after the exposure's middle is the session's frame delay
-  double exposure_s = 0.0;    ///< 0: not known
-  double gain = 0.0;          ///< linear factor, or the driver's own number where that is all there is; 0: not known
-  std::int64_t index = 0;     ///< counted by the source
+  /// The source's stamp on the session's clock: the middle of the exposure plus the session's frame delay.
+  std::int64_t stamp_ns = 0;
+  double exposure_s = 0.0;  ///< 0: unknown
+  double gain = 0.0;        ///< linear factor, or else the driver's own number; 0: unknown
+  std::int64_t index = 0;   ///< counted by the source
 };
 
 }  // namespace lumo::sense

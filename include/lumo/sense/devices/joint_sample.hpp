@@ -11,7 +11,7 @@ inline constexpr int max_joints = 8;
 
 using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
 
-/// What a motor driver's effort is. A current becomes a torque by the torque model's constants.
+/// Quantity of a motor driver's effort. The torque model's constants turn a current into a torque.
 enum class Effort { current_A, torque_Nm };
 
 /// State of all joints at one time.
@@ -21,7 +21,7 @@ struct JointSample {
   JointVector velocity_rad_per_s;
   JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
   Effort unit = Effort::current_A;
-  bool saturated = false;  ///< the driver says that a value stands at the end of its range: it may be more
+  bool saturated = false;  ///< a value stands at the end of the driver's range: it may be more
 };
 
 }  // namespace lumo::sense

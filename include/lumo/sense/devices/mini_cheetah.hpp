@@ -22,11 +22,13 @@ struct FixedRange {
   double unpack(std::uint32_t n) const { return low + step() * double(n); }
 };
 
-/// The CAN protocol of the MIT mini-cheetah actuators and of the drivers that follow it (source: B. Katz's public
-/// firmware and its documentation; widths and byte order are common, ranges differ by make and firmware and must be set
-/// to those of the motor at hand). Command, 8 bytes: position 16 bits, velocity 12, kp 12, kd 12, feed-forward torque
-/// 12, most significant first. Reply, 6 bytes (later firmware appends temperature and error, which are not read):
-/// number of the motor 8 bits, position 16, velocity 12, torque or current 12.
+/// The CAN protocol of the MIT mini-cheetah actuators and of the drivers that follow it. Source: B. Katz's public
+/// firmware and its documentation. Widths and byte order are common; ranges differ by make and firmware and must be set
+/// to the motor's.
+///
+/// Command, 8 bytes, most significant first: position 16 bits, velocity 12, kp 12, kd 12, feed-forward torque 12.
+/// Reply, 6 bytes: number of the motor 8 bits, position 16, velocity 12, torque or current 12. Later firmware appends
+/// temperature and error, which are not read.
 struct MiniCheetahProtocol {
   double position_rad = 12.5;
   double velocity_rad_per_s = 65.0;
@@ -66,7 +68,7 @@ struct MiniCheetahProtocol {
             std::uint8_t((kd & 0xf) << 4 | t >> 8),
             std::uint8_t(t & 0xff)};
   }
-  /// Nothing for fewer than six bytes.
+  /// nullopt for fewer than six bytes.
   std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
     if (b.size() < 6) return std::nullopt;
     const std::uint32_t p = std::uint32_t(b[1]) << 8 | b[2], v = std::uint32_t(b[3]) << 4 | b[4] >> 4,

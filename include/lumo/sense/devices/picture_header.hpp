@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/byte_order.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/sense/devices/frame.hpp"
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 
 namespace lumo::sense {
 
-/// What an image file says of itself before its pixels.
+/// Format and size of an image file, which stand before its pixels.
 struct PictureHeader {
   enum class Format { png, jpeg, bmp };
   Format format;
@@ -22,7 +22,7 @@ struct PictureHeader {
 };
 
 /// The header of a PNG, JPEG or BMP file (PNG: W3C 2003 §11.2.2; JPEG: ITU-T T.81 §B.2.2; BMP: BITMAPINFOHEADER and
-/// later). Nothing, where there is none: what a decoder would take into memory for a picture is then not known.
+/// later); nullopt without one, since the memory that a decoder would take is then unknown.
 std::optional<PictureHeader> picture_header(std::span<const std::uint8_t> file);
 
 /// Whether a picture is worth decoding: a few bytes must not ask for gigabytes.
@@ -74,7 +74,7 @@ inline std::optional<PictureHeader> jpeg_header(std::span<const std::uint8_t> f)
 inline std::optional<PictureHeader> bmp_header(std::span<const std::uint8_t> f) {
   if (f.size() < 30 || f[0] != 'B' || f[1] != 'M' || number_in<std::uint32_t>(f, 14, ByteOrder::little) < 40)
     return std::nullopt;
-  // Rows may run from top to bottom, which a negative height says.
+  // Rows may run from top to bottom, as a negative height states.
   const std::uint32_t height = number_in<std::uint32_t>(f, 22, ByteOrder::little);
   return PictureHeader{PictureHeader::Format::bmp, number_in<std::uint32_t>(f, 18, ByteOrder::little),
                        height >> 31 ? ~height + 1 : height, int(number_in<std::uint16_t>(f, 28, ByteOrder::little))};

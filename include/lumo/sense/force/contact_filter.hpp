@@ -3,7 +3,6 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/force/offset_walk.hpp"
 #include "lumo/sense/joints/contact_jacobian.hpp"
 
 #include <Eigen/LU>
@@ -18,6 +17,40 @@
 
 namespace lumo::sense {
 
+/// Kalman filter of a random walk x that is seen together with a slowly changing offset b (first-order Gauss–Markov):
+/// two states, linear, exact. The offset keeps many equal measurements (a motor that sticks, frames of one peak) from
+/// counting as independent ones.
+struct OffsetWalk {
+  double x = 0.0, b = 0.0;
+  double xx = 0.0, xb = 0.0, bb = 0.0;  ///< covariance
+
+  /// `walk`: growth of the variance of x per second, up to `most`. `offset`: stationary variance of b, which forgets
+  /// within `time_s`.
+  void predict(double dt, double walk, double most, double offset, double time_s) {
+    const double keep = std::exp(-dt / time_s);
+    b *= keep;
+    xb *= keep;
+    bb = keep * keep * bb + (1.0 - keep * keep) * offset;
+    xx += walk * dt;
+    if (xx > most) {
+      xb *= std::sqrt(most / xx);
+      xx = most;
+    }
+  }
+  /// Takes z = x + share · b + noise.
+  void update(double z, double variance, double share = 1.0) {
+    const double px = xx + share * xb, pb = xb + share * bb, s = px + share * pb + variance;
+    const double innovation = (z - x - share * b) / s;
+    x += px * innovation;
+    b += pb * innovation;
+    xx = std::max(xx - px * px / s, 0.0);
+    bb = std::max(bb - pb * pb / s, 0.0);
+    xb -= px * pb / s;
+  }
+  /// Variance of what is seen, without noise.
+  double seen() const { return xx + 2.0 * xb + bb; }
+};
+
 /// Place and normal force of one contact with their covariance.
 struct ContactBelief {
   double y_m = 0.0;
@@ -25,29 +58,32 @@ struct ContactBelief {
   Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], F [N])
 };
 
-/// Fuses contact locations and joint torques, which come at different rates and with different delays. Filtered are
-/// what is seen: y, and the contact's torque on each joint, each with the offset of its sensor; these filters are
-/// linear. Place and force follow from them at the moment of asking (posterior mode, Gauss–Newton), so that no
-/// linearisation about an old guess remains – an extended Kalman filter on (y, F) would come to believe that one
-/// joint's torque tells the place. The torque's offset is learnt while nothing touches. A measurement that arrives late
-/// is put where it belongs, and what came after it is done again.
+/// Settings of a ContactFilter.
+struct ContactFilterConfig {
+  int link = 0;
+  double from_m = -27.5_mm, to_m = 27.5_mm;  ///< of the pad: the prior of y is uniform on it
+  double creep_m_per_sqrt_s = 5.0_mm;        ///< random walk of y
+  double torque_Nm_per_sqrt_s = 0.3;         ///< random walk of the contact's torques
+  double torque_prior_Nm = 2.0, force_prior_N = 100.0;
+  double location_bias_m = 1.0_mm,
+         location_bias_s = 0.5;  ///< standard deviation and time constant of the localiser's offset
+  double torque_bias_Nm = 0.02, torque_bias_s = 5.0;  ///< of the torques'; assumed
+  double no_contact_Nm = 0.01;                        ///< torque of what may act on the pad unseen
+  double jump_gate = 5.0;     ///< a location or torque this many standard deviations off is a new contact or load
+  std::size_t history = 512;  ///< measurements that a late one may precede
+};
+
+/// Fuses contact locations and joint torques, which come at different rates and with different delays. The filters hold
+/// what is measured: y, and the contact's torque on each joint, each with the offset of its sensor; they are linear.
+/// Place and force follow from them when asked (posterior mode, Gauss–Newton), so that no linearisation about an old
+/// guess remains: an extended Kalman filter on (y, F) would come to believe that one joint's torque gives the place.
+/// The torque's offset is learnt while nothing touches. A late measurement is inserted at its time, and later ones are
+/// applied again.
 template <ContactJacobian Jacobian> class ContactFilter {
  public:
-  struct Config {
-    int link = 0;
-    double from_m = -27.5_mm, to_m = 27.5_mm;  ///< of the pad: the prior of y is uniform on it
-    double creep_m_per_sqrt_s = 5.0_mm;        ///< random walk of y
-    double torque_Nm_per_sqrt_s = 0.3;         ///< random walk of the contact's torques
-    double torque_prior_Nm = 2.0, force_prior_N = 100.0;
-    double location_bias_m = 1.0_mm,
-           location_bias_s = 0.5;  ///< standard deviation and time constant of the localiser's offset
-    double torque_bias_Nm = 0.02, torque_bias_s = 5.0;  ///< of the torques'; assumed
-    double no_contact_Nm = 0.01;                        ///< torque of what may act on the pad unseen
-    double jump_gate = 5.0;     ///< a location or torque this many standard deviations off is a new contact or load
-    std::size_t history = 512;  ///< measurements that a late one may precede
-  };
+  using Config = ContactFilterConfig;
 
-  /// Throws InvalidArgument for numbers that make no sense.
+  /// Throws InvalidArgument for numbers out of range.
   explicit ContactFilter(Jacobian jacobian, const Config& config = {});
 
   /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the
@@ -76,7 +112,11 @@ template <ContactJacobian Jacobian> class ContactFilter {
   ContactBelief at(std::int64_t stamp_ns, const JointVector& q) const;
   /// Offset of a joint's torque that has been learnt [N·m].
   double torque_offset(int joint) const { return last().torque[std::size_t(joint)].b; }
-  void reset() { begin_ = 0, size_ = 0, started_ = false; }
+  void reset() {
+    begin_ = 0;
+    size_ = 0;
+    started_ = false;
+  }
   const Jacobian& jacobian() const { return jacobian_; }
 
  private:
@@ -98,9 +138,63 @@ template <ContactJacobian Jacobian> class ContactFilter {
   const Event& event(std::size_t i) const { return events_[(begin_ + i) % events_.size()]; }
   const Seen& last() const { return size_ ? event(size_ - 1).after : prior_; }
   double pad_variance() const { return (config_.to_m - config_.from_m) * (config_.to_m - config_.from_m) / 12.0; }
-  bool add(Event e);
-  void predict(Seen& s, std::int64_t stamp_ns) const;
-  void apply(Seen& s, const Event& e) const;
+  bool add(Event e) {
+    if (!started_) {
+      prior_.stamp_ns = e.stamp_ns;
+      started_ = true;
+    }
+    if (e.stamp_ns < prior_.stamp_ns) return false;
+    if (size_ == events_.size()) {  // the oldest measurement becomes part of the prior
+      if (e.stamp_ns < event(0).stamp_ns) return false;
+      prior_ = event(0).after;
+      begin_ = (begin_ + 1) % events_.size();
+      --size_;
+    }
+    std::size_t place = size_++;
+    for (; place > 0 && event(place - 1).stamp_ns > e.stamp_ns; --place) event(place) = event(place - 1);
+    event(place) = std::move(e);
+    for (std::size_t i = place; i < size_; ++i) {
+      Event& now = event(i);
+      now.after = i ? event(i - 1).after : prior_;
+      predict(now.after, now.stamp_ns);
+      apply(now.after, now);
+    }
+    return true;
+  }
+  void predict(Seen& s, std::int64_t stamp_ns) const {
+    const double dt = 1e-9 * double(stamp_ns - s.stamp_ns);
+    if (!(dt > 0.0)) return;
+    s.stamp_ns = stamp_ns;
+    const auto square = [](double v) { return v * v; };
+    s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m),
+                    config_.location_bias_s);
+    for (int j = 0; j < jacobian_.joints(); ++j)
+      s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm),
+                                       square(config_.torque_bias_Nm), config_.torque_bias_s);
+  }
+  void apply(Seen& s, const Event& e) const {
+    if (e.kind == Kind::location) {
+      const double off = e.y - s.place.x - s.place.b;
+      if (off * off > config_.jump_gate * config_.jump_gate * (s.place.seen() + e.y_variance))  // another contact
+        s.place = {e.y, 0.0, pad_variance(), 0.0, config_.location_bias_m * config_.location_bias_m};
+      s.place.update(e.y, e.y_variance);
+    } else {
+      for (int j = 0; j < jacobian_.joints(); ++j) {
+        OffsetWalk& t = s.torque[std::size_t(j)];
+        if (e.kind == Kind::torque) {
+          const double off = e.torque[j] - t.x - t.b;
+          // Loads jump, offsets do not.
+          if (off * off > config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j])) {
+            t.xx = config_.torque_prior_Nm * config_.torque_prior_Nm;
+            t.xb = 0.0;
+          }
+          t.update(e.torque[j], e.torque_variance[j]);
+        } else {
+          t.update(0.0, config_.no_contact_Nm * config_.no_contact_Nm, 0.0);
+        }
+      }
+    }
+  }
 
   Jacobian jacobian_;
   Config config_;
@@ -132,61 +226,6 @@ ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config)
                   config.location_bias_m * config.location_bias_m};
   prior_.torque.fill(
       {0.0, 0.0, config.torque_prior_Nm * config.torque_prior_Nm, 0.0, config.torque_bias_Nm * config.torque_bias_Nm});
-}
-
-template <ContactJacobian Jacobian> bool ContactFilter<Jacobian>::add(Event e) {
-  if (!started_) prior_.stamp_ns = e.stamp_ns, started_ = true;
-  if (e.stamp_ns < prior_.stamp_ns) return false;
-  if (size_ == events_.size()) {  // the oldest measurement becomes part of the prior
-    if (e.stamp_ns < event(0).stamp_ns) return false;
-    prior_ = event(0).after;
-    begin_ = (begin_ + 1) % events_.size();
-    --size_;
-  }
-  std::size_t place = size_++;
-  for (; place > 0 && event(place - 1).stamp_ns > e.stamp_ns; --place) event(place) = event(place - 1);
-  event(place) = std::move(e);
-  for (std::size_t i = place; i < size_; ++i) {
-    Event& now = event(i);
-    now.after = i ? event(i - 1).after : prior_;
-    predict(now.after, now.stamp_ns);
-    apply(now.after, now);
-  }
-  return true;
-}
-
-template <ContactJacobian Jacobian> void ContactFilter<Jacobian>::predict(Seen& s, std::int64_t stamp_ns) const {
-  const double dt = 1e-9 * double(stamp_ns - s.stamp_ns);
-  if (!(dt > 0.0)) return;
-  s.stamp_ns = stamp_ns;
-  const auto square = [](double v) { return v * v; };
-  s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m),
-                  config_.location_bias_s);
-  for (int j = 0; j < jacobian_.joints(); ++j)
-    s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm),
-                                     square(config_.torque_bias_Nm), config_.torque_bias_s);
-}
-
-template <ContactJacobian Jacobian> void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
-  if (e.kind == Kind::location) {
-    const double off = e.y - s.place.x - s.place.b;
-    if (off * off > config_.jump_gate * config_.jump_gate * (s.place.seen() + e.y_variance))  // another contact
-      s.place = {e.y, 0.0, pad_variance(), 0.0, config_.location_bias_m * config_.location_bias_m};
-    s.place.update(e.y, e.y_variance);
-  } else {
-    for (int j = 0; j < jacobian_.joints(); ++j) {
-      OffsetWalk& t = s.torque[std::size_t(j)];
-      if (e.kind == Kind::torque) {
-        const double off = e.torque[j] - t.x - t.b;
-        if (off * off >
-            config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j]))  // loads jump, offsets do not
-          t.xx = config_.torque_prior_Nm * config_.torque_prior_Nm, t.xb = 0.0;
-        t.update(e.torque[j], e.torque_variance[j]);
-      } else {
-        t.update(0.0, config_.no_contact_Nm * config_.no_contact_Nm, 0.0);
-      }
-    }
-  }
 }
 
 template <ContactJacobian Jacobian>

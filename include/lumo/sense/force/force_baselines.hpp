@@ -34,12 +34,11 @@ struct ForceErrors {
   Error optical;         ///< sample by sample, at the localiser's place
   Error fixed_arm;       ///< at the middle of the tested range
   Error known_location;  ///< at the true place
-  Error torque_only;     ///< from the ratio of torques; none where one joint does not tell
+  Error torque_only;     ///< from the ratio of torques; none for a single joint
   struct Common {
     Error optical, fixed_arm, known_location;
   };
-  Common
-      common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
+  Common common;  ///< over the samples for which all three gave one
   /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the
   /// common samples; empty where there is no gap.
   std::optional<double> recovery() const {
@@ -49,7 +48,7 @@ struct ForceErrors {
   }
 };
 
-/// Contact torques of the joints at a time, interpolated in the joint log and moved to the frames' clock; nothing in
+/// Contact torques of the joints at a time, interpolated in the joint log and moved to the frames' clock; nullopt in
 /// gaps of more than `max_gap_s`.
 class ContactTorques {
  public:
@@ -93,19 +92,19 @@ class ContactTorques {
   TimeSeries series_;
 };
 
-/// Compares the ways to a force on the same samples. `from_m`, `to_m`: the tested range, whose middle is the fixed arm.
-/// Forces are taken as at least 0, for all ways alike.
+/// Compares the ways to a force on the same samples. The middle of the `tested` range is the fixed arm. All ways alike
+/// give forces of at least 0.
 template <ContactJacobian J>
-ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples, int link, double from_m, double to_m,
+ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples, const PadRange& tested,
                          double torque_sigma_Nm) {
-  require_in_range("end of the tested range", to_m, from_m, 10.0, "m");
+  require_in_range("end of the tested range", tested.to_m, tested.from_m, 10.0, "m");
   ForceErrors e;
   const auto count = [](ForceErrors::Error& error, double force, double truth) {
     error.mae_N += (std::abs(std::max(0.0, force) - truth) - error.mae_N) / double(++error.samples);
   };
   for (const ForceSample& s : samples) {
     const auto at = [&](ForceErrors::Error& error, double y) {
-      const ContactPoint point{link, y};
+      const ContactPoint point{tested.link, y};
       const Identification f =
           solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), torque_sigma_Nm);
       if (f.complete()) count(error, f.value[0], s.true_force_N);
@@ -113,12 +112,14 @@ ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples
     };
     if (s.fused_N) count(e.fused, *s.fused_N, s.true_force_N);
     const auto optical = s.estimated_y_m ? at(e.optical, *s.estimated_y_m) : std::nullopt;
-    const auto fixed = at(e.fixed_arm, 0.5 * (from_m + to_m)), known = at(e.known_location, s.true_y_m);
-    if (optical && fixed && known)
-      count(e.common.optical, *optical, s.true_force_N), count(e.common.fixed_arm, *fixed, s.true_force_N),
-          count(e.common.known_location, *known, s.true_force_N);
+    const auto fixed = at(e.fixed_arm, tested.middle_m()), known = at(e.known_location, s.true_y_m);
+    if (optical && fixed && known) {
+      count(e.common.optical, *optical, s.true_force_N);
+      count(e.common.fixed_arm, *fixed, s.true_force_N);
+      count(e.common.known_location, *known, s.true_force_N);
+    }
     const TorqueOnlySolution alone =
-        solve_torque_only(jacobian, s.position_rad, s.contact_torque_Nm, link, from_m, to_m, torque_sigma_Nm);
+        solve_torque_only(jacobian, s.position_rad, s.contact_torque_Nm, tested, torque_sigma_Nm);
     if (alone.rank == 2) count(e.torque_only, alone.force_N, s.true_force_N);
   }
   return e;

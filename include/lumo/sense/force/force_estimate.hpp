@@ -24,13 +24,13 @@ constexpr const char* to_string(EstimatorState s) {
   return names[std::size_t(s)];
 }
 
-/// One contact: the place on the finger and the normal force of the object on the pad. What cannot be told is empty;
+/// One contact: the place on the finger and the normal force of the object on the pad. What is not known is empty;
 /// the rest is finite.
 struct ContactForce {
   std::optional<double> y_m;
   std::optional<double> force_N;
   double y_variance_m2 = 0.0;      ///< also where y is empty
-  double force_variance_N2 = 0.0;  ///< what is not told has that of the prior
+  double force_variance_N2 = 0.0;  ///< the prior's where the force is not known
   double covariance_m_N = 0.0;
 };
 

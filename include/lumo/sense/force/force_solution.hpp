@@ -5,11 +5,12 @@
 #include "lumo/sense/joints/identification.hpp"
 
 #include <cmath>
+#include <limits>
 
 namespace lumo::sense {
 
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
-/// tell apart come back as null directions: three contacts on two joints, two on one link of one joint, any at a
+/// separate come back as null directions: three contacts on two joints, two on one link of one joint, any at a
 /// joint's axis.
 template <ContactJacobian J>
 Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
@@ -23,7 +24,7 @@ Identification solve_forces(const J& jacobian, const JointVector& q, const Joint
   return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
 }
 
-/// One contact from torques alone: place and force together, as far as the joints tell.
+/// One contact from torques alone: place and force together, as far as the joints determine them.
 struct TorqueOnlySolution {
   double y_m = 0.0;
   double force_N = 0.0;
@@ -32,12 +33,14 @@ struct TorqueOnlySolution {
   Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], force [N]); where the rank is 2
 };
 
-/// On one link, between `from_m` and `to_m`: two joints before the contact give the place by the ratio of their torques
+/// Within `range`: two joints before the contact give the place by the ratio of their torques
 /// (paper's torque-only baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the
 /// range's middle.
 template <ContactJacobian J>
 TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
-                                     int link, double from_m, double to_m, double torque_sigma_Nm) {
+                                     const PadRange& range, double torque_sigma_Nm) {
+  const int link = range.link;
+  const double from_m = range.from_m, to_m = range.to_m;
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
   require_positive("error of the torque", torque_sigma_Nm, "N·m");
   const auto force_at = [&](double y, double& misfit) {
@@ -47,7 +50,7 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
     return force;
   };
   TorqueOnlySolution s;
-  s.y_m = 0.5 * (from_m + to_m);
+  s.y_m = range.middle_m();
   double misfit = 0.0;
   s.force_N = force_at(s.y_m, misfit);
   const auto sensitivity = [&] {
@@ -62,11 +65,14 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
   Identification local = look();
   if (local.complete()) {
     constexpr int cells = 64;
-    double least = 1e300;
+    double least = std::numeric_limits<double>::infinity();
     int best = 0;
     for (int k = 0; k <= cells; ++k) {
       force_at(from_m + (to_m - from_m) * k / cells, misfit);
-      if (misfit < least) least = misfit, best = k;
+      if (misfit < least) {
+        least = misfit;
+        best = k;
+      }
     }
     const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells,
                  b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;

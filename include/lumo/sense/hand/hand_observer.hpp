@@ -2,7 +2,7 @@
 
 #include "lumo/core/statistics.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
-#include "lumo/sense/hand/hand_link.hpp"
+#include "lumo/sense/hand/link_map.hpp"
 
 #include <Eigen/Core>
 
@@ -29,7 +29,7 @@ struct HandContact {
   std::vector<std::pair<int, int>> cells;  ///< of HandObserver's grid, along and across
 };
 
-/// What one frame says about a hand.
+/// Contacts on a hand by one frame.
 struct HandEstimate {
   std::int64_t stamp_ns = 0;
   std::vector<bool> seen;             ///< by link: its holes were found and a reference is there
@@ -38,9 +38,9 @@ struct HandEstimate {
   std::vector<HandContact> contacts;  ///< link by link, from proximal to distal
 };
 
-/// Contacts on several links at once, without labels (paper, integrated hand): each link is found by its mounting
-/// holes, compared with the unloaded picture of the nearest joint configuration, freed of global and slow differences
-/// of green, and what is left in absolute value above the noise is cut into connected regions.
+/// Contacts on several links at once, without labels (paper, integrated hand). Each link is found by its mounting holes
+/// and compared with the unloaded picture of the nearest joint configuration. Global and slow differences of green are
+/// removed. Connected regions whose residual stands above the noise are contacts.
 class HandObserver {
  public:
   struct Config {
@@ -49,11 +49,11 @@ class HandObserver {
     double edge = 3.0;       ///< and extends down to so many
     double noise_floor_DN = 1.0;
     double min_area_m2 = 6e-6;
-    double max_joint_step_rad = 0.35;  ///< a reference farther away says nothing
+    double max_joint_step_rad = 0.35;  ///< a reference farther away does not count
     HoleSearch holes;
   };
 
-  /// `first`: where each link is in the first picture, about. Throws InvalidArgument.
+  /// `first`: about where each link is in the first picture. Throws InvalidArgument.
   HandObserver(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
       : links_(std::move(links)), last_(std::move(first)), config_(std::move(config)) {
     if (links_.empty() || last_.size() != links_.size())
@@ -94,9 +94,9 @@ class HandObserver {
   /// Adds a picture of the unloaded hand to the references of each link that is seen; how many were.
   int add_reference(const JointVector& joints, const ImageView& image);
 
-  /// Causal: what it says depends on this frame, the references, and where links were seen before.
+  /// Causal: the estimate depends on this frame, the references, and earlier places of the links.
   HandEstimate observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image);
-  /// What can be said without a picture or joints.
+  /// The estimate without a picture or joints.
   HandEstimate unseen(std::int64_t stamp_ns) const {
     return {stamp_ns, std::vector<bool>(links_.size(), false), std::vector<int>(links_.size(), -1), last_, {}};
   }
@@ -126,9 +126,9 @@ class HandObserver {
   Config config_;
   std::vector<Cells> grid_;
   std::vector<std::vector<Reference>> library_;  ///< by link
-  std::vector<std::vector<Grid>>
-      steps_;  ///< by link: what differs between each reference and its nearest one before, in absolute value
-  std::vector<Grid> noise_;  ///< by link; empty where references have come since
+  /// By link: absolute differences between each reference and its nearest one before.
+  std::vector<std::vector<Grid>> steps_;
+  std::vector<Grid> noise_;  ///< by link; empty if references were added since
 };
 
 inline std::vector<double> HandObserver::joints_of(int link, const JointVector& all) const {
@@ -155,7 +155,7 @@ inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<
   return best;
 }
 
-/// About where it was last and about where it was at the nearest reference, if there is one: the one whose holes stand
+/// Searches about the link's last place and about its place at the nearest reference; takes the one whose holes stand
 /// out more.
 inline auto HandObserver::find(int link, int nearest, const ImageView& image) -> std::optional<LinkMap> {
   const HandLink& l = links_[std::size_t(link)];
@@ -188,19 +188,23 @@ inline auto HandObserver::read(int link, const LinkMap& map, const ImageView& im
   return g;
 }
 
-/// Without its slow part along the link: the straight line through the means across that passes closest to two fifths
-/// of them, for contacts may cover more than half of a link (least quantile of squares, after Rousseeuw 1984, over all
-/// pairs of means; then least squares over those near it).
+/// Removes the slow part along the link: the straight line through the means across that passes closest to two fifths
+/// of them, since contacts may cover more than half of a link. Least quantile of squares (after Rousseeuw 1984) over
+/// all pairs of means, then least squares over those near it.
 inline auto HandObserver::levelled(const Grid& difference) const -> Grid {
   std::vector<std::array<double, 2>> mean;  // row and mean, of rows that are seen
   for (Eigen::Index i = 0; i < difference.rows(); ++i) {
     double sum = 0.0;
     int count = 0;
     for (Eigen::Index j = 0; j < difference.cols(); ++j)
-      if (std::isfinite(difference(i, j))) sum += difference(i, j), ++count;
+      if (std::isfinite(difference(i, j))) {
+        sum += difference(i, j);
+        ++count;
+      }
     if (count > 0) mean.push_back({double(i), sum / count});
   }
   double level = mean.empty() ? 0.0 : mean[0][1], slope = 0.0, least = std::numeric_limits<double>::infinity();
+  constexpr double inliers = 3.0;  // distances of the quantile that count as near the line
   const std::size_t part = 2 * mean.size() / 5;
   std::vector<double> off(mean.size());
   const auto offs = [&] {
@@ -209,20 +213,31 @@ inline auto HandObserver::levelled(const Grid& difference) const -> Grid {
   std::array<double, 2> best{level, slope};
   for (std::size_t a = 0; a < mean.size(); ++a)
     for (std::size_t b = a + 1; b < mean.size(); ++b) {
-      slope = (mean[b][1] - mean[a][1]) / (mean[b][0] - mean[a][0]), level = mean[a][1] - slope * mean[a][0];
+      slope = (mean[b][1] - mean[a][1]) / (mean[b][0] - mean[a][0]);
+      level = mean[a][1] - slope * mean[a][0];
       offs();
       std::nth_element(off.begin(), off.begin() + std::ptrdiff_t(part), off.end());
-      if (off[part] < least) least = off[part], best = {level, slope};
+      if (off[part] < least) {
+        least = off[part];
+        best = {level, slope};
+      }
     }
-  level = best[0], slope = best[1];
+  level = best[0];
+  slope = best[1];
   offs();
   double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0;
   for (std::size_t k = 0; k < mean.size(); ++k) {
-    if (off[k] > 3.0 * least) continue;
-    n += 1.0, x += mean[k][0], y += mean[k][1], xx += mean[k][0] * mean[k][0], xy += mean[k][0] * mean[k][1];
+    if (off[k] > inliers * least) continue;
+    n += 1.0;
+    x += mean[k][0];
+    y += mean[k][1];
+    xx += mean[k][0] * mean[k][0];
+    xy += mean[k][0] * mean[k][1];
   }
-  if (const double spread = n * xx - x * x; spread > 0.0)
-    slope = (n * xy - x * y) / spread, level = (y - slope * x) / n;
+  if (const double spread = n * xx - x * x; spread > 0.0) {
+    slope = (n * xy - x * y) / spread;
+    level = (y - slope * x) / n;
+  }
   Eigen::MatrixXd rest = difference;
   for (Eigen::Index i = 0; i < rest.rows(); ++i) rest.row(i).array() -= level + slope * double(i);
   return rest;
@@ -247,18 +262,19 @@ inline int HandObserver::add_reference(const JointVector& joints, const ImageVie
   return count;
 }
 
-/// Of each cell: what nine tenths of the references' differences stay below, as the standard deviation of a normal
-/// number. Beside an LED, where a fraction of a pixel counts, it is several times that of the plain side.
+/// Noise of each cell: the 90 % quantile of the references' differences, as the standard deviation of a normal number.
+/// Beside an LED, where a fraction of a pixel counts, it is several times that of the plain side.
 inline auto HandObserver::noise(int link) -> const Grid& {
   Eigen::MatrixXd& sigma = noise_[std::size_t(link)];
   if (sigma.size() > 0) return sigma;
+  constexpr double share = 0.9, share_sigmas = 1.645;  // a normal number's absolute value stays below so many with it
   const auto [along, across] = grid_[std::size_t(link)];
   sigma = Eigen::MatrixXd::Constant(along, across, config_.noise_floor_DN);
   for (Eigen::Index k = 0; k < sigma.size(); ++k) {
     std::vector<double> size;
     for (const Grid& step : steps_[std::size_t(link)])
       if (std::isfinite(step.data()[k])) size.push_back(step.data()[k]);
-    if (!size.empty()) sigma.data()[k] = std::max(config_.noise_floor_DN, quantile(size, 0.9) / 1.645);
+    if (!size.empty()) sigma.data()[k] = std::max(config_.noise_floor_DN, quantile(size, share) / share_sigmas);
   }
   return sigma;
 }
@@ -294,7 +310,9 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
     for (int j = 0; j < across; ++j) {
       if (taken[index(i, j)] || !strong(i, j)) continue;
       HandContact c;
-      c.link = link, c.y_low_m = std::numeric_limits<double>::infinity(), c.y_high_m = -c.y_low_m;
+      c.link = link;
+      c.y_low_m = std::numeric_limits<double>::infinity();
+      c.y_high_m = -c.y_low_m;
       c.cells.emplace_back(i, j);
       taken[index(i, j)] = true;
       double weight = 0.0, noises = 0.0;
@@ -302,9 +320,13 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
         const auto [a, b] = c.cells[k];
         const auto [y, z] = place(link, a, b);
         const double r = std::abs(residual(a, b));
-        weight += r, c.y_m += r * y, c.z_m += r * z;
-        c.peak_DN = std::max(c.peak_DN, r), noises = std::max(noises, r / sigma(a, b));
-        c.y_low_m = std::min(c.y_low_m, y), c.y_high_m = std::max(c.y_high_m, y);
+        weight += r;
+        c.y_m += r * y;
+        c.z_m += r * z;
+        c.peak_DN = std::max(c.peak_DN, r);
+        noises = std::max(noises, r / sigma(a, b));
+        c.y_low_m = std::min(c.y_low_m, y);
+        c.y_high_m = std::max(c.y_high_m, y);
         for (int di = -1; di <= 1; ++di)
           for (int dj = -1; dj <= 1; ++dj) {
             const int p = a + di, q = b + dj;
@@ -315,7 +337,8 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
       }
       c.area_m2 = cell_length * cell_height * double(c.cells.size());
       if (noises < config_.threshold || c.area_m2 < config_.min_area_m2) continue;
-      c.y_m /= weight, c.z_m /= weight;
+      c.y_m /= weight;
+      c.z_m /= weight;
       c.mean_DN = weight / double(c.cells.size());
       c.pixel = map.pixel(c.y_m, c.z_m);
       std::sort(c.cells.begin(), c.cells.end());

@@ -14,6 +14,14 @@ struct ContactPoint {
   double y_m = 0.0;  ///< finger coordinate on it
 };
 
+/// A stretch of one link's pad on which contacts are looked for.
+struct PadRange {
+  int link = 0;
+  double from_m = -27.5e-3, to_m = 27.5e-3;  ///< finger coordinates; the paper's 11 regions of 5 mm
+
+  double middle_m() const { return 0.5 * (from_m + to_m); }
+};
+
 /// How a normal force on a pad shows in the motors. The force is that of the object on the finger, against the pad's
 /// outward normal, at the contact point; `column` is the torque that the motors add to hold it, n × 1 [N·m per N = m],
 /// positive along each joint's axis. Laws: joints beyond the contact's link carry nothing; `slope` is the derivative of

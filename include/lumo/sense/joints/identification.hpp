@@ -10,7 +10,7 @@
 
 namespace lumo::sense {
 
-/// Parameters from a linear least-squares problem, with what the data do not tell.
+/// Parameters from a linear least-squares problem, with what the data leave open.
 struct Identification {
   Eigen::VectorXd value;       ///< of least norm in units of the scales: nothing is added along null directions
   Eigen::MatrixXd covariance;  ///< along the identified directions only
@@ -26,7 +26,7 @@ struct Identification {
 /// Solves a x ≈ b for equal, independent errors. `scale` makes parameters of unlike units comparable (a typical size of
 /// each). Singular values below `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of
 /// b; where it is 0, that of the residual is taken. `known` > 0: nor do directions whose standard deviation exceeds
-/// that many scales, for of those the data tell less than was known before. Throws InvalidArgument for shapes that do
+/// that many scales, for which the data add nothing to what was known before. Throws InvalidArgument for shapes that do
 /// not fit or numbers that are not finite.
 inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale,
                                double sigma = 0.0, double tolerance = 1e-6, double known = 0.0) {

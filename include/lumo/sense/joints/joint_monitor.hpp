@@ -13,7 +13,7 @@
 
 namespace lumo::sense {
 
-/// Says of each joint sample whether it can be trusted.
+/// Decides for each joint sample whether it can be trusted.
 class JointMonitor {
  public:
   struct Config {
@@ -24,15 +24,15 @@ class JointMonitor {
         0.1;  ///< the very same effort of a joint for this long is stuck; at least 20 samples. Real currents are noisy
     /// Step in which efforts come, and standard deviation of their noise before they are rounded to it, both in the
     /// effort's unit. Where there is a step, as many samples more must be the same as noise alone would not make so in
-    /// 10⁹ trials; noise far below half a step never tells. 0: no step.
+    /// 10⁹ trials; noise far below half a step never changes it. 0: no step.
     double quantum = 0.0, noise = 0.0;
     double spike = 0.5;        ///< jump against the median of the last five [A or N·m, as the effort]
     double max_effort = 40.0;  ///< of the motor, same unit
     double max_velocity_rad_per_s = 65.0;
-    double max_position_rad = 1e4;  ///< beyond, the encoder is out of its mind
+    double max_position_rad = 1e4;  ///< beyond, the encoder is broken
   };
 
-  /// Throws InvalidArgument for numbers that make no sense.
+  /// Throws InvalidArgument for numbers out of range.
   explicit JointMonitor(const Config& config) : config_(config) {
     require_in_range("number of joints", config.joints, 1, max_joints, "");
     require_in_range("period of the joint samples", config.period_s, 1e-6, 1e3, "s");
@@ -58,7 +58,10 @@ class JointMonitor {
 
   Verdict check(const JointSample& s, std::int64_t now_ns) {
     Verdict v;
-    const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
+    const auto reject = [&](Fault f) {
+      v.faults.add(f);
+      v.usable = false;
+    };
     if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;
     if (1e-9 * double(s.stamp_ns - now_ns) > config_.max_ahead_s || (seen_ && s.stamp_ns <= stamp_ns_))
       return reject(Fault::joint_time), v;
@@ -77,7 +80,10 @@ class JointMonitor {
     const double reach =
         config_.max_velocity_rad_per_s * std::max(1e-9 * double(s.stamp_ns - position_ns_), config_.period_s);
     if (filled_ && (s.position_rad - position_).cwiseAbs().maxCoeff() > 1.5 * reach) reject(Fault::position_jump);
-    if (v.usable) position_ = s.position_rad, position_ns_ = s.stamp_ns;
+    if (v.usable) {
+      position_ = s.position_rad;
+      position_ns_ = s.stamp_ns;
+    }
     if (s.saturated || s.effort.cwiseAbs().maxCoeff() > config_.max_effort) reject(Fault::torque_saturated);
 
     for (Eigen::Index j = 0; j < n; ++j) {

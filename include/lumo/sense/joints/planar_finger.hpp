@@ -10,6 +10,20 @@
 
 namespace lumo::sense {
 
+/// One joint whose axis crosses the finger at right angles: the torque is force times distance.
+struct MomentArm {
+  double joint_to_origin_m = 0.05;  ///< from the joint's axis to the finger's origin, along y
+  double sign = 1.0;                ///< −1 where the motor turns the other way: positive torque lifts the pad off
+
+  int joints() const { return 1; }
+  JointVector column(const JointVector&, const ContactPoint& c) const {
+    return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m));
+  }
+  JointVector slope(const JointVector&, const ContactPoint&) const { return JointVector::Constant(1, sign); }
+};
+
+static_assert(ContactJacobian<MomentArm>);
+
 /// A finger whose joints have parallel axes across it, its pad on the last link; at angle 0 all lie on one line along
 /// y, and positive angles turn the tip towards the pad's outward normal. With one joint it is the moment arm. Lengths
 /// in m.

@@ -20,7 +20,7 @@ class SerialChain {
                                                                ///< it) in the joint's frame
   };
 
-  /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
+  /// Throws InvalidArgument for no or too many links, or numbers out of range.
   explicit SerialChain(std::vector<Link> links) : links_(std::move(links)) {
     if (links_.empty() || links_.size() > std::size_t(max_joints))
       throw InvalidArgument(message("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));

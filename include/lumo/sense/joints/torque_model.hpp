@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -49,7 +50,7 @@ struct TorqueModel {
   }
 };
 
-/// Throws InvalidArgument for numbers that make no sense.
+/// Throws InvalidArgument for numbers out of range.
 inline void validate(const TorqueModel& m) {
   if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
     throw InvalidArgument(message("torque constant is ", m.torque_constant_Nm_per_A,
@@ -62,7 +63,7 @@ inline void validate(const TorqueModel& m) {
   require_in_range("noise of the torque", m.noise_Nm, 0.0, 1e3, "N·m");
 }
 
-/// A torque model from an unloaded run, and what that run could not tell.
+/// A torque model from an unloaded run, and what that run left open.
 struct TorqueIdentification {
   static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm",    "viscous_Nm_s_per_rad",
                                                     "bias_Nm",    "gravity_sin_Nm", "gravity_cos_Nm"};
@@ -71,7 +72,7 @@ struct TorqueIdentification {
 };
 
 /// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a
-/// run does not tell. The Stribeck velocity is searched for by sections; all else is linear. Throws InvalidArgument for
+/// run leaves open. The Stribeck velocity is searched for by sections; all else is linear. Throws InvalidArgument for
 /// no samples or numbers that are not finite.
 inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint,
                                               const TorqueModel& start = {}) {
@@ -79,8 +80,9 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
   for (const JointSample& s : samples) {
     if (joint < 0 || joint >= s.effort.size() || joint >= s.position_rad.size() || joint >= s.velocity_rad_per_s.size())
       throw InvalidArgument(message("unloaded run has no joint ", joint));
-    q.push_back(s.position_rad[joint]), v.push_back(s.velocity_rad_per_s[joint]),
-        t.push_back(start.motor_torque(s.effort[joint], s.unit));
+    q.push_back(s.position_rad[joint]);
+    v.push_back(s.velocity_rad_per_s[joint]);
+    t.push_back(start.motor_torque(s.effort[joint], s.unit));
   }
   if (t.empty()) throw InvalidArgument("unloaded run has no samples");
   const auto n = Eigen::Index(t.size());
@@ -92,9 +94,9 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
       a.row(i) << sign, sign * std::exp(-std::pow(w / stribeck_velocity, 2)), w, 1.0, std::sin(q[std::size_t(i)]),
           std::cos(q[std::size_t(i)]);
     }
-    // Parameters are of some 50 mN·m; what the run does not tell to half of that stays out, or noise would speak where
-    // the run did not go.
-    return identify(a, torque, Eigen::VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
+    // What the run does not give to half of a typical parameter stays out: noise would fill it.
+    constexpr double typical_Nm = 0.05, tolerance = 1e-6, known = 0.5;
+    return identify(a, torque, Eigen::VectorXd::Constant(6, typical_Nm), 0.0, tolerance, known);
   };
   // Golden sections in the logarithm, after a coarse look: the residual has one minimum near its smallest coarse value.
   double fastest = 0.0;
@@ -103,10 +105,12 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
                high = std::max(low + 1e-3, std::log(std::max(fastest, 1e-6)));
   constexpr int looks = 13;
   int least = 0;
-  double smallest = 1e300;
+  double smallest = std::numeric_limits<double>::infinity();
   for (int k = 0; k < looks; ++k)
-    if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9))
-      smallest = r, least = k;
+    if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9)) {
+      smallest = r;
+      least = k;
+    }
   const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1),
                b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
   const double best = std::exp(golden_section([&](double at) { return fit(std::exp(at)).residual; }, a, b, 24));
@@ -114,7 +118,11 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
   const Eigen::VectorXd& x = result.linear.value;
   TorqueModel& m = result.model;
   m.stribeck_velocity_rad_per_s = best;
-  m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4],
+  m.coulomb_Nm = x[0];
+  m.stribeck_Nm = x[1];
+  m.viscous_Nm_s_per_rad = x[2];
+  m.bias_Nm = x[3];
+  m.gravity_sin_Nm = x[4];
   m.gravity_cos_Nm = x[5];
   m.noise_Nm = result.linear.residual;
   return result;

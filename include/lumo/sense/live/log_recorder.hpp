@@ -1,9 +1,9 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/devices/actuator.hpp"
-#include "lumo/sense/live/live_rest.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/recording/tables.hpp"
 
 #include <algorithm>
@@ -24,13 +24,14 @@
 namespace lumo::sense {
 
 /// Writes a log's folder while it happens: pictures by a thread of its own, tables row by row, so that what was taken
-/// is there when the program or the power ends. Stamps are told from the first picture's on. What comes before it, or
-/// does not come after what was last, is left out and counted, as are samples that the motor's range has cut off.
-/// `encode(ImageView)` gives a std::vector<std::uint8_t>, the bytes of an image file; it is called from the recorder's
-/// thread.
+/// is there when the program or the power ends. Stamps count from the first picture's. What comes before it or goes
+/// back in time is left out and counted, as are samples that the motor's range has cut off. `encode(ImageView)` gives
+/// the bytes of an image file, a std::vector<std::uint8_t>; the recorder's thread calls it.
 template <class Encode> class LogRecorder {
  public:
-  static constexpr std::size_t most_waiting = 64;  ///< pictures that the disk is behind; more are left out
+  static constexpr std::size_t most_waiting = 64;        ///< pictures that the disk is behind; more are left out
+  static constexpr std::size_t most_unflushed = 16384;   ///< bytes of joint rows that a crash may lose
+  static constexpr std::int64_t flush_ns = 200'000'000;  ///< the same in time
 
   /// `folder` and `folder`/frames are there. `session_json` is written as it is. Throws InputError.
   LogRecorder(std::string folder, std::string_view session_json, Encode encode)
@@ -58,9 +59,7 @@ template <class Encode> class LogRecorder {
     if (waiting_.size() >= most_waiting || f.image.empty() || (last_frame_ && stamp <= *last_frame_))
       return void(++lost_frames_);
     lock.unlock();
-    Image copy = Image::black(f.image.width, f.image.height, f.image.format);
-    for (int y = 0; y < copy.height; ++y)
-      std::copy_n(f.image.row(y), std::size_t(copy.width) * std::size_t(channels(copy.format)), copy.row(y));
+    Image copy = Image::copy(f.image);
     lock.lock();
     last_frame_ = stamp;
     waiting_.push_back({{stamp, frame_file(count_++), f.exposure_s, f.gain}, std::move(copy)});
@@ -75,17 +74,22 @@ template <class Encode> class LogRecorder {
     JointSample shifted = s;
     shifted.stamp_ns -= *begin_;
     if (last_joint_ && shifted.stamp_ns <= *last_joint_) return void(++lost_samples_);
-    if (samples_ == 0) joints_of_ = s.effort.size(), unit_ = s.unit;
+    if (samples_ == 0) {
+      joints_of_ = s.effort.size();
+      unit_ = s.unit;
+    }
     if (s.effort.size() != joints_of_ || s.position_rad.size() != joints_of_ ||
         s.velocity_rad_per_s.size() != joints_of_ || s.unit != unit_)
-      throw InputError(folder_ + "/joint.csv: the motors tell of other joints than before");
+      throw InputError(folder_ + "/joint.csv: the motors have other joints than before");
     if (samples_++ == 0) {
       open(joints_, "joint.csv");
       append(joints_, joint_header(int(joints_of_), unit_), "joint.csv");
     }
     joint_rows_ += joint_row(shifted, last_joint_);
-    if (joint_rows_.size() > 16384 || shifted.stamp_ns - flushed_ns_ > 200'000'000)
-      flushed_ns_ = shifted.stamp_ns, flush_joints();
+    if (joint_rows_.size() > most_unflushed || shifted.stamp_ns - flushed_ns_ > flush_ns) {
+      flushed_ns_ = shifted.stamp_ns;
+      flush_joints();
+    }
   }
 
   /// Waits until all is written. Throws InputError.
@@ -174,26 +178,24 @@ template <class Encode> class LogRecorder {
   std::thread writer_;
 };
 
-/// Records camera and motors until `going_on(seconds)` says no, which is asked at each turn with the time since the
-/// first picture, or until the camera ends. Throws InputError, with `name` before the message, where no picture comes
-/// for `wait.patience_s`.
+/// Records camera and motors until the camera ends or `going_on(seconds)`, called at each picture with the time since
+/// the first, returns false. Throws InputError where no picture comes for `wait.patience_s`.
 template <Camera C, Actuator A, class Recorder, class GoingOn>
-void record_live(C& camera, A& actuator, Recorder& recorder, GoingOn going_on, const std::string& name,
-                 const LiveWait& wait = {}) {
+void record_live(C& camera, A& actuator, Recorder& recorder, GoingOn going_on, const LiveWait& wait = {}) {
   validate(wait);
   const auto drain = [&] {
     for (auto s = actuator.next(); s; s = actuator.next()) recorder.add(*s);
   };
-  auto frame = next_picture(camera, wait, name, drain);
-  if (!frame) throw InputError(name + ": gives no pictures");
-  for (const std::int64_t first = frame->stamp_ns; frame; frame = next_picture(camera, wait, name, drain)) {
+  auto frame = next_picture(camera, wait, drain);
+  if (!frame) throw InputError(wait.name + ": gives no pictures");
+  for (const std::int64_t first = frame->stamp_ns; frame; frame = next_picture(camera, wait, drain)) {
     if (!going_on(1e-9 * double(frame->stamp_ns - first))) break;
     recorder.add(*frame);
     drain();
   }
 }
 
-/// Where there are no motors.
+/// Stands for motors where there are none.
 struct NoActuator {
   std::optional<JointSample> next() { return std::nullopt; }
   StreamState state() const { return StreamState::ended; }

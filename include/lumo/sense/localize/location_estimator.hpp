@@ -13,11 +13,11 @@ namespace lumo::sense {
 /// Where the finger is touched, and how sure that is.
 struct ContactLocation {
   double y_m = 0.0;
-  double variance_m2 = 0.0;        ///< of all errors
-  double amplitude = 0.0;          ///< of the response there, in the readout's unit
-  double bias_variance_m2 = 0.0;   ///< what of it stays the same from profile to profile
-  double noise_variance_m2 = 0.0;  ///< of what this profile adds to its predecessors, without bias: for a filter that
-                                   ///< takes estimates as independent
+  double variance_m2 = 0.0;       ///< of all errors
+  double amplitude = 0.0;         ///< of the response there, in the readout's unit
+  double bias_variance_m2 = 0.0;  ///< the part that stays the same from profile to profile
+  /// Of this profile's own information, without bias: for a filter that takes estimates as independent.
+  double noise_variance_m2 = 0.0;
 };
 
 /// Throws InvalidArgument unless positions of a profile are finite and ascend.
@@ -30,17 +30,17 @@ inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
   }
 }
 
-/// What one profile (and those before it) says about contacts. Always finite.
+/// Contacts by one profile and those before it. Always finite.
 struct LocationEstimate {
   std::int64_t stamp_ns = 0;
   int contacts = 0;                        ///< 0, 1 or 2
   std::array<ContactLocation, 2> contact;  ///< the first `contacts` count, the stronger one first
-  double probability = 1.0;                ///< of this number of contacts, as far as the model tells
+  double probability = 1.0;                ///< of this number of contacts under the model
 };
 
 /// Locates contacts from responses: profiles minus the unloaded reference.
-/// Laws: causal, what it says depends on this and earlier responses only; finite for finite responses; one that is not
-/// newer than its predecessor changes nothing but the answer's stamp; after `reset` it is as new.
+/// Laws: causal, the estimate depends on this and earlier responses only; finite for finite responses; a response that
+/// is not newer than its predecessor changes only the answer's stamp; after `reset` the estimator is as new.
 template <class L>
 concept LocationEstimator = requires(L& localizer, const Profile& response) {
   { localizer.update(response) } -> std::same_as<LocationEstimate>;

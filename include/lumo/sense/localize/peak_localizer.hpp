@@ -26,7 +26,7 @@ class PeakLocalizer {
     double bias_sigma_m = 1.0_mm;  ///< how far the brightest place is believed to lie from the contact; assumed
   };
 
-  /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  /// Throws InvalidArgument for lengths that differ or numbers out of range.
   explicit PeakLocalizer(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 3 || config_.noise.size() != n)
@@ -41,7 +41,11 @@ class PeakLocalizer {
     reset();
   }
 
-  void reset() { fresh_ = true, touching_ = false, share_ = 1.0; }
+  void reset() {
+    fresh_ = true;
+    touching_ = false;
+    share_ = 1.0;
+  }
 
   LocationEstimate update(const Profile& response) {
     if (response.value.size() != config_.position_m.size())
@@ -81,9 +85,9 @@ class PeakLocalizer {
     const auto& x = config_.position_m;
     const double bias2 = config_.bias_sigma_m * config_.bias_sigma_m, peak = filtered_[top];
     const double width = top == 0 ? x[1] - x[0] : x[top] - x[top - 1];
-    const auto at = [&](double y, double variance) {
+    const auto at = [&](double y, double variance) {  // noise of one profile: white
       return ContactLocation{y, variance + bias2, peak, bias2, variance / share_};
-    };  // white noise: of one profile
+    };
     if (top == 0 || top + 1 == x.size()) return at(x[top], width * width / 3.0);
     const double left = x[top - 1] - x[top], right = x[top + 1] - x[top];
     const double a = (filtered_[top - 1] - peak) / left, b = (filtered_[top + 1] - peak) / right;
@@ -91,8 +95,7 @@ class PeakLocalizer {
     if (!(curvature < 0.0)) return at(x[top], width * width / 12.0);
     const double slope = a - curvature * left;  // at the peak's own place
     const double y = std::clamp(-0.5 * slope / curvature, 0.5 * left, 0.5 * right);
-    // Noise moves the vertex by its error of the slope over the curvature; beyond the bin, by no more than the bin
-    // tells.
+    // Noise moves the vertex by the slope's error over the curvature, at most within the bin.
     const double slope_sigma = sigma * std::sqrt(2.0) / (right - left);
     const double moved = std::min(0.5 * slope_sigma / -curvature, 0.5 * (right - left));
     return at(x[top] + y, moved * moved);

@@ -13,9 +13,9 @@
 
 namespace lumo::sense {
 
-/// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the
-/// finger coordinate y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a,
-/// b, c) from the fit.
+/// Map from a straight line on the finger (its LEDs) to the image: u pixels from `origin_px` along `direction` lies the
+/// finger coordinate y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. Holds the covariance of
+/// (a, b, c) from the fit.
 struct AxisMap {
   Eigen::Vector2d origin_px{0.0, 0.0};  ///< pixel centres lie on whole numbers
   Eigen::Vector2d direction{1.0, 0.0};  ///< unit, towards the finger's tip (+y)
@@ -23,7 +23,7 @@ struct AxisMap {
   Eigen::Vector3d coefficients{0.0, 1.0, 0.0};  ///< a [m], b [m], c
   Eigen::Matrix3d covariance{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};
   double centroid_sigma_px = 0.0;  ///< assumed or found, whichever is larger
-  double residual_px = 0.0;        ///< RMS of what the fit leaves
+  double residual_px = 0.0;        ///< RMS of the fit
 
   double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
   double y_m(double u) const {
@@ -51,12 +51,19 @@ struct AxisMap {
   }
 
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three
-  /// places fix the map, more give a residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good
-  /// for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not finite.
+  /// places fix the map, more give a residual. `sigma_px`: assumed standard deviation of a centroid. Throws
+  /// InvalidArgument for fewer than three, wrong order or numbers that are not finite.
   static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
+
+ private:
+  static constexpr double max_perspective = 0.5;  ///< of |c|: beyond, the line's end lies near the camera
+  static constexpr int most_steps = 20;           ///< of Gauss–Newton
+  static constexpr double least_step = 1e-14;     ///< [m]: rounding
+
+  static void require_places(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px);
 };
 
-inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
+inline void AxisMap::require_places(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
   if (n < 3 || pixel.cols() != n)
     throw InvalidArgument(
@@ -67,7 +74,11 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
     if (!(y_m[i] > y_m[i - 1]))
       throw InvalidArgument(
           message("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
+}
 
+inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
+  require_places(pixel, y_m, sigma_px);
+  const Eigen::Index n = y_m.size();
   AxisMap map;
   map.origin_px = pixel.rowwise().mean();
   const Eigen::Matrix2Xd centred = pixel.colwise() - map.origin_px;
@@ -95,22 +106,20 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
     }
     normal = J.transpose() * J;
   };
-  for (int k = 0; k < 20; ++k) {
+  for (int k = 0; k < most_steps; ++k) {
     linearise();
     Eigen::Vector3d step = normal.ldlt().solve(Eigen::Vector3d(J.transpose() * r));
-    const double c =
-        std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
-    if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
+    const double c = std::clamp(map.coefficients[2] - step[2], -max_perspective, max_perspective);
+    if (c != map.coefficients[2] - step[2]) {  // a and b then fit best with c at its limit
       step[2] = map.coefficients[2] - c;
       map.coefficients[2] = c;
       linearise();
-      step.template head<2>() =
-          Eigen::Matrix2d(normal.template topLeftCorner<2, 2>()).inverse() * (J.template leftCols<2>().transpose() * r);
-      map.coefficients.template head<2>() -= step.template head<2>();
+      step.head<2>() = Eigen::Matrix2d(normal.topLeftCorner<2, 2>()).inverse() * (J.leftCols<2>().transpose() * r);
+      map.coefficients.head<2>() -= step.head<2>();
     } else {
       map.coefficients -= step;
     }
-    if (step.norm() < 1e-14) break;
+    if (step.norm() < least_step) break;
   }
   linearise();
   map.residual_px = std::sqrt(r.squaredNorm() / double(n));

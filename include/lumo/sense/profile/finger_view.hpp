@@ -16,27 +16,31 @@
 
 namespace lumo::sense {
 
-/// When a log's finger is known to be unloaded before the first contact: the first segment of kind "unloaded"; without
-/// one the first half second.
+/// The stretch of a log before the first contact, with the finger unloaded: the first segment of kind `unloaded`, or
+/// else the first half second.
 struct UnloadedStretch {
+  static constexpr std::int64_t first_ns = 500'000'000;
   std::int64_t from_ns = 0, to_ns = 0;
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
-    const auto known =
-        std::find_if(s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == "unloaded"; });
-    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + 500'000'000}
+    const auto known = std::find_if(s.segments.begin(), s.segments.end(),
+                                    [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
+    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns}
                                      : UnloadedStretch{known->from_ns, known->to_ns};
   }
   bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
 };
 
-/// Mean of pictures of one size and format; what differs from the first is left out.
+/// Mean of pictures of one size and format; pictures that differ from the first are left out.
 class MeanImage {
  public:
   void add(const ImageView& v) {
     if (v.empty()) return;
     const std::size_t bytes = std::size_t(v.width) * std::size_t(channels(v.format));
-    if (count_ == 0) mean_ = Image::black(v.width, v.height, v.format), sum_.assign(bytes * std::size_t(v.height), 0);
+    if (count_ == 0) {
+      mean_ = Image::black(v.width, v.height, v.format);
+      sum_.assign(bytes * std::size_t(v.height), 0);
+    }
     if (v.width != mean_.width || v.height != mean_.height || v.format != mean_.format || count_ >= 1 << 16) return;
     ++count_;
     for (int y = 0; y < v.height; ++y)
@@ -57,7 +61,7 @@ class MeanImage {
   int count_ = 0;
 };
 
-/// How a finger lies in a camera's pictures: the map along it from its LEDs, and the band to both sides that is lit.
+/// A finger's place in a camera's pictures: the map along it from its LEDs, and the lit band to both sides.
 struct FingerView {
   LedDetection leds;
   double band_low_m = 0.0, band_high_m = 0.0;  ///< as GreenProfile::Config
@@ -73,6 +77,8 @@ struct FingerView {
 /// surroundings. Across: positive clockwise of the tip's direction in the image, in m at the map's scale.
 inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map,
                                           double half_range_m = 22.0e-3) {
+  constexpr double half = 0.5;    // of the row's light; and of a line's pixels, that it counts
+  constexpr int row_half_px = 8;  // what counts as beside the row
   const double scale = map.scale_m_per_px(map.u_px(0.0));
   const int reach = std::max(unloaded.width, unloaded.height);
   std::vector<double> sum(std::size_t(2 * reach + 1), 0.0), count = sum;
@@ -82,19 +88,20 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
       if (std::abs(map.y_m(p.dot(map.direction))) > half_range_m) continue;
       const long across = std::lround(-p.x() * map.direction.y() + p.y() * map.direction.x());
       if (std::abs(across) > reach) continue;
-      sum[std::size_t(across + reach)] += unloaded.green(x, y), count[std::size_t(across + reach)] += 1.0;
+      sum[std::size_t(across + reach)] += unloaded.green(x, y);
+      count[std::size_t(across + reach)] += 1.0;
     }
   const double most = *std::max_element(count.begin(), count.end());
   double dark = 255.0;
   for (std::size_t i = 0; i < sum.size(); ++i)
-    if (count[i] > 0.5 * most) dark = std::min(dark, sum[i] / count[i]);
-  // The row itself shines; what is lit beside it is what counts.
+    if (count[i] > half * most) dark = std::min(dark, sum[i] / count[i]);
+  // The row itself shines; the light beside it counts.
   std::vector<double> near;
-  for (int k = -8; k <= 8; ++k)
-    if (const auto i = std::size_t(k + reach); count[i] > 0.5 * most) near.push_back(sum[i] / count[i]);
-  const double limit = dark + 0.5 * (median(near) - dark);
+  for (int k = -row_half_px; k <= row_half_px; ++k)
+    if (const auto i = std::size_t(k + reach); count[i] > half * most) near.push_back(sum[i] / count[i]);
+  const double limit = dark + half * (median(near) - dark);
   const auto lit = [&](int k) {
-    return count[std::size_t(k + reach)] > 0.5 * most &&
+    return count[std::size_t(k + reach)] > half * most &&
            sum[std::size_t(k + reach)] / count[std::size_t(k + reach)] >= limit;
   };
   int low = 0, high = 0;
@@ -103,7 +110,7 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
   return {scale * (low - 0.5), scale * (high + 0.5)};
 }
 
-/// From a picture of the unloaded finger. Throws InputError when its LEDs are not seen, with `name` before the message.
+/// From a picture of the unloaded finger. Throws InputError, with `name` before the message, if it shows no LEDs.
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
   const double parallax = led_parallax(session);

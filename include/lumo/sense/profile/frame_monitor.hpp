@@ -14,8 +14,7 @@
 
 namespace lumo::sense {
 
-/// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its
-/// predecessor.
+/// Checks each frame's profile against the unloaded one and its predecessor.
 class FrameMonitor {
  public:
   struct Config {
@@ -29,12 +28,14 @@ class FrameMonitor {
     double saturated = 0.05;       ///< share of full pixels that is too many
     double led_dark = 0.6;         ///< light about one LED, relative to the others', below which it is dead
     double exposure = 0.15;        ///< change of all lights (median over the finger) that no contact makes
-    double corrupt_low = 0.4,
-           corrupt_high = 4.0;  ///< light anywhere, relative to unloaded, outside of which the picture is damaged
-    double exposure_s = 0.0, gain = 0.0;  ///< under which the reference was taken; 0: not known
+    /// Light anywhere, relative to unloaded, outside of which the picture is damaged.
+    double corrupt_low = 0.4, corrupt_high = 4.0;
+    double exposure_s = 0.0, gain = 0.0;  ///< of the reference; 0: unknown
+    double metadata_change = 0.01;        ///< relative, of exposure or gain: more than rounding
+    double dropped_periods = 1.6;         ///< between two stamps, beyond which a frame is missing; assumed
   };
 
-  /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  /// Throws InvalidArgument for lengths that differ or numbers out of range.
   explicit FrameMonitor(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 1 || config_.unloaded.size() != n)
@@ -50,7 +51,7 @@ class FrameMonitor {
     bool usable = true;
   };
 
-  /// Before anything is read of it: the time. A frame that fails is not to be read.
+  /// Checks the time before a frame is read. A frame that fails must not be read.
   Verdict check_time(std::int64_t stamp_ns, std::int64_t now_ns) {
     Verdict v;
     if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns) return reject(Fault::frame_time);
@@ -59,20 +60,23 @@ class FrameMonitor {
     if (seen_ && stamp_ns == stamp_ns_) return reject(Fault::frame_repeated);
     if (seen_ && stamp_ns < stamp_ns_) return reject(Fault::frame_time);
     if (1e-9 * double(now_ns - stamp_ns) > config_.max_age_s) v.faults.add(Fault::frame_late);
-    if (seen_ && 1e-9 * double(stamp_ns - stamp_ns_) > 1.6 * config_.period_s) v.faults.add(Fault::frame_dropped);
+    if (seen_ && 1e-9 * double(stamp_ns - stamp_ns_) > config_.dropped_periods * config_.period_s)
+      v.faults.add(Fault::frame_dropped);
     seen_ = true;
     stamp_ns_ = stamp_ns;
     return v;
   }
 
-  /// The light itself, before the reference is subtracted.
+  /// Checks the light before the reference is subtracted.
   Verdict check_light(const Profile& p, double exposure_s, double gain) {
     Verdict v;
     const bool same = last_.size() == p.value.size() && last_ == p.value;
     last_ = p.value;
     if (same) return reject(Fault::frame_repeated);
     if (!p.value.allFinite()) return reject(Fault::frame_corrupt);
-    const auto differs = [](double a, double b) { return a > 0.0 && b > 0.0 && std::abs(a / b - 1.0) > 0.01; };
+    const auto differs = [&](double a, double b) {
+      return a > 0.0 && b > 0.0 && std::abs(a / b - 1.0) > config_.metadata_change;
+    };
     if (differs(exposure_s, config_.exposure_s) || differs(gain, config_.gain)) v.faults.add(Fault::exposure_changed);
     if (p.value.mean() < config_.black * config_.unloaded.mean()) v.faults.add(Fault::frame_black);
     if (p.saturated > config_.saturated) v.faults.add(Fault::frame_saturated);
@@ -102,7 +106,7 @@ class FrameMonitor {
   }
 
  private:
-  /// Of the position that is nearest to the LED.
+  /// Light at the position nearest to the LED, relative to unloaded.
   double led_ratio(double y) const {
     const Eigen::VectorXd& position_m = config_.position_m;
     Eigen::Index i = 0;

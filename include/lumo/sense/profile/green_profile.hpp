@@ -1,10 +1,7 @@
 #pragma once
 
-#include "lumo/core/units.hpp"
 #include "lumo/sense/devices/frame.hpp"
 #include "lumo/sense/devices/readout.hpp"
-#include "lumo/sense/profile/axis_map.hpp"
-#include "lumo/sense/profile/longitudinal_bins.hpp"
 #include "lumo/sense/profile/strip.hpp"
 
 #include <utility>
@@ -13,26 +10,15 @@
 namespace lumo::sense {
 
 /// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
-/// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not
-/// matter.
+/// Reads only the pixels of the finger's band. Sums are whole numbers, so their order does not matter.
 class GreenProfile {
  public:
   using Sample = Frame;
 
-  struct Config {
-    AxisMap map;
-    LongitudinalBins bins = LongitudinalBins::regions();
-    double band_low_m = -8.0_mm;  ///< the band's limits to the sides of the map's line; positive lies clockwise of the
-                                  ///< tip's direction in the image (image y runs down)
-    double band_high_m = 8.0_mm;
-    int width = 640, height = 480;  ///< of the frames [px]
-    PixelFormat format = PixelFormat::bgr;
-    int row_step =
-        1;  ///< reads every n-th line along the finger only (of image rows, or columns for an upright finger)
-  };
+  using Config = Strip::Config;
 
-  /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
-  explicit GreenProfile(const Config& config) : strip_(strip_of(config)), centres_(config.bins.centres_m()) {}
+  /// Throws InvalidArgument for a band outside the image or numbers out of range.
+  explicit GreenProfile(const Config& config) : strip_(config), centres_(config.bins.centres_m()) {}
 
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;
@@ -45,11 +31,6 @@ class GreenProfile {
   }
   const Eigen::VectorXd& positions_m() const { return centres_; }
 
-  /// The pixels that a configuration reads. Throws as the constructor.
-  static Strip strip_of(const Config& c) {
-    return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step};
-  }
-
  private:
   Strip strip_;
   Eigen::VectorXd centres_;
@@ -57,16 +38,16 @@ class GreenProfile {
 
 static_assert(Readout<GreenProfile>);
 
-/// Mean over each bin of how far green exceeds the unloaded image, pixel by pixel; what got darker counts nothing
-/// (paper, force estimation). Not linear near zero: noise leaves a positive mean there, which an unloaded reference of
-/// these profiles takes away.
+/// Mean over each bin of green's excess over the unloaded image, pixel by pixel; darker pixels count 0 (paper, force
+/// estimation). Not linear near zero: noise leaves a positive mean there, which an unloaded reference of these profiles
+/// removes.
 class PositiveGreenProfile {
  public:
   using Sample = Frame;
 
   /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
   PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
-      : strip_(GreenProfile::strip_of(config)), centres_(config.bins.centres_m()), unloaded_(std::move(unloaded)) {
+      : strip_(config), centres_(config.bins.centres_m()), unloaded_(std::move(unloaded)) {
     if (!strip_.fits(unloaded_.view()))
       throw InvalidArgument("unloaded image has not the size or format of the frames");
   }

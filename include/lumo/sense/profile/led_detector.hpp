@@ -19,8 +19,8 @@ struct LedDetection {
   AxisMap map;
 };
 
-/// Finds the LEDs of a finger by what is known of them: bright spots in a row, at one pitch, in equal steps but for
-/// perspective. Runs once for a camera's place, not on every frame.
+/// Finds the LEDs of a finger: bright spots in a row, at one pitch, in equal steps but for perspective. Runs once for a
+/// camera's place, not on every frame. Of lumo's own, so that sensing needs Eigen only.
 struct LedDetector {
   int count = 5;
   double pitch_m = 11.0_mm;
@@ -33,7 +33,7 @@ struct LedDetector {
   double centroid_sigma_px = 0.3;
   int max_candidates = 24;
 
-  /// Nothing when no such row is seen. Throws InvalidArgument for numbers that make no sense.
+  /// nullopt if the image shows no such row. Throws InvalidArgument for numbers out of range.
   std::optional<LedDetection> find(const ImageView& image) const;
 
  private:
@@ -41,12 +41,23 @@ struct LedDetector {
     Eigen::Vector2d place;
     double contrast;
   };
+  /// A window of this many radii's standard deviation weighs a spot's pixels.
+  static constexpr double window = 1.5;
+  static constexpr int centroid_passes = 3;  ///< each about the last one's middle: the window must not pull it
+  /// A Gaussian window on a Gaussian spot of its width halves the way to its centre: a step goes nearly twice as far.
+  static constexpr double centroid_step = 1.8;
+  /// Spots lie at least this many radii apart, and no farther than this share of a pitch from their place in the row.
+  static constexpr double min_step = 2.5, max_off = 0.3;
+  static constexpr double least_step = 0.25;      ///< of a pitch, from a spot to the next along the row
+  static constexpr double residual_weight = 0.3;  ///< standard deviation of a row's residual, in max_residual
+
   std::vector<Spot> spots(const ImageView& image, int radius) const;
+  std::optional<LedDetection> row_between(const std::vector<Spot>& all, const Spot& first, const Spot& last) const;
 };
 
 namespace detail {
 
-/// Sums of green over rectangles in constant time.
+/// Sums of green over rectangles in constant time (Crow 1984).
 class IntegralImage {
  public:
   explicit IntegralImage(const ImageView& v)
@@ -74,64 +85,103 @@ class IntegralImage {
   std::vector<std::uint32_t> sum_;
 };
 
+/// How far green stands above the brightest of eight neighbours, so that edges and streaks are no spots.
+class SpotContrast {
+ public:
+  SpotContrast(const ImageView& image, const IntegralImage& sums, int radius)
+      : width_(image.width), height_(image.height), contrast_(std::size_t(width_) * std::size_t(height_)) {
+    const int far = 4 * radius;
+    for (int y = 0; y < height_; ++y)
+      for (int x = 0; x < width_; ++x) {
+        double around = 0.0;
+        for (int j = -far; j <= far; j += far)
+          for (int i = -far; i <= far; i += far)
+            if (i != 0 || j != 0)
+              around = std::max(around,
+                                sums.mean(std::clamp(x + i, 0, width_ - 1), std::clamp(y + j, 0, height_ - 1), radius));
+        contrast_[std::size_t(y) * std::size_t(width_) + std::size_t(x)] = float(sums.mean(x, y, radius) - around);
+      }
+  }
+  float at(int x, int y) const { return contrast_[std::size_t(y) * std::size_t(width_) + std::size_t(x)]; }
+  /// Whether it is the largest within `reach` each way; of equals, the first is.
+  bool is_top(int x, int y, int reach) const {
+    const float c = at(x, y);
+    for (int j = -reach; j <= reach; ++j)
+      for (int i = -reach; i <= reach; ++i) {
+        const int xx = x + i, yy = y + j;
+        if (xx < 0 || yy < 0 || xx >= width_ || yy >= height_ || (i == 0 && j == 0)) continue;
+        const float other = at(xx, yy);
+        if (!(other < c || (other == c && (j > 0 || (j == 0 && i > 0))))) return false;
+      }
+    return true;
+  }
+
+ private:
+  int width_, height_;
+  std::vector<float> contrast_;
+};
+
 }  // namespace detail
 
 inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image, int radius) const {
   const detail::IntegralImage sums(image);
-  const int r = radius, far = 4 * radius;
-  std::vector<float> contrast(std::size_t(image.width) * std::size_t(image.height));
-  for (int y = 0; y < image.height; ++y)
-    for (int x = 0; x < image.width; ++x) {
-      double around = 0.0;  // the brightest of eight neighbours, so that edges and streaks are no spots
-      for (int j = -far; j <= far; j += far)
-        for (int i = -far; i <= far; i += far)
-          if (i != 0 || j != 0)
-            around = std::max(
-                around, sums.mean(std::clamp(x + i, 0, image.width - 1), std::clamp(y + j, 0, image.height - 1), r));
-      contrast[std::size_t(y) * std::size_t(image.width) + std::size_t(x)] = float(sums.mean(x, y, r) - around);
+  const int r = radius;
+  const detail::SpotContrast contrast(image, sums, r);
+  // Centroid of what stands above the surroundings.
+  const auto centroid = [&](int x, int y) {
+    Eigen::Vector2d centre(x, y);
+    const double ground = sums.mean(x, y, 4 * r);
+    for (int pass = 0; pass < centroid_passes; ++pass) {
+      Eigen::Vector2d moment = Eigen::Vector2d::Zero();
+      double weight = 0.0;
+      const int cx = int(std::lround(centre.x())), cy = int(std::lround(centre.y()));
+      for (int yy = std::max(0, cy - 3 * r); yy <= std::min(image.height - 1, cy + 3 * r); ++yy)
+        for (int xx = std::max(0, cx - 3 * r); xx <= std::min(image.width - 1, cx + 3 * r); ++xx) {
+          const Eigen::Vector2d p(xx, yy);
+          const double near = std::exp(-0.5 * (p - centre).squaredNorm() / (window * r * window * r));
+          const double w = near * std::max(0.0, image.green(xx, yy) - ground);
+          moment += w * p;
+          weight += w;
+        }
+      if (weight <= 0.0) break;
+      centre += centroid_step * (moment / weight - centre);
     }
-  const auto at = [&](int x, int y) { return contrast[std::size_t(y) * std::size_t(image.width) + std::size_t(x)]; };
-
+    return centre;
+  };
   std::vector<Spot> found;
   for (int y = r; y < image.height - r; ++y)
     for (int x = r; x < image.width - r; ++x) {
-      const float c = at(x, y);
-      if (c < min_contrast) continue;
-      bool top = true;
-      for (int j = -2 * r; top && j <= 2 * r; ++j)
-        for (int i = -2 * r; top && i <= 2 * r; ++i) {
-          const int xx = x + i, yy = y + j;
-          if (xx < 0 || yy < 0 || xx >= image.width || yy >= image.height || (i == 0 && j == 0)) continue;
-          const float other = at(xx, yy);
-          top = other < c || (other == c && (j > 0 || (j == 0 && i > 0)));  // of equals, the first
-        }
-      if (!top) continue;
-      // Centroid of what stands above the surroundings, three times, each about the last one's middle: the window must
-      // not pull it.
-      Eigen::Vector2d centre(x, y);
-      const double ground = sums.mean(x, y, far);
-      for (int pass = 0; pass < 3; ++pass) {
-        Eigen::Vector2d moment = Eigen::Vector2d::Zero();
-        double weight = 0.0;
-        const int cx = int(std::lround(centre.x())), cy = int(std::lround(centre.y()));
-        for (int yy = std::max(0, cy - 3 * r); yy <= std::min(image.height - 1, cy + 3 * r); ++yy)
-          for (int xx = std::max(0, cx - 3 * r); xx <= std::min(image.width - 1, cx + 3 * r); ++xx) {
-            const Eigen::Vector2d p(xx, yy);
-            const double window = std::exp(-0.5 * (p - centre).squaredNorm() / (1.5 * r * 1.5 * r));
-            const double w = window * std::max(0.0, image.green(xx, yy) - ground);
-            moment += w * p;
-            weight += w;
-          }
-        if (weight <= 0.0) break;
-        // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step nearly twice as
-        // far.
-        centre += 1.8 * (moment / weight - centre);
-      }
+      const float c = contrast.at(x, y);
+      if (c < min_contrast || !contrast.is_top(x, y, 2 * r)) continue;
+      const Eigen::Vector2d centre = centroid(x, y);
       if ((centre - Eigen::Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});
     }
   std::stable_sort(found.begin(), found.end(), [](const Spot& a, const Spot& b) { return a.contrast > b.contrast; });
   if (found.size() > std::size_t(max_candidates)) found.resize(std::size_t(max_candidates));
   return found;
+}
+
+/// The row with these ends, without its map; nullopt if a spot is missing, out of order or too dim.
+inline std::optional<LedDetection> LedDetector::row_between(const std::vector<Spot>& all, const Spot& first,
+                                                            const Spot& last) const {
+  const Eigen::Vector2d &from = first.place, &to = last.place, step = (to - from) / double(count - 1);
+  LedDetection row{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
+  for (int k = 0; k < count; ++k) {
+    const Eigen::Vector2d expected = from + k * step;
+    const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
+    const auto near =
+        std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
+    if (!((near->place - expected).norm() < max_off * step.norm() &&
+          (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)))))
+      return std::nullopt;
+    row.centroid_px.col(k) = near->place;
+    row.contrast[k] = near->contrast;
+  }
+  for (int k = 1; k < count; ++k)
+    if (!((row.centroid_px.col(k) - row.centroid_px.col(k - 1)).dot(step) > least_step * step.squaredNorm()))
+      return std::nullopt;
+  if (row.contrast.minCoeff() < min_share * row.contrast.maxCoeff()) return std::nullopt;
+  return row;
 }
 
 inline std::optional<LedDetection> LedDetector::find(const ImageView& image) const {
@@ -148,31 +198,22 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
   double best_score = 0.0;
   for (const Spot& first : all)
     for (const Spot& last : all) {
-      const Eigen::Vector2d &from = first.place, &to = last.place, step = (to - from) / double(count - 1);
-      if (step.dot(distal) <= 0.0 || step.norm() < 2.5 * radius) continue;
-      LedDetection row{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
-      bool whole = true;
-      for (int k = 0; whole && k < count; ++k) {
-        const Eigen::Vector2d expected = from + k * step;
-        const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
-        const auto near =
-            std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
-        whole = (near->place - expected).norm() < 0.3 * step.norm() &&
-                (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)));
-        row.centroid_px.col(k) = near->place;
-        row.contrast[k] = near->contrast;
-      }
-      if (!whole) continue;
-      for (int k = 1; whole && k < count; ++k)
-        whole = (row.centroid_px.col(k) - row.centroid_px.col(k - 1)).dot(step) > 0.25 * step.squaredNorm();
-      if (!whole || row.contrast.minCoeff() < min_share * row.contrast.maxCoeff()) continue;
-      row.map = AxisMap::fit(row.centroid_px, y, centroid_sigma_px);
-      const Eigen::Vector2d across(-row.map.direction.y(), row.map.direction.x());
-      const double off = ((row.centroid_px.colwise() - row.map.origin_px).transpose() * across).squaredNorm() / count;
-      const double residual = std::sqrt(row.map.residual_px * row.map.residual_px + off) / step.norm();
+      const Eigen::Vector2d step = (last.place - first.place) / double(count - 1);
+      if (step.dot(distal) <= 0.0 || step.norm() < min_step * radius) continue;
+      std::optional<LedDetection> row = row_between(all, first, last);
+      if (!row) continue;
+      row->map = AxisMap::fit(row->centroid_px, y, centroid_sigma_px);
+      const AxisMap& map = row->map;
+      const Eigen::Vector2d across(-map.direction.y(), map.direction.x());
+      const double off = ((row->centroid_px.colwise() - map.origin_px).transpose() * across).squaredNorm() / count;
+      const double residual = std::sqrt(map.residual_px * map.residual_px + off) / step.norm();
       if (residual > max_residual) continue;
-      const double score = row.contrast.minCoeff() * std::exp(-0.5 * std::pow(residual / (0.3 * max_residual), 2));
-      if (score > best_score) best_score = score, best = row;
+      const double far = residual / (residual_weight * max_residual);
+      const double score = row->contrast.minCoeff() * std::exp(-0.5 * std::pow(far, 2));
+      if (score > best_score) {
+        best_score = score;
+        best = row;
+      }
     }
   return best;
 }

@@ -10,8 +10,7 @@
 
 namespace lumo::sense {
 
-/// Mean profile of the unloaded finger and the scatter of single profiles about it: what responses are measured
-/// against.
+/// Mean profile of the unloaded finger and the scatter of single profiles about it. Responses are measured against it.
 class UnloadedReference {
  public:
   /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or
@@ -29,8 +28,8 @@ class UnloadedReference {
 
   int count() const { return count_; }
   const Eigen::VectorXd& mean() const { return mean_; }
-  /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number
-  /// twice is not free of noise). The mean's own error is part of it.
+  /// Standard deviation of one response at each position, the mean's own error included. It is at least `floor`: an
+  /// 8-bit camera that repeats a number is not free of noise.
   Eigen::VectorXd noise(double floor = 0.02) const {
     if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
     const double n = count_;

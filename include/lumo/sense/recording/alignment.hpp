@@ -14,7 +14,7 @@
 
 namespace lumo::sense {
 
-/// Stamps lie within ±this [ns], 146 years, so that the difference of any two is one of 64 bits.
+/// Stamps lie within ±this [ns], 146 years, so that the difference of any two fits into 64 bits.
 inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
 
 /// From one clock to another: to = from + offset + drift · (from − origin).
@@ -22,10 +22,10 @@ struct ClockMap {
   std::int64_t origin_ns = 0;
   double offset_s = 0.0;
   double drift = 0.0;       ///< seconds per second
-  double residual_s = 0.0;  ///< RMS of what a fit left; 0 where it was given, not fitted
+  double residual_s = 0.0;  ///< RMS residual of a fit; 0 if the map was given
   bool operator==(const ClockMap&) const = default;
 
-  /// Ends at the limit of stamps.
+  /// Saturates at the limit of stamps.
   std::int64_t operator()(std::int64_t from_ns) const {
     constexpr double limit = double(stamp_limit_ns);
     const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
@@ -33,7 +33,7 @@ struct ClockMap {
                                     stamp_limit_ns);
   }
 
-  /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws
+  /// Least-squares fit to the stamps of the same events on both clocks; one event gives the offset alone. Throws
   /// InvalidArgument for none.
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
@@ -49,7 +49,10 @@ struct ClockMap {
     double sum_t = 0.0, sum_d = 0.0, sum_tt = 0.0, sum_td = 0.0;
     for (std::size_t i = 0; i < from_ns.size(); ++i) {
       const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
-      sum_t += t, sum_d += d, sum_tt += t * t, sum_td += t * d;
+      sum_t += t;
+      sum_d += d;
+      sum_tt += t * t;
+      sum_td += t * d;
     }
     const double det = n * sum_tt - sum_t * sum_t;
     map.drift = det > 1e-9 * n * n ? (n * sum_td - sum_t * sum_d) / det : 0.0;
@@ -61,7 +64,7 @@ struct ClockMap {
   }
 };
 
-/// A recorded quantity of some channels over time, and what linear interpolation makes of it.
+/// A recorded quantity of some channels over time, interpolated linearly.
 class TimeSeries {
  public:
   /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
@@ -70,7 +73,7 @@ class TimeSeries {
     if (value_.cols() != Eigen::Index(stamp_.size()))
       throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
-      if (stamp_[i] <= stamp_[i - 1])  // of ascending stamps the ends tell of all
+      if (stamp_[i] <= stamp_[i - 1])
         throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ",
                                       stamp_[i - 1], " ns"));
     if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
@@ -78,7 +81,7 @@ class TimeSeries {
           message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
   }
 
-  /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
+  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s`.
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
     const Eigen::MatrixXd& value = value_;
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
@@ -92,9 +95,9 @@ class TimeSeries {
     return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
   }
 
-  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature
-  /// that interpolation does not follow. For white noise of standard deviation σ it is √1.5 σ; interpolation itself
-  /// spans half the distance and errs by about a quarter of the curvature's part.
+  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise, and curvature
+  /// that interpolation misses. White noise of standard deviation σ gives √1.5 σ. Interpolation itself spans half the
+  /// distance, so its error is about a quarter of the curvature's part.
   Eigen::VectorXd interpolation_residual() const {
     const Eigen::MatrixXd& value = value_;
     Eigen::VectorXd squares = Eigen::VectorXd::Zero(value.rows());

@@ -69,14 +69,14 @@ class CsvReader {
   std::string_view text(int column) const { return fields_[std::size_t(column)]; }
   /// A finite number.
   double number(int column) const {
-    const std::string_view f = message(column);
+    const std::string_view f = text(column);
     double v = 0.0;
     const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
     return v;
   }
   std::int64_t integer(int column) const {
-    const std::string_view f = message(column);
+    const std::string_view f = text(column);
     std::int64_t v = 0;
     const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
     if (error != std::errc() || end != f.data() + f.size()) fail(column, "is no whole number of 64 bits");
@@ -84,10 +84,10 @@ class CsvReader {
   }
   long line() const { return line_; }
   const std::string& name() const { return name_; }
-  /// Throws the error of a field: file, line, column, what it says, what is wrong.
+  /// Throws the error of a field: file, line, column, text, reason.
   [[noreturn]] void fail(int column, std::string_view why) const {
     throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
-                             printable(message(column)), "' ", why));
+                             printable(text(column)), "' ", why));
   }
 
  private:
@@ -133,7 +133,7 @@ class CsvReader {
   long line_ = 0;
 };
 
-/// The shortest text that reads back as the same number. Throws InvalidArgument for what is not finite.
+/// The shortest text that reads back as the same number. Throws InvalidArgument unless it is finite.
 inline std::string csv_number(double v) {
   if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
   char buffer[32];

@@ -17,15 +17,16 @@
 
 namespace lumo::sense {
 
-/// What a log says of the contacts that its estimates are compared with. Only whoever compares reads it.
+/// The true contacts of a log, for comparison with its estimates. Estimators do not read it.
 class LogTruth {
  public:
   struct Touch {
     std::optional<double> y_m, force_N;
   };
+  static constexpr double max_gap_s = 0.1;  ///< between samples of the force sensor; beyond, the force is unknown
 
-  /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say
-  /// unloaded. Throws InvalidArgument where the session's clock leads two of its samples to the same time.
+  /// From the jig's places (segments) and the force sensor, which is tared on its unloaded segments. Throws
+  /// InvalidArgument if the session's clock leads two of its samples to the same time.
   static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
     LogTruth t;
     t.segments_ = session.segments;
@@ -34,7 +35,10 @@ class LogTruth {
     for (const WrenchSample& w : wrenches) {
       const std::int64_t at = session.wrench_clock(w.stamp_ns);
       for (const Segment& s : t.segments_)
-        if (s.kind == "unloaded" && at >= s.from_ns && at <= s.to_ns) tare += w.normal_force_N(), ++count;
+        if (s.kind == SegmentKind::unloaded && s.holds(at)) {
+          tare += w.normal_force_N();
+          ++count;
+        }
     }
     t.force_ = normal_force(wrenches, session.wrench_clock, count > 0 ? tare / double(count) : 0.0);
     return t;
@@ -53,8 +57,7 @@ class LogTruth {
     return t;
   }
 
-  /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no
-  /// place.
+  /// Place and force at a time; unknown values are empty. Without contact the place is empty and a known force is 0.
   Touch at(std::int64_t stamp_ns) const {
     if (!force_) {
       const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns,
@@ -62,9 +65,9 @@ class LogTruth {
       return row != table_.end() && row->first == stamp_ns ? row->second : Touch{};
     }
     Touch touch;
-    if (const auto f = force_->at(stamp_ns, 0.1)) touch.force_N = (*f)[0];
+    if (const auto f = force_->at(stamp_ns, max_gap_s)) touch.force_N = (*f)[0];
     for (const Segment& s : segments_)
-      if (s.place >= 0 && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns) {
+      if (s.place >= 0 && s.holds(stamp_ns)) {
         touch.y_m = 1e-3 * s.y_mm;
         if (!touch.force_N) touch.force_N = s.load_N;
       }

@@ -11,8 +11,8 @@
 
 namespace lumo::sense {
 
-/// What presses the finger over time: one channel [N], less `tare_N`. Stamps are moved by `clock`:
-/// Session::wrench_clock leads onto the frames'. Throws InvalidArgument where that leaves two samples at the same time.
+/// Force that presses the finger over time: one channel [N], less `tare_N`. `clock` moves the stamps, for instance
+/// Session::wrench_clock onto the frames'. Throws InvalidArgument if that leaves two samples at the same time.
 inline TimeSeries normal_force(const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {},
                                double tare_N = 0.0) {
   std::vector<std::int64_t> stamp_ns;

@@ -1,7 +1,6 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
 #include "lumo/sense/recording/session.hpp"
 #include "lumo/sense/recording/tables.hpp"
 
@@ -11,8 +10,8 @@
 
 namespace lumo::sense {
 
-/// A log's session and tables; the pictures stay where they are. A table that is absent is empty.
-struct RecordedLog {
+/// A log's session and tables; the pictures stay in their files. A table that is absent is empty.
+struct Recording {
   std::string path;  ///< of the folder, or of the MCAP file
   Session session;
   std::vector<FrameRecord> frames;
@@ -22,9 +21,8 @@ struct RecordedLog {
   std::vector<PhotodiodeSample> photodiodes;
 };
 
-/// Throws InputError where session and tables do not go together: currents need a constant for each joint, torques
-/// none.
-inline void validate(const RecordedLog& log) {
+/// Throws InputError if session and tables do not match: currents need a torque constant for each joint.
+inline void validate(const Recording& log) {
   if (log.joints.empty() || log.joints.front().unit == Effort::torque_Nm) return;
   const auto joints = std::size_t(log.joints.front().effort.size());
   if (log.session.torque_constant_Nm_per_A.size() != joints)

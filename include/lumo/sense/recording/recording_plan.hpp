@@ -10,12 +10,13 @@
 
 namespace lumo::sense {
 
-/// The segments of a session as what is to be done during a recording, in the order of time, each announced `notice_s`
-/// before it begins. Times are since the first picture. A plan that begins within the notice, or later than in a minute
-/// (another recording's clock), is moved as a whole, to begin when the notice is over.
+/// The segments of a session as the plan of a recording, in the order of time, each announced `notice_s` before it
+/// begins. Times count from the first picture. A plan that begins within the notice, or after `latest_begin_ns` (on
+/// another recording's clock), is moved as a whole to begin right after the notice.
 class RecordingPlan {
  public:
   static constexpr double notice_s = 2.0;
+  static constexpr std::int64_t latest_begin_ns = 60'000'000'000;
 
   explicit RecordingPlan(std::vector<Segment> segments) : segments_(std::move(segments)) {
     std::stable_sort(segments_.begin(), segments_.end(),
@@ -23,8 +24,11 @@ class RecordingPlan {
     if (segments_.empty()) return;
     constexpr auto notice_ns = std::int64_t(1e9 * notice_s);
     const std::int64_t begin = segments_.front().from_ns,
-                       shift = begin >= notice_ns && begin <= 60'000'000'000 ? 0 : notice_ns - begin;
-    for (Segment& s : segments_) s.from_ns += shift, s.to_ns += shift;
+                       shift = begin >= notice_ns && begin <= latest_begin_ns ? 0 : notice_ns - begin;
+    for (Segment& s : segments_) {
+      s.from_ns += shift;
+      s.to_ns += shift;
+    }
   }
 
   const std::vector<Segment>& segments() const { return segments_; }
@@ -34,12 +38,12 @@ class RecordingPlan {
     for (const Segment& s : segments_) end = std::max(end, s.to_ns);
     return 1e-9 * double(end);
   }
-  /// The next segment that is to be announced by now, each once; null: none.
+  /// The next segment to be announced by now, each once; null: none.
   const Segment* announced(double now_s) {
     return next_ < segments_.size() && 1e-9 * double(segments_[next_].from_ns) - notice_s <= now_s ? &segments_[next_++]
                                                                                                    : nullptr;
   }
-  /// Those that a recording which ended at this time has seen whole.
+  /// The segments that a recording which ended at this time holds whole.
   std::vector<Segment> done(std::int64_t end_ns) const {
     std::vector<Segment> list;
     for (const Segment& s : segments_)

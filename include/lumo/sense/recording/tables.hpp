@@ -3,6 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/devices/photodiodes.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/csv.hpp"
 
@@ -11,6 +12,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <fstream>
+#include <istream>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -18,21 +20,23 @@
 
 namespace lumo::sense {
 
-// A log is a folder (docs/log_format.md):
-//   session.json        what was done, with what (support/json.hpp reads it)
-//   frames.csv          stamp_ns | time_s, file, exposure_s, gain       file: path below frames/; the column is absent
-//   where there is a video frames/…            8-bit images, colour or grey; or video.* instead joint.csv stamp_ns |
-//   time_s, position_rad_0, velocity_rad_per_s_0, current_A_0 | torque_Nm_0, position_rad_1, … wrench.csv stamp_ns |
-//   time_s, force_x_N, force_y_N, force_z_N[, torque_x_Nm, torque_y_Nm, torque_z_Nm] marker.csv          stamp_ns |
-//   time_s, displacement_m photodiode.csv      stamp_ns | time_s, signal_V_0, signal_V_1, …
-// All but session.json may be absent. Stamps ascend strictly. Columns may stand in any order; unknown ones are errors.
+// A log is a folder (docs/log_format.md). All tables may be absent. Each has a column stamp_ns or time_s, which ascends
+// strictly. Columns stand in any order; unknown ones are errors.
+//
+// - session.json: circumstances of the log (read by support/json.hpp)
+// - frames.csv: file (a path below frames/), exposure_s, gain; beside a video.* it has no column file
+// - frames/: 8-bit images, colour or grey
+// - joint.csv: position_rad_0, velocity_rad_per_s_0, current_A_0 or torque_Nm_0, position_rad_1, …
+// - wrench.csv: force_x_N, force_y_N, force_z_N, and torque_x_Nm, torque_y_Nm, torque_z_Nm or none of the three
+// - marker.csv: displacement_m
+// - photodiode.csv: signal_V_0, signal_V_1, …
 
 /// A row of frames.csv.
 struct FrameRecord {
   std::int64_t stamp_ns = 0;
   std::string file;         ///< below frames/; empty in a video's table
-  double exposure_s = 0.0;  ///< 0: not known
-  double gain = 0.0;        ///< 0: not known
+  double exposure_s = 0.0;  ///< 0: unknown
+  double gain = 0.0;        ///< 0: unknown
 };
 
 /// Name of a log's picture by its number: 000042.png.
@@ -41,12 +45,12 @@ inline std::string frame_file(std::size_t number, std::string_view ending = ".pn
   return std::string(digits.size() < 6 ? 6 - digits.size() : 0, '0') + digits + std::string(ending);
 }
 
-/// What a force/torque sensor says: the object on the finger, in the finger's frame, about its origin.
+/// Wrench of the object on the finger by a force/torque sensor, in the finger's frame, about its origin.
 struct WrenchSample {
   std::int64_t stamp_ns = 0;
   Vec3d force_N{0.0, 0.0, 0.0};
   Vec3d torque_Nm{0.0, 0.0, 0.0};
-  double normal_force_N() const { return -force_N.z(); }  ///< positive where the finger is pressed
+  double normal_force_N() const { return -force_N.z(); }  ///< positive if the finger is pressed
 };
 
 struct MarkerSample {
@@ -178,8 +182,10 @@ inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::st
   bool with_torque = false;
   for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
   int column[6] = {};
-  for (int k = 0; k < 3; ++k)
-    column[k] = csv.require(forces[k]), column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
+  for (int k = 0; k < 3; ++k) {
+    column[k] = csv.require(forces[k]);
+    column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
+  }
   csv.require_known([&](std::string_view c) {
     bool known = is_time(c);
     for (int k = 0; k < 3; ++k) known = known || c == forces[k] || c == torques[k];
@@ -208,6 +214,29 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
   while (csv.next()) {
     const std::int64_t at = stamp.read(csv);
     list.push_back({at, csv.number(place)});
+  }
+  return list;
+}
+
+/// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws
+/// InputError.
+inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
+  CsvReader csv(in, name);
+  StampColumn stamp(csv);
+  std::vector<int> column;
+  while (csv.find(numbered("signal_V", int(column.size()))) >= 0)
+    column.push_back(csv.find(numbered("signal_V", int(column.size()))));
+  if (column.empty()) csv.require("signal_V_0");
+  csv.require_known([&](std::string_view c) {
+    bool known = is_time(c);
+    for (std::size_t i = 0; i < column.size(); ++i) known = known || c == numbered("signal_V", int(i));
+    return known;
+  });
+  std::vector<PhotodiodeSample> list;
+  while (csv.next()) {
+    PhotodiodeSample s{stamp.read(csv), Eigen::VectorXd(Eigen::Index(column.size()))};
+    for (std::size_t i = 0; i < column.size(); ++i) s.signal_V[Eigen::Index(i)] = csv.number(column[i]);
+    list.push_back(std::move(s));
   }
   return list;
 }
@@ -243,7 +272,7 @@ inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& 
   return t + '\n';
 }
 
-/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would
+/// The tables as text, with numbers that read back as they were. They throw InvalidArgument for values that the readers
 /// refuse.
 inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
   std::string t = frame_header(video);
@@ -283,6 +312,21 @@ inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
   std::string t = "stamp_ns,displacement_m\n";
   std::optional<std::int64_t> last;
   for (const MarkerSample& m : samples) t += stamp_text(m.stamp_ns, last) + ',' + csv_number(m.displacement_m) + '\n';
+  return t;
+}
+
+inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samples) {
+  std::string t = "stamp_ns";
+  const auto n = samples.empty() ? Eigen::Index(1) : samples.front().signal_V.size();
+  for (Eigen::Index i = 0; i < n; ++i) t += ',' + numbered("signal_V", int(i));
+  t += '\n';
+  std::optional<std::int64_t> last;
+  for (const PhotodiodeSample& s : samples) {
+    if (s.signal_V.size() != n) throw InvalidArgument("photodiode log: samples must have the same number of diodes");
+    t += stamp_text(s.stamp_ns, last);
+    for (Eigen::Index i = 0; i < n; ++i) t += ',' + csv_number(s.signal_V[i]);
+    t += '\n';
+  }
   return t;
 }
 

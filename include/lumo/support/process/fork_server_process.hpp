@@ -23,8 +23,8 @@ enum class JobOutcome : std::uint32_t {
   crashed,
   timed_out,
   out_of_memory,
-  lost
-};  // lost: the helper went, which says nothing about the job
+  lost  ///< the helper went, which says nothing about the job
+};
 
 struct JobHeader {
   std::uint64_t size;
@@ -98,7 +98,7 @@ template <class Work>
   std::set_new_handler([] { ::_exit(exit_no_memory); });
   try {
     const Bytes answer = work(request);
-    // Exit code 0 after the last byte tells a whole answer from a broken one.
+    // Exit code 0 after the last byte distinguishes a whole answer from a broken one.
     for (std::size_t sent = 0; sent < answer.size();) {
       const ssize_t count = ::write(out, answer.data() + sent, answer.size() - sent);
       if (count > 0) sent += static_cast<std::size_t>(count);
@@ -171,7 +171,8 @@ ReplyHeader supervise_job(int host, Work work, std::span<const char> request, co
   if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) return reply(JobOutcome::timed_out);
   if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL)
     return reply(JobOutcome::out_of_memory, SIGKILL);  // not by us: the kernel's out-of-memory killer
-  // Code that does not look at malloc's result dies of a signal: what it had in use tells that from other crashes.
+  // Code that does not look at malloc's result dies of a signal: what it had in use distinguishes that from other
+  // crashes.
   const std::uint64_t peak = static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
   if (header.memory_bytes > 0 && peak > base + header.memory_bytes / 2) return reply(JobOutcome::out_of_memory);
   return reply(JobOutcome::crashed, WIFSIGNALED(status) ? WTERMSIG(status) : -WEXITSTATUS(status));

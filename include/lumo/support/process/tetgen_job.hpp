@@ -2,7 +2,7 @@
 
 // The only place that includes TetGen: one job, run in a process of its own. See support/tetgen.hpp.
 
-#include "lumo/mesh/mesher.hpp"
+#include "lumo/mesh/fill_check.hpp"
 #include "lumo/mesh/size_field.hpp"
 #include "lumo/support/process/socket_io.hpp"
 
@@ -46,14 +46,9 @@ struct TetgenRequest {
   std::vector<SizeField::Cell> cells;
 };
 
-struct TetgenAnswer {
-  std::vector<double> coordinates;  ///< the request's vertices first, in order
-  std::vector<std::int32_t> tets;
-  std::vector<std::int32_t> faces;
-  std::vector<std::int32_t> facets;  ///< for each face, the number of its facet + 1
-};
+namespace detail {
 
-template <class T> void put(Bytes& bytes, const std::vector<T>& values) {
+template <class T> void append_values(Bytes& bytes, const std::vector<T>& values) {
   static_assert(std::is_trivially_copyable_v<T>);
   const std::uint64_t count = values.size();
   const auto* head = reinterpret_cast<const char*>(&count);
@@ -63,7 +58,7 @@ template <class T> void put(Bytes& bytes, const std::vector<T>& values) {
 }
 
 /// Throws std::length_error if the bytes end too early.
-template <class T> void get(std::span<const char>& bytes, std::vector<T>& values) {
+template <class T> void take_values(std::span<const char>& bytes, std::vector<T>& values) {
   std::uint64_t count = 0;
   if (bytes.size() < sizeof count) throw std::length_error("message ends early");
   std::memcpy(&count, bytes.data(), sizeof count);
@@ -74,16 +69,18 @@ template <class T> void get(std::span<const char>& bytes, std::vector<T>& values
   bytes = bytes.subspan(count * sizeof(T));
 }
 
+}  // namespace detail
+
 inline Bytes encode(const TetgenRequest& request) {
   Bytes bytes;
-  put(bytes, std::vector<TetgenRequest::Knobs>{request.knobs});
-  put(bytes, request.coordinates);
-  put(bytes, request.counts);
-  put(bytes, request.corners);
-  put(bytes, request.markers);
-  put(bytes, request.holes);
-  put(bytes, std::vector<double>(request.root.begin(), request.root.end()));
-  put(bytes, request.cells);
+  detail::append_values(bytes, std::vector<TetgenRequest::Knobs>{request.knobs});
+  detail::append_values(bytes, request.coordinates);
+  detail::append_values(bytes, request.counts);
+  detail::append_values(bytes, request.corners);
+  detail::append_values(bytes, request.markers);
+  detail::append_values(bytes, request.holes);
+  detail::append_values(bytes, std::vector<double>(request.root.begin(), request.root.end()));
+  detail::append_values(bytes, request.cells);
   return bytes;
 }
 
@@ -91,34 +88,34 @@ inline TetgenRequest decode_request(std::span<const char> bytes) {
   TetgenRequest request;
   std::vector<TetgenRequest::Knobs> knobs;
   std::vector<double> root;
-  get(bytes, knobs);
-  get(bytes, request.coordinates);
-  get(bytes, request.counts);
-  get(bytes, request.corners);
-  get(bytes, request.markers);
-  get(bytes, request.holes);
-  get(bytes, root);
-  get(bytes, request.cells);
+  detail::take_values(bytes, knobs);
+  detail::take_values(bytes, request.coordinates);
+  detail::take_values(bytes, request.counts);
+  detail::take_values(bytes, request.corners);
+  detail::take_values(bytes, request.markers);
+  detail::take_values(bytes, request.holes);
+  detail::take_values(bytes, root);
+  detail::take_values(bytes, request.cells);
   request.knobs = knobs.at(0);
   for (std::size_t i = 0; i < 4; ++i) request.root[i] = root.at(i);
   return request;
 }
 
-inline Bytes encode(const TetgenAnswer& answer) {
+inline Bytes encode(const RawFill& answer) {
   Bytes bytes;
-  put(bytes, answer.coordinates);
-  put(bytes, answer.tets);
-  put(bytes, answer.faces);
-  put(bytes, answer.facets);
+  detail::append_values(bytes, answer.coordinates);
+  detail::append_values(bytes, answer.tets);
+  detail::append_values(bytes, answer.faces);
+  detail::append_values(bytes, answer.facets);
   return bytes;
 }
 
-inline TetgenAnswer decode_answer(std::span<const char> bytes) {
-  TetgenAnswer answer;
-  get(bytes, answer.coordinates);
-  get(bytes, answer.tets);
-  get(bytes, answer.faces);
-  get(bytes, answer.facets);
+inline RawFill decode_answer(std::span<const char> bytes) {
+  RawFill answer;
+  detail::take_values(bytes, answer.coordinates);
+  detail::take_values(bytes, answer.tets);
+  detail::take_values(bytes, answer.faces);
+  detail::take_values(bytes, answer.facets);
   return answer;
 }
 
@@ -150,46 +147,76 @@ inline Mat3d tetgen_frame(int turn) {
   return Eigen::Quaterniond(4.0, 1.0, 2.0 * turn, 3.0).normalized().toRotationMatrix();
 }
 
+namespace detail {
+
+/// What TetGen reads: views of numbers that must live as long as it runs.
+struct TetgenInput {
+  tetgenio io;
+  std::vector<double> points, holes;  ///< in the job's frame
+  std::vector<tetgenio::polygon> polygons;
+  std::vector<tetgenio::facet> facets;
+
+  TetgenInput(TetgenRequest& request, const Mat3d& frame)
+      : points(request.coordinates),
+        holes(request.holes),
+        polygons(request.counts.size()),
+        facets(request.counts.size()) {
+    if (request.knobs.turn != 0)
+      for (std::vector<double>* numbers : {&points, &holes})
+        for (std::size_t i = 0; i + 2 < numbers->size(); i += 3) {
+          Eigen::Map<Eigen::Vector3d> point(&(*numbers)[i]);
+          point = frame * Vec3d(point);
+        }
+    io.numberofpoints = static_cast<int>(points.size() / 3);
+    io.pointlist = points.data();
+    io.numberoffacets = static_cast<int>(request.counts.size());
+    int first = 0;
+    for (std::size_t i = 0; i < facets.size(); ++i) {
+      polygons[i] = {request.corners.data() + first, request.counts[i]};
+      facets[i] = {&polygons[i], 1, nullptr, 0};
+      first += request.counts[i];
+    }
+    io.facetlist = facets.data();
+    io.facetmarkerlist = request.markers.data();
+    io.numberofholes = static_cast<int>(holes.size() / 3);
+    io.holelist = holes.data();
+  }
+};
+
+/// TetGen's output in the given frame; the given vertices get their own bits back.
+inline RawFill tetgen_answer(const tetgenio& output, const TetgenRequest& request, const TetgenInput& input,
+                             const Mat3d& frame) {
+  using Point = Eigen::Map<Eigen::Vector3d>;
+  using GivenPoint = Eigen::Map<const Eigen::Vector3d>;
+  RawFill answer;
+  answer.coordinates.assign(output.pointlist, output.pointlist + 3 * output.numberofpoints);
+  for (std::size_t i = 0; request.knobs.turn != 0 && i + 2 < answer.coordinates.size(); i += 3) {
+    Point point(&answer.coordinates[i]);
+    const bool given = i + 2 < input.points.size() && point == GivenPoint(&input.points[i]);
+    point = given ? Vec3d(GivenPoint(&request.coordinates[i])) : Vec3d(frame.transpose() * Vec3d(point));
+  }
+  answer.tets.assign(output.tetrahedronlist, output.tetrahedronlist + 4 * output.numberoftetrahedra);
+  answer.faces.assign(output.trifacelist, output.trifacelist + 3 * output.numberoftrifaces);
+  answer.facets.assign(output.trifacemarkerlist, output.trifacemarkerlist + output.numberoftrifaces);
+  return answer;
+}
+
+}  // namespace detail
+
 /// Fills the request's surface. Runs in the job's own process: TetGen may throw, crash or never end, and nothing is
 /// freed.
 inline Bytes tetgen_job(std::span<const char> bytes) {
   TetgenRequest request = decode_request(bytes);
-  auto* input = new tetgenio;  // lives as long as the process: TetGen's arrays mix new and malloc
-  auto* output = new tetgenio;
   const Mat3d frame = tetgen_frame(request.knobs.turn);
-  using Point = Eigen::Map<Eigen::Vector3d>;
-  const auto turned = [&frame, turn = request.knobs.turn](std::vector<double> numbers) {
-    for (std::size_t i = 0; turn != 0 && i + 2 < numbers.size(); i += 3) {
-      Point point(&numbers[i]);
-      point = frame * Vec3d(point);
-    }
-    return numbers;
-  };
-  std::vector<double> points = turned(request.coordinates);
-  std::vector<double> holes = turned(request.holes);
-  input->numberofpoints = static_cast<int>(points.size() / 3);
-  input->pointlist = points.data();
-  input->numberoffacets = static_cast<int>(request.counts.size());
-  std::vector<tetgenio::facet> facets(request.counts.size());
-  std::vector<tetgenio::polygon> polygons(request.counts.size());
-  int first = 0;
-  for (std::size_t i = 0; i < facets.size(); ++i) {
-    polygons[i] = {request.corners.data() + first, request.counts[i]};
-    facets[i] = {&polygons[i], 1, nullptr, 0};
-    first += request.counts[i];
-  }
-  input->facetlist = facets.data();
-  input->facetmarkerlist = request.markers.data();
-  input->numberofholes = static_cast<int>(holes.size() / 3);
-  input->holelist = holes.data();
-
+  auto* input = new detail::TetgenInput(request, frame);  // as long as the process: TetGen's arrays mix new and malloc
+  auto* output = new tetgenio;
   TetgenSizes sizes{
       {Vec3d(request.root[0], request.root[1], request.root[2]), request.root[3], std::move(request.cells)},
       request.knobs.size_factor,
       frame.transpose()};
   if (!sizes.field.cells.empty()) {
     tetgen_sizes = &sizes;
-    input->tetunsuitable = tetgen_too_large;
+    input->io.tetunsuitable = tetgen_too_large;
   }
   tetgenbehavior behavior;
   char options[] = "pqQ";
@@ -202,19 +229,8 @@ inline Bytes tetgen_job(std::span<const char> bytes) {
   behavior.optmaxdihedral = request.knobs.max_dihedral_deg;  // above: flips, then smoothing, then splitting
   behavior.optminsmtdihed = request.knobs.max_dihedral_deg;
   behavior.optminslidihed = request.knobs.max_dihedral_deg;
-  tetrahedralize(&behavior, input, output, nullptr, nullptr);
-
-  TetgenAnswer answer;
-  answer.coordinates.assign(output->pointlist, output->pointlist + 3 * output->numberofpoints);
-  for (std::size_t i = 0; request.knobs.turn != 0 && i + 2 < answer.coordinates.size(); i += 3) {
-    Point point(&answer.coordinates[i]);
-    const bool given = i + 2 < points.size() && point == Point(&points[i]);
-    point = given ? Vec3d(Point(&request.coordinates[i])) : Vec3d(frame.transpose() * Vec3d(point));
-  }
-  answer.tets.assign(output->tetrahedronlist, output->tetrahedronlist + 4 * output->numberoftetrahedra);
-  answer.faces.assign(output->trifacelist, output->trifacelist + 3 * output->numberoftrifaces);
-  answer.facets.assign(output->trifacemarkerlist, output->trifacemarkerlist + output->numberoftrifaces);
-  return encode(answer);
+  tetrahedralize(&behavior, &input->io, output, nullptr, nullptr);
+  return encode(detail::tetgen_answer(*output, request, *input, frame));
 }
 
 }  // namespace lumo

@@ -16,8 +16,8 @@
 
 namespace lumo {
 
-/// What decodes. open() gives the file's frame rate [1/s], or nothing for what is no video; next() a view that holds
-/// until the next call, empty for a frame that cannot be shown, or nothing at the end.
+/// What decodes. open() gives the file's frame rate [1/s], nullopt for what is no video; next() a view that holds until
+/// the next call, empty for a frame that cannot be shown, nullopt at the end.
 template <class S>
 concept VideoSource = std::move_constructible<S> && requires(S& source, const std::string& path) {
   { source.open(path) } -> std::same_as<std::optional<double>>;

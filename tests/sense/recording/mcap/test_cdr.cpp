@@ -106,10 +106,16 @@ TEST_CASE("stamps before 1970 and up to 2038 read back, later ones are refused",
 
 TEST_CASE("messages read back in both byte orders", "[cdr]") {
   RosCameraInfo info;
-  info.header = {5, "camera"}, info.height = 480, info.width = 640, info.distortion_model = "plumb_bob",
+  info.header = {5, "camera"};
+  info.height = 480;
+  info.width = 640;
+  info.distortion_model = "plumb_bob";
   info.d = {0.1, -0.2, 0.0, 0.0, 0.3};
   for (std::size_t k = 0; k < 12; ++k) info.p[k] = double(k) + 0.5;
-  info.k[8] = 1.0, info.r[4] = 1.0, info.binning_x = 2, info.roi = {1, 2, 3, 4, true};
+  info.k[8] = 1.0;
+  info.r[4] = 1.0;
+  info.binning_x = 2;
+  info.roi = {1, 2, 3, 4, true};
   const CdrBytes pixels = {1, 2, 3, 4, 5, 6};
   for (const ByteOrder order : {ByteOrder::little, ByteOrder::big}) {
     const auto i = from_cdr<RosCameraInfo>(to_cdr(info, order));

@@ -67,30 +67,33 @@ template <class Codec> std::string mcap_example(std::size_t chunk_bytes = 300, i
 template <class Fill> std::string mcap_by_hand(Fill fill) {
   McapBytes b;
   b.bytes(mcap_magic);
-  b.record(McapOpcode::header, [&] { b.string("p"), b.string("l"); });
+  b.record(McapOpcode::header, [&] { b.fields("p", "l"); });
   fill(b);
   b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); });
-  b.record(McapOpcode::footer,
-           [&] { b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.number(std::uint32_t(0)); });
+  b.record(McapOpcode::footer, [&] { b.fields(std::uint64_t(0), std::uint64_t(0), std::uint32_t(0)); });
   b.bytes(mcap_magic);
   return {b.since(0).begin(), b.since(0).end()};
 }
 
 void put_schema(McapBytes& b, std::uint16_t id = 1) {
-  b.record(McapOpcode::schema, [&] { b.number(id), b.string("S"), b.string("ros2msg"), b.string("x"); });
+  b.record(McapOpcode::schema, [&] { b.fields(id, "S", "ros2msg", "x"); });
 }
 void put_channel(McapBytes& b, std::uint16_t id = 1, std::uint16_t schema = 1) {
-  b.record(McapOpcode::channel, [&] { b.number(id), b.number(schema), b.string("/s"), b.string("cdr"), b.map({}); });
+  b.record(McapOpcode::channel, [&] {
+    b.fields(id, schema, "/s", "cdr");
+    b.map({});
+  });
 }
 void put_message(McapBytes& b, std::uint64_t t, std::uint16_t channel = 1) {
-  b.record(McapOpcode::message,
-           [&] { b.number(channel), b.number(std::uint32_t(0)), b.number(t), b.number(t), b.bytes(span_of("x")); });
+  b.record(McapOpcode::message, [&] {
+    b.fields(channel, std::uint32_t(0), t, t);
+    b.bytes(span_of("x"));
+  });
 }
 void put_chunk(McapBytes& b, std::string_view compression, std::uint64_t size, std::span<const std::uint8_t> packed,
                std::uint32_t crc = 0) {
   b.record(McapOpcode::chunk, [&] {
-    b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.number(size), b.number(crc), b.string(compression),
-        b.number(std::uint64_t(packed.size()));
+    b.fields(std::uint64_t(0), std::uint64_t(0), size, crc, compression, std::uint64_t(packed.size()));
     b.bytes(packed);
   });
 }
@@ -157,7 +160,7 @@ TEMPLATE_TEST_CASE("a flipped bit anywhere is an error, or changes nothing but t
   }
 }
 
-TEMPLATE_TEST_CASE("a cut file is read up to the cut, which is told", "[mcap]", Uncompressed, Lz4, Zstd) {
+TEMPLATE_TEST_CASE("a cut file is read up to the cut, which is reported", "[mcap]", Uncompressed, Lz4, Zstd) {
   const std::string whole = mcap_example<TestType>();
   std::size_t most = 0;
   for (std::size_t n = 0; n < whole.size(); ++n) {
@@ -186,12 +189,16 @@ TEST_CASE("files without chunks, checksums, summary, with records and fields of 
     put_schema(b);
     put_schema(b);  // again, the same
     b.record(McapOpcode::channel, [&] {
-      b.number(std::uint16_t(1)), b.number(std::uint16_t(1)), b.string("/s"), b.string("cdr"), b.map({}),
-          b.string("a later field");
+      b.fields(std::uint16_t(1), std::uint16_t(1), "/s", "cdr");
+      b.map({});
+      b.string("a later field");
     });
     put_message(b, 7);
     put_message(b, 5);
-    b.record(McapOpcode::metadata, [&] { b.string("m"), b.map({{"a", "b"}}); });
+    b.record(McapOpcode::metadata, [&] {
+      b.string("m");
+      b.map({{"a", "b"}});
+    });
     McapBytes inner;
     inner.record(McapOpcode(0x70), [&] {});
     put_message(inner, 6);
@@ -207,64 +214,60 @@ TEST_CASE("files without chunks, checksums, summary, with records and fields of 
 }
 
 TEST_CASE("what a file must not say is refused with its byte", "[mcap]") {
+  const auto refusal = [](auto fill) { return mcap_refusal(mcap_by_hand(fill)); };
   CHECK(mcap_refusal("") == "a.mcap: byte 0: is no MCAP file, which begins with its magic");
   CHECK(mcap_refusal(std::string(100, 'a')) == "a.mcap: byte 0: is no MCAP file, which begins with its magic");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_message(b, 1); })) ==
+  CHECK(refusal([](auto& b) { put_message(b, 1); }) ==
         "a.mcap: byte 38: a message is of channel 1, which was not there before it");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          put_channel(b);
-        })).find("is of schema 1, which was not there before it") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_schema(b, 0); })).find("a schema has the number 0") !=
+  CHECK(refusal([](auto& b) { put_channel(b); }).find("is of schema 1, which was not there before it") !=
         std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+  CHECK(refusal([](auto& b) { put_schema(b, 0); }).find("a schema has the number 0") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           put_schema(b);
           put_channel(b);
           b.record(McapOpcode::channel, [&] {
-            b.number(std::uint16_t(1)), b.number(std::uint16_t(1)), b.string("/other"), b.string("cdr"), b.map({});
+            b.fields(std::uint16_t(1), std::uint16_t(1), "/other", "cdr");
+            b.map({});
           });
-        })).find("there is another channel 1") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode(0), [&] {}); })).find("opcode 0") !=
-        std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          b.record(McapOpcode::header, [&] { b.string(""), b.string(""); });
-        })).find("there is a second header") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("there is another channel 1") != std::string::npos);
+  CHECK(refusal([](auto& b) { b.record(McapOpcode(0), [&] {}); }).find("opcode 0") != std::string::npos);
+  CHECK(refusal([](auto& b) {
+          b.record(McapOpcode::header, [&] { b.fields("", ""); });
+        }).find("there is a second header") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::footer, [&] { b.bytes(std::vector<std::uint8_t>(20)); });
-        })).find("footer before the end of the data") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("footer before the end of the data") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); });
-        })).find("stands behind their end") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("stands behind their end") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(1)); });
-        })).find("the data are damaged") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          b.record(McapOpcode::schema, [&] { b.number(std::uint16_t(1)), b.number(std::uint32_t(0xFFFFFFFF)); });
-        })) == "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("the data are damaged") != std::string::npos);
+  CHECK(refusal([](auto& b) {
+          b.record(McapOpcode::schema, [&] { b.fields(std::uint16_t(1), std::uint32_t(0xFFFFFFFF)); });
+        }) == "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
+  CHECK(refusal([](auto& b) {
           put_chunk(b, "lzma", 1, span_of("x"));
-        })).find("compressed by 'lzma', which cannot be read here") != std::string::npos);
+        }).find("compressed by 'lzma', which cannot be read here") != std::string::npos);
   CHECK(mcap_refusal<McapReader<>>(mcap_example<Zstd>()).find("compressed by 'zstd', which cannot be read here") !=
         std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+  CHECK(refusal([](auto& b) {
           put_chunk(b, "lz4", std::uint64_t(1) << 60, span_of("x"));
-        })).find("a chunk says that it holds 1152921504606846976 bytes, read are at most 268435456") !=
+        }).find("a chunk says that it holds 1152921504606846976 bytes, read are at most 268435456") !=
         std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "", 3, span_of("ab")); })).find("has 2 bytes, says 3") !=
-        std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+  CHECK(refusal([](auto& b) { put_chunk(b, "", 3, span_of("ab")); }).find("has 2 bytes, says 3") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           put_chunk(b, "zstd", 3, span_of("no frame"));
-        })).find("cannot be unpacked: Zstandard: ") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("cannot be unpacked: Zstandard: ") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           McapBytes inner;
           put_chunk(inner, "", 0, {});
           put_chunk(b, "", inner.size(), inner.since(0));
-        })).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          b.record(McapOpcode::attachment, [&] {
-            b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.string("a"), b.string("b"),
-                b.number(~std::uint64_t(0));
-          });
-        })).find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
+        }).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);
+  CHECK(refusal([](auto& b) {
+          b.record(McapOpcode::attachment,
+                   [&] { b.fields(std::uint64_t(0), std::uint64_t(0), "a", "b", ~std::uint64_t(0)); });
+        }).find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
   const std::string large = mcap_example<Uncompressed>(1u << 20, 40);
   CHECK(mcap_refusal(large, {.record_bytes = 1000}).find("read are at most 1000") != std::string::npos);
 }
@@ -284,8 +287,11 @@ TEST_CASE("a compressed chunk that grows without end is not followed", "[mcap]")
 TEST_CASE("random damage is read or refused in one line, never worse", "[mcap]") {
   synthetic::Normal draw(9);
   const std::string good[] = {mcap_example<Uncompressed>(300, 12), mcap_example<Lz4>(300, 12),
-                              mcap_example<Zstd>(300, 12),
-                              mcap_by_hand([](auto& b) { put_schema(b), put_channel(b), put_message(b, 1); })};
+                              mcap_example<Zstd>(300, 12), mcap_by_hand([](auto& b) {
+                                put_schema(b);
+                                put_channel(b);
+                                put_message(b, 1);
+                              })};
   int refused = 0;
   for (int k = 0; k < 4000; ++k) {
     std::string bad = good[k % 4];
@@ -296,8 +302,10 @@ TEST_CASE("random damage is read or refused in one line, never worse", "[mcap]")
       else
         bad[at] = char(int(256.0 * draw.uniform()) - 128);
     }
-    if (k % 2 == 0)
-      bad.resize(bad.size() - std::min<std::size_t>(bad.size(), 8)), bad.append(mcap_magic.begin(), mcap_magic.end());
+    if (k % 2 == 0) {
+      bad.resize(bad.size() - std::min<std::size_t>(bad.size(), 8));
+      bad.append(mcap_magic.begin(), mcap_magic.end());
+    }
     try {
       AllCodecs r = mcap_of(bad);
       all_contents(r);

@@ -47,7 +47,7 @@ bool same_pixels(const ImageView& a, const Image& b) {
 }
 
 template <class Codec = Zstd>
-std::string mcap_log_of(const RecordedLog& log, bool raw, PixelFormat format = PixelFormat::bgr) {
+std::string mcap_log_of(const Recording& log, bool raw, PixelFormat format = PixelFormat::bgr) {
   std::ostringstream out;
   Image image;
   write_mcap_log(
@@ -55,12 +55,18 @@ std::string mcap_log_of(const RecordedLog& log, bool raw, PixelFormat format = P
       [&](std::size_t k) {
         McapPictureData p;
         image = view_picture(k, format);
-        p.width = image.width, p.height = image.height;
+        p.width = image.width;
+        p.height = image.height;
         if (raw)
           p.pixels = image.view();
-        else
-          p.format = "png", p.file = encode_image(".png", image.view());
-        if (k == 3) p.file.clear(), p.pixels = {};  // a camera's failure
+        else {
+          p.format = "png";
+          p.file = encode_image(".png", image.view());
+        }
+        if (k == 3) {
+          p.file.clear();
+          p.pixels = {};
+        }  // a camera's failure
         return p;
       },
       Codec{});
@@ -68,7 +74,7 @@ std::string mcap_log_of(const RecordedLog& log, bool raw, PixelFormat format = P
 }
 
 /// Tables as the folder has them.
-std::string all_tables(const RecordedLog& l) {
+std::string all_tables(const Recording& l) {
   return frame_log_text(l.frames) + joint_log_text(l.joints) + wrench_log_text(l.wrenches) +
          marker_log_text(l.markers) + photodiode_log_text(l.photodiodes) + to_json(l.session);
 }
@@ -93,7 +99,7 @@ RosJointState joint_state(std::int64_t t) { return {{t, ""}, {"left", "right"}, 
 TEST_CASE("a log in an MCAP file reads back as it was, in every bit of its tables", "[mcap]") {
   for (const Effort unit : {Effort::current_A, Effort::torque_Nm})
     for (const bool raw : {false, true}) {
-      const RecordedLog log = full_log(unit);
+      const Recording log = full_log(unit);
       ZstdReader r = reader_of(mcap_log_of(log, raw));
       const McapLog m = read_log_file(r);
       CHECK(all_tables(m.log) == all_tables(log));
@@ -103,13 +109,13 @@ TEST_CASE("a log in an MCAP file reads back as it was, in every bit of its table
       CHECK(m.camera->width == 5);
       CHECK(m.camera->height == 4);
     }
-  const RecordedLog none;
+  const Recording none;
   ZstdReader r = reader_of(mcap_log_of<Uncompressed>(none, false));
   CHECK(all_tables(read_log_file(r).log) == all_tables(none));
 }
 
 TEST_CASE("pictures come back to the bit, as files and as pixels, grey and in colour", "[mcap]") {
-  const RecordedLog log = full_log(Effort::torque_Nm);
+  const Recording log = full_log(Effort::torque_Nm);
   for (const bool raw : {false, true})
     for (const PixelFormat format : {PixelFormat::bgr, PixelFormat::grey}) {
       const auto file = std::make_shared<ZstdReader>(reader_of(mcap_log_of(log, raw, format)));
@@ -133,18 +139,18 @@ TEST_CASE("pictures come back to the bit, as files and as pixels, grey and in co
 
 TEST_CASE("what could not be read again is not written", "[mcap]") {
   const auto refuses = [](auto change) {
-    RecordedLog log = full_log(Effort::current_A);
+    Recording log = full_log(Effort::current_A);
     change(log);
     CHECK_THROWS_AS(mcap_log_of(log, true), InvalidArgument);
   };
-  refuses([](RecordedLog& l) { l.frames[1].stamp_ns = l.frames[0].stamp_ns; });
-  refuses([](RecordedLog& l) { l.wrenches[0].stamp_ns = -1; });
-  refuses([](RecordedLog& l) { l.session.joint_clock.offset_s = -2e9; });  // log times count from 0
-  refuses([](RecordedLog& l) { l.markers.back().stamp_ns = 2'147'483'648'000'000'000; });
-  refuses([](RecordedLog& l) { l.joints[2].effort[0] = std::nan(""); });
-  refuses([](RecordedLog& l) { l.joints[2].unit = Effort::torque_Nm; });
-  refuses([](RecordedLog& l) { l.frames[2].gain = -1.0; });
-  refuses([](RecordedLog& l) { l.photodiodes[2].signal_V.resize(2); });
+  refuses([](Recording& l) { l.frames[1].stamp_ns = l.frames[0].stamp_ns; });
+  refuses([](Recording& l) { l.wrenches[0].stamp_ns = -1; });
+  refuses([](Recording& l) { l.session.joint_clock.offset_s = -2e9; });  // log times count from 0
+  refuses([](Recording& l) { l.markers.back().stamp_ns = 2'147'483'648'000'000'000; });
+  refuses([](Recording& l) { l.joints[2].effort[0] = std::nan(""); });
+  refuses([](Recording& l) { l.joints[2].unit = Effort::torque_Nm; });
+  refuses([](Recording& l) { l.frames[2].gain = -1.0; });
+  refuses([](Recording& l) { l.photodiodes[2].signal_V.resize(2); });
   std::ostringstream out;
   const auto mixed = [](std::size_t k) {
     McapPictureData p;
@@ -201,7 +207,7 @@ TEST_CASE("of several topics one must be chosen", "[mcap]") {
   CHECK(read_log_file(r, {.joints = "/finger"}).log.joints.at(0).stamp_ns == 2);
 }
 
-TEST_CASE("messages that make no sense are refused with topic and time", "[mcap]") {
+TEST_CASE("messages with impossible contents are refused with topic and time", "[mcap]") {
   const auto one = [](const auto&... messages) {
     return log_refusal(foreign_mcap([&](McapWriter<>& w) {
       std::uint64_t t = 5;
@@ -242,7 +248,7 @@ TEST_CASE("messages that make no sense are refused with topic and time", "[mcap]
 
 TEST_CASE("a cut log keeps its session and what came before the cut, damaged ones are refused in one line or read",
           "[mcap]") {
-  RecordedLog log = full_log(Effort::current_A);
+  Recording log = full_log(Effort::current_A);
   std::ostringstream out;
   write_mcap_log(
       out, log, to_json(log.session), [](std::size_t) { return McapPictureData{}; }, Uncompressed{});

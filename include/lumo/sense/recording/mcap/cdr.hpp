@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/byte_order.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
 
 #include <array>
@@ -15,10 +15,12 @@
 
 namespace lumo::sense {
 
-// Common Data Representation, as ROS 2 serialises messages (OMG DDS-XTypes 1.3, 7.4.1: plain CDR of version 1): four
-// bytes that tell the byte order, then the fields one by one, each number at a multiple of its size counted from behind
-// those four bytes. A text is its length with the closing zero (32 bits), then its bytes; a sequence its length, then
-// its items.
+// Common Data Representation, as ROS 2 serialises messages (OMG DDS-XTypes 1.3, 7.4.1: plain CDR of version 1). lumo
+// reads and writes it itself: its limits on hostile input are strict, and fuzzed.
+//
+// Four bytes state the byte order. The fields follow one by one, each number at a multiple of its size, counted from
+// behind those four bytes. A text is its length with the closing zero (32 bits), then its bytes; a sequence is its
+// length, then its items.
 //
 // A message is a struct with `static void fields(self, archive)`, which hands its members to the archive in order:
 // CdrReader fills them, CdrWriter takes them.
@@ -38,8 +40,7 @@ concept CdrStruct = requires(T& t, Archive& a) {
   T::fields(t, a);
 };
 
-/// Reads the fields of one message; what it throws is an InputError that tells the byte. No more is allocated than the
-/// message could hold.
+/// Reads the fields of one message. Throws InputError with the byte. Allocates no more than the message could hold.
 class CdrReader {
  public:
   explicit CdrReader(std::span<const std::uint8_t> message) {

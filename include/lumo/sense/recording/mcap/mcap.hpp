@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/byte_order.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
 
 #include <array>
@@ -16,12 +16,13 @@
 
 namespace lumo::sense {
 
-// MCAP, a container of time-stamped messages, the default of ROS 2's bags (mcap.dev/spec, version 0). All numbers are
-// little endian:
-//   magic, Header, data: Schema, Channel, Message, Chunk, MessageIndex, Attachment, Metadata …, DataEnd, summary:
-//   Schema, Channel, Statistics, indexes …, Footer, magic
-// A record is its opcode (1 byte), its length (8 bytes) and its contents, to which later versions may append; records
-// of unknown opcodes are passed over. A chunk holds schemas, channels and messages, compressed.
+// MCAP, a container of time-stamped messages, the default of ROS 2's bags (mcap.dev/spec, version 0). lumo reads and
+// writes it itself: its limits on hostile input are strict, and fuzzed.
+//
+// All numbers are little endian. The parts of a file are: magic; Header; data (Schema, Channel, Message, Chunk,
+// MessageIndex, Attachment, Metadata …); DataEnd; summary (Schema, Channel, Statistics, indexes …); Footer; magic.
+// A record is its opcode (1 byte), its length (8 bytes) and its contents, to which later versions may append. Records
+// of unknown opcodes are skipped. A chunk holds schemas, channels and messages, compressed.
 
 enum class McapOpcode : std::uint8_t {
   header = 1,
@@ -69,9 +70,9 @@ struct McapMetadata {
   std::map<std::string, std::string> values;
 };
 
-/// What chunks are compressed with. `name` is what a chunk says, empty for none.
-/// Laws: what was compressed comes back; `decompress` gives `size` bytes or throws InputError, and allocates for no
-/// more than it has found.
+/// Compression of chunks. A chunk states its `name`, empty for none.
+/// Laws: `decompress` restores what was compressed; it gives `size` bytes or throws InputError, and allocates no more
+/// than it has found.
 template <class C>
 concept ChunkCodec = requires(const C& codec, std::span<const std::uint8_t> bytes, std::size_t size) {
   { C::name } -> std::convertible_to<std::string_view>;
@@ -92,8 +93,7 @@ struct Uncompressed {
 
 static_assert(ChunkCodec<Uncompressed>);
 
-/// Reads a record's fields one by one and checks each length. What it throws is an InputError that begins with `where`,
-/// told the byte.
+/// Reads a record's fields one by one and checks each length. Throws InputError that begins with `where` and the byte.
 class McapFields {
  public:
   /// `offset`: of the first byte, in what `where` names.
@@ -115,6 +115,8 @@ class McapFields {
     }
     return m;
   }
+  /// Numbers, texts and maps, one after the other.
+  template <class... Fields> void read(Fields&... f) { (field(f), ...); }
   std::span<const std::uint8_t> bytes(std::uint64_t size) {
     if (size > rest()) fail(message("a field of ", size, " bytes goes beyond the end of its record"));
     at_ += std::size_t(size);
@@ -127,6 +129,10 @@ class McapFields {
   }
 
  private:
+  template <std::unsigned_integral T> void field(T& v) { v = number<T>(); }
+  void field(std::string& s) { s = string(); }
+  void field(std::map<std::string, std::string>& m) { m = map(); }
+
   std::span<const std::uint8_t> bytes_;
   const std::string& where_;
   std::uint64_t offset_;
@@ -145,9 +151,11 @@ class McapBytes {
   }
   void map(const std::map<std::string, std::string>& m) {
     const std::size_t at = begin_length<std::uint32_t>();
-    for (const auto& [key, value] : m) string(key), string(value);
+    for (const auto& [key, value] : m) fields(key, value);
     end_length<std::uint32_t>(at);
   }
+  /// Numbers, texts and maps, one after the other.
+  template <class... Fields> void fields(const Fields&... f) { (field(f), ...); }
   void bytes(std::span<const std::uint8_t> b) { bytes_.insert(bytes_.end(), b.begin(), b.end()); }
   /// A record, whose fields `fill()` appends. Returns where it begins.
   template <class Fill> std::size_t record(McapOpcode opcode, Fill fill) {
@@ -171,6 +179,10 @@ class McapBytes {
   void clear() { bytes_.clear(); }
 
  private:
+  template <std::unsigned_integral T> void field(T v) { number(v); }
+  void field(std::string_view s) { string(s); }
+  void field(const std::map<std::string, std::string>& m) { map(m); }
+
   std::vector<std::uint8_t> bytes_;
 };
 

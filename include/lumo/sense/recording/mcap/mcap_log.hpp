@@ -24,11 +24,12 @@ namespace lumo::sense {
 
 // A log as an MCAP file (docs/log_format.md): one topic for each table, messages of ROS 2 (CDR, schema encoding
 // ros2msg), session.json as an attachment.
-//   Image or CompressedImage   pictures: a frame's stamp is the header's
-//   FrameExposure              exposure and gain of the picture of the same stamp
-//   CameraInfo                 size and calibration
-//   JointState                 joints; its effort is a torque, or empty where JointCurrents of the same stamp tell
-//   currents WrenchStamped, MarkerDisplacement, PhotodiodeSignals
+//
+// - Image or CompressedImage: pictures; a frame's stamp is the header's
+// - FrameExposure: exposure and gain of the picture of the same stamp
+// - CameraInfo: size and calibration
+// - JointState: joints; its effort is a torque, or empty if JointCurrents of the same stamp hold currents
+// - WrenchStamped, MarkerDisplacement, PhotodiodeSignals
 
 /// Which topics to read; empty: the only one of its kind.
 struct McapTopics {
@@ -41,17 +42,17 @@ struct McapPicture {
   bool compressed = false;
 };
 
-/// What an MCAP file says. A file of other programs has no session: then the default one holds, and what matters in it
-/// (LEDs, delays) must be said otherwise.
+/// Contents of an MCAP file. A file of other programs has no session: then the default one holds, and its LEDs and
+/// delays must be given otherwise.
 struct McapLog {
-  RecordedLog log;                      ///< with the default session; frames are named by their number
-  std::string session_json;             ///< text of the attachment session.json; empty where there is none
+  Recording log;                        ///< with the default session; frames are named by their number
+  std::string session_json;             ///< text of the attachment session.json; may be empty
   std::vector<McapPicture> pictures;    ///< of the frames
-  std::optional<RosCameraInfo> camera;  ///< the first one, where one topic has them
+  std::optional<RosCameraInfo> camera;  ///< the first one, if one topic has them
 };
 
-/// View of a message's pixels, in its own order of colours. No pixels: an empty view. Throws InputError for what lumo
-/// does not read or what does not fit.
+/// View of a message's pixels, in its own order of colours; empty without pixels. Throws InputError for another
+/// encoding or sizes that do not match.
 inline ImageView view_of(const RosImage& m) {
   if (m.encoding != "mono8" && m.encoding != "bgr8" && m.encoding != "rgb8")
     throw InputError(message("pictures are of encoding '", printable(m.encoding), "', read are mono8, bgr8 and rgb8"));
@@ -67,7 +68,7 @@ inline ImageView view_of(const RosImage& m) {
   return {m.data.data(), int(m.width), int(m.height), std::ptrdiff_t(m.step), format};
 }
 
-/// ".png", ".jpg", or nothing for what is neither.
+/// ".png" or ".jpg"; empty for any other format.
 inline std::string_view picture_ending(std::span<const std::uint8_t> file) {
   const auto begins = [&](std::initializer_list<std::uint8_t> magic) {
     return file.size() > magic.size() && std::equal(magic.begin(), magic.end(), file.begin());
@@ -76,11 +77,11 @@ inline std::string_view picture_ending(std::span<const std::uint8_t> file) {
 }
 
 /// Collects a log's tables from messages.
-template <class Log = McapLog> class McapTables {
+class McapTables {
  public:
   explicit McapTables(bool has_session) : has_session_(has_session) {}
 
-  /// A message of that one of the types which `type` names.
+  /// A message of the type with the name `type`.
   template <RosMessage... Messages>
   void add_any(std::string_view type, std::span<const std::uint8_t> data, const McapEntry& at, std::string_view topic) {
     const auto attempt = [&]<RosMessage M>(std::type_identity<M>) {
@@ -124,8 +125,10 @@ template <class Log = McapLog> class McapTables {
   }
   void add(const RosWrenchStamped& m, const McapEntry& at, std::string_view topic) {
     WrenchSample w{ascending(m.header, at, topic)};
-    for (std::size_t k = 0; k < 3; ++k)
-      w.force_N[Eigen::Index(k)] = finite(m.force[k]), w.torque_Nm[Eigen::Index(k)] = finite(m.torque[k]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      w.force_N[Eigen::Index(k)] = finite(m.force[k]);
+      w.torque_Nm[Eigen::Index(k)] = finite(m.torque[k]);
+    }
     found.log.wrenches.push_back(w);
   }
   void add(const MarkerDisplacement& m, const McapEntry& at, std::string_view topic) {
@@ -140,24 +143,27 @@ template <class Log = McapLog> class McapTables {
     found.log.photodiodes.push_back(std::move(s));
   }
 
-  /// To be called last: what belongs to one stamp is put together.
+  /// To be called last: joins messages of one stamp.
   void join() {
     for (FrameRecord& f : found.log.frames)
-      if (const auto e = exposures_.find(f.stamp_ns); e != exposures_.end())
-        f.exposure_s = e->second.first, f.gain = e->second.second;
+      if (const auto e = exposures_.find(f.stamp_ns); e != exposures_.end()) {
+        f.exposure_s = e->second.first;
+        f.gain = e->second.second;
+      }
     for (JointSample& s : found.log.joints) {
       if (s.effort.size() == s.position_rad.size()) continue;
       const auto c = currents_.find(s.stamp_ns);
       if (c == currents_.end() || c->second.size() != s.position_rad.size())
         throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
-      s.effort = c->second, s.unit = Effort::current_A;
+      s.effort = c->second;
+      s.unit = Effort::current_A;
     }
     for (const JointSample& s : found.log.joints)
       if (s.unit != found.log.joints.front().unit)
         throw InputError(message("joints at ", s.stamp_ns, " ns have another kind of effort than the first ones"));
   }
 
-  Log found;
+  McapLog found;
 
  private:
   static double finite(double v) {
@@ -169,8 +175,8 @@ template <class Log = McapLog> class McapTables {
     for (std::size_t k = 0; k < v.size(); ++k) j[Eigen::Index(k)] = finite(v[k]);
     return j;
   }
-  /// Programs that do not set a header's stamp leave it 0; then the log's time is the best there is. What lumo wrote
-  /// means what it says.
+  /// Programs that do not set a header's stamp leave it 0; then the log's time replaces it. A log of lumo's has its
+  /// stamps, 0 included.
   std::int64_t stamp(const RosHeader& h, const McapEntry& at) const {
     if (h.stamp_ns != 0 || has_session_) return h.stamp_ns;
     if (at.log_ns > std::uint64_t(stamp_limit_ns))
@@ -214,46 +220,63 @@ inline std::set<std::uint16_t> choose_topic(const std::map<std::string, std::set
   return topics.empty() ? std::set<std::uint16_t>{} : topics.begin()->second;
 }
 
+namespace detail {
+
+/// Text of the attachment session.json; empty without one.
+template <ChunkCodec... Codecs> std::string attached_session(McapReader<Codecs...>& file) {
+  constexpr std::uint32_t most_bytes = 64u << 20;
+  std::string json;
+  for (const McapAttachment& a : file.attachments())
+    if (a.name == "session.json") {
+      if (a.size > most_bytes)
+        throw InputError(message(file.name(), ": session.json has ", a.size, " bytes, must have at most ", most_bytes));
+      const std::vector<std::uint8_t> bytes = file.read(a);
+      json.assign(bytes.begin(), bytes.end());
+    }
+  return json;
+}
+
+/// Name of the schema of a channel; empty without one.
+template <ChunkCodec... Codecs> std::string_view schema_of(const McapReader<Codecs...>& file, std::uint16_t channel) {
+  const auto s = file.schemas().find(file.channels().at(channel).schema);
+  return s == file.schemas().end() ? std::string_view() : std::string_view(s->second.name);
+}
+
+/// The channels whose messages make a log. Throws InputError if a topic is missing or must be chosen.
+template <ChunkCodec... Codecs>
+std::set<std::uint16_t> log_channels(const McapReader<Codecs...>& file, const McapTopics& wanted) {
+  std::set<std::uint16_t> used, channels;
+  for (const McapEntry& e : file.messages()) used.insert(e.channel);
+  const auto choose = [&](const char* what, const std::string& topic, std::initializer_list<std::string_view> types) {
+    std::map<std::string, std::set<std::uint16_t>> topics;
+    for (const std::uint16_t c : used)
+      if (std::find(types.begin(), types.end(), schema_of(file, c)) != types.end())
+        topics[file.channels().at(c).topic].insert(c);
+    channels.merge(choose_topic(topics, topic, what, file.name()));
+  };
+  choose("pictures", wanted.image, {RosImage::type, RosCompressedImage::type});
+  choose("joint states", wanted.joints, {RosJointState::type});
+  choose("wrenches", wanted.wrench, {RosWrenchStamped::type});
+  choose("exposures", "", {FrameExposure::type});
+  choose("currents", "", {JointCurrents::type});
+  choose("displacements", "", {MarkerDisplacement::type});
+  choose("photodiodes", "", {PhotodiodeSignals::type});
+  std::set<std::string_view> cameras;
+  for (const std::uint16_t c : used)
+    if (schema_of(file, c) == RosCameraInfo::type) cameras.insert(file.channels().at(c).topic);
+  for (const std::uint16_t c : used)
+    if (schema_of(file, c) == RosCameraInfo::type && cameras.size() == 1) channels.insert(c);
+  return channels;
+}
+
+}  // namespace detail
+
 /// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. Throws InputError of one line
 /// with file, topic, time and reason.
 template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}) {
-  std::string session_json;
-  for (const McapAttachment& a : file.attachments())
-    if (a.name == "session.json") {
-      if (a.size > 64u << 20)
-        throw InputError(message(file.name(), ": session.json has ", a.size, " bytes, must have at most ", 64u << 20));
-      const std::vector<std::uint8_t> bytes = file.read(a);
-      session_json.assign(bytes.begin(), bytes.end());
-    }
-
-  std::set<std::uint16_t> used;
-  for (const McapEntry& e : file.messages()) used.insert(e.channel);
-  const auto schema_of = [&](std::uint16_t channel) -> std::string_view {
-    const auto s = file.schemas().find(file.channels().at(channel).schema);
-    return s == file.schemas().end() ? std::string_view() : std::string_view(s->second.name);
-  };
-  const auto chosen = [&](const char* what, const std::string& topic, std::initializer_list<std::string_view> types) {
-    std::map<std::string, std::set<std::uint16_t>> topics;
-    for (const std::uint16_t c : used)
-      if (std::find(types.begin(), types.end(), schema_of(c)) != types.end())
-        topics[file.channels().at(c).topic].insert(c);
-    return choose_topic(topics, topic, what, file.name());
-  };
-  std::set<std::uint16_t> channels;
-  channels.merge(chosen("pictures", wanted.image, {RosImage::type, RosCompressedImage::type}));
-  channels.merge(chosen("joint states", wanted.joints, {RosJointState::type}));
-  channels.merge(chosen("wrenches", wanted.wrench, {RosWrenchStamped::type}));
-  channels.merge(chosen("exposures", "", {FrameExposure::type}));
-  channels.merge(chosen("currents", "", {JointCurrents::type}));
-  channels.merge(chosen("displacements", "", {MarkerDisplacement::type}));
-  channels.merge(chosen("photodiodes", "", {PhotodiodeSignals::type}));
-  std::set<std::string_view> cameras;
-  for (const std::uint16_t c : used)
-    if (schema_of(c) == RosCameraInfo::type) cameras.insert(file.channels().at(c).topic);
-  for (const std::uint16_t c : used)
-    if (schema_of(c) == RosCameraInfo::type && cameras.size() == 1) channels.insert(c);
-
-  McapTables<> tables(!session_json.empty());
+  std::string session_json = detail::attached_session(file);
+  const std::set<std::uint16_t> channels = detail::log_channels(file, wanted);
+  McapTables tables(!session_json.empty());
   for (const McapEntry& e : file.messages()) {
     if (!channels.contains(e.channel)) continue;
     const McapChannel& channel = file.channels().at(e.channel);
@@ -262,8 +285,8 @@ template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& fil
         throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
       const McapMessage m = file.read(e);
       tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents,
-                     RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(schema_of(e.channel), m.data, e,
-                                                                              channel.topic);
+                     RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(detail::schema_of(file, e.channel),
+                                                                              m.data, e, channel.topic);
     } catch (const InputError& error) {
       throw InputError(
           message(file.name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: ", error.what()));

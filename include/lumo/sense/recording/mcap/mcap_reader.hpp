@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/crc32.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/sense/recording/mcap/mcap.hpp"
 #include "lumo/sense/recording/mcap/mcap_source.hpp"
@@ -38,19 +38,17 @@ struct McapMessage {
   std::shared_ptr<const std::vector<std::uint8_t>> owner;  ///< of `data`
 };
 
-/// What a reader of MCAP files takes in at once.
+/// Limits on what a reader of MCAP files allocates at once.
 struct McapLimits {
   std::uint32_t record_bytes = 256u << 20;  ///< of a record but an attachment, and of a chunk's contents
-  std::uint32_t kept_bytes =
-      64u << 20;  ///< of chunks' contents that are kept for the next message; one chunk always is
+  std::uint32_t kept_bytes = 64u << 20;     ///< of chunks' contents kept for the next message; one chunk always is
 };
 
-/// An MCAP file. The constructor goes through all of it once: records, lengths and checksums are checked, schemas,
-/// channels and attachments are kept, messages are listed in the order of their log times. Summary and indexes are not
-/// relied on, so that files without them read as well. A file that lacks its end mark was cut, by a power failure say:
-/// it is read up to its first record that is not whole, which `fault` then tells; any other damage is an InputError.
-/// Errors are one line with file, byte and reason. `Codecs`: what else than uncompressed chunks can be read. For one
-/// thread.
+/// An MCAP file. The constructor goes through all of it once: it checks records, lengths and checksums, keeps schemas,
+/// channels and attachments, and lists messages in the order of their log times. It does not rely on summary and
+/// indexes, so files without them read as well. A file without its end mark was cut, for instance by a power failure:
+/// it is read up to its first incomplete record, which `fault` reports. Any other damage is an InputError, one line
+/// with file, byte and reason. `Codecs`: compressions that can be read beside none. For one thread.
 template <ChunkCodec... Codecs> class McapReader {
  public:
   /// Throws InputError.
@@ -85,10 +83,10 @@ template <ChunkCodec... Codecs> class McapReader {
   const std::vector<McapMetadata>& metadata() const { return metadata_; }
   /// In the order of their log times; those of one time as they stand in the file.
   const std::vector<McapEntry>& messages() const { return messages_; }
-  /// Where and why reading a cut file ended; empty for a whole one.
+  /// Place and reason of a cut file's end; empty for a whole file.
   const std::string& fault() const { return fault_; }
 
-  /// Throws InputError where the file has changed since.
+  /// Throws InputError if the file has changed since.
   McapMessage read(const McapEntry& entry) {
     McapMessage m;
     std::size_t at = 0;
@@ -101,15 +99,15 @@ template <ChunkCodec... Codecs> class McapReader {
     const std::string where = entry.chunked ? chunk_place(entry.record) : source_.where();
     McapFields in(std::span<const std::uint8_t>(*m.owner).subspan(std::min(at, m.owner->size())), where,
                   entry.chunked ? at : entry.record);
-    const auto opcode = McapOpcode(in.template number<std::uint8_t>());
-    const auto length = in.template number<std::uint64_t>();
+    const auto opcode = McapOpcode(in.number<std::uint8_t>());
+    const auto length = in.number<std::uint64_t>();
     const std::uint64_t begin = in.offset();
     McapFields fields(in.bytes(length), where, begin);
     if (opcode != McapOpcode::message) fields.fail("is no message any more: the file has changed");
     fill(m, fields);
     return m;
   }
-  /// Throws InputError where the file has changed since.
+  /// Throws InputError if the file has changed since.
   std::vector<std::uint8_t> read(const McapAttachment& a) { return source_.bytes(a.offset, a.size); }
 
  private:
@@ -146,8 +144,8 @@ template <ChunkCodec... Codecs> class McapReader {
         const Bytes record = record_at(at);
         McapFields in(std::span<const std::uint8_t>(record).subspan(head_bytes), source_.where(), at + head_bytes);
         if (h.opcode == McapOpcode::data_end) {
-          const auto told = in.template number<std::uint32_t>();
-          if (told != 0 && told != data_crc.value()) fail(at, "the data are damaged: their checksum is another");
+          const auto stated = in.number<std::uint32_t>();
+          if (stated != 0 && stated != data_crc.value()) fail(at, "the data are damaged: their checksum is another");
           data_end = at + head_bytes + h.length;
         } else if (h.opcode == McapOpcode::footer) {
           if (!data_end) fail(at, "there is a footer before the end of the data");
@@ -165,17 +163,15 @@ template <ChunkCodec... Codecs> class McapReader {
     if (!closed) fail(at, "the file ends without a footer");
   }
 
-  /// A record of the data or the summary. `place`: of a message, if it is one.
+  /// A record of the data or the summary. `place`: of a message.
   void take(McapOpcode opcode, McapFields& in, McapEntry place) {
     switch (opcode) {
       case McapOpcode::header:
-        profile_ = in.string();
-        library_ = in.string();
+        in.read(profile_, library_);
         break;
       case McapOpcode::schema: {
         McapSchema s;
-        s.id = in.template number<std::uint16_t>();
-        s.name = in.string(), s.encoding = in.string(), s.data = in.string();
+        in.read(s.id, s.name, s.encoding, s.data);
         if (s.id == 0) in.fail("a schema has the number 0");
         if (const auto [it, added] = schemas_.emplace(s.id, s); !added && it->second != s)
           in.fail(message("there is another schema ", s.id));
@@ -183,9 +179,7 @@ template <ChunkCodec... Codecs> class McapReader {
       }
       case McapOpcode::channel: {
         McapChannel c;
-        c.id = in.template number<std::uint16_t>(), c.schema = in.template number<std::uint16_t>();
-        c.topic = in.string(), c.encoding = in.string();
-        c.metadata = in.map();
+        in.read(c.id, c.schema, c.topic, c.encoding, c.metadata);
         if (c.schema != 0 && !schemas_.contains(c.schema))
           in.fail(message("channel ", c.id, " is of schema ", c.schema, ", which was not there before it"));
         if (const auto [it, added] = channels_.emplace(c.id, c); !added && it->second != c)
@@ -195,13 +189,14 @@ template <ChunkCodec... Codecs> class McapReader {
       case McapOpcode::message: {
         McapMessage m;
         fill(m, in);
-        place.log_ns = m.log_ns, place.channel = m.channel->id;
+        place.log_ns = m.log_ns;
+        place.channel = m.channel->id;
         messages_.push_back(place);
         break;
       }
       case McapOpcode::metadata: {
-        McapMetadata m{in.string(), {}};
-        m.values = in.map();
+        McapMetadata m;
+        in.read(m.name, m.values);
         metadata_.push_back(std::move(m));
         break;
       }
@@ -210,13 +205,11 @@ template <ChunkCodec... Codecs> class McapReader {
     }
   }
   void fill(McapMessage& m, McapFields& in) const {
-    const auto id = in.template number<std::uint16_t>();
+    const auto id = in.number<std::uint16_t>();
     const auto channel = channels_.find(id);
     if (channel == channels_.end()) in.fail(message("a message is of channel ", id, ", which was not there before it"));
     m.channel = &channel->second;
-    m.sequence = in.template number<std::uint32_t>();
-    m.log_ns = in.template number<std::uint64_t>();
-    m.publish_ns = in.template number<std::uint64_t>();
+    in.read(m.sequence, m.log_ns, m.publish_ns);
     m.data = in.bytes(in.rest());
   }
 
@@ -226,8 +219,8 @@ template <ChunkCodec... Codecs> class McapReader {
     McapFields in(*contents, where, 0);
     while (in.rest() > 0) {
       const std::uint64_t begin = in.offset();
-      const auto opcode = McapOpcode(in.template number<std::uint8_t>());
-      const auto length = in.template number<std::uint64_t>();
+      const auto opcode = McapOpcode(in.number<std::uint8_t>());
+      const auto length = in.number<std::uint64_t>();
       const std::uint64_t inside = in.offset();
       McapFields record(in.bytes(length), where, inside);
       if (opcode == McapOpcode::schema || opcode == McapOpcode::channel || opcode == McapOpcode::message)
@@ -240,7 +233,7 @@ template <ChunkCodec... Codecs> class McapReader {
   std::shared_ptr<const Bytes> chunk(std::uint64_t at) {
     const auto known = std::find_if(kept_.begin(), kept_.end(), [at](const auto& k) { return k.first == at; });
     if (known != kept_.end()) {
-      std::rotate(known, known + 1, kept_.end());  // the last one used is the last one to go
+      std::rotate(known, known + 1, kept_.end());  // the one used last is dropped last
       return kept_.back().second;
     }
     return keep(at, unpacked(record_at(at), at));
@@ -249,17 +242,19 @@ template <ChunkCodec... Codecs> class McapReader {
     kept_.emplace_back(at, std::make_shared<const Bytes>(std::move(contents)));
     std::uint64_t sum = 0;
     for (const auto& k : kept_) sum += k.second->size();
-    while (kept_.size() > 1 && sum > limits_.kept_bytes)
-      sum -= kept_.front().second->size(), kept_.erase(kept_.begin());
+    while (kept_.size() > 1 && sum > limits_.kept_bytes) {
+      sum -= kept_.front().second->size();
+      kept_.erase(kept_.begin());
+    }
     return kept_.back().second;
   }
   Bytes unpacked(std::span<const std::uint8_t> record, std::uint64_t at) const {
     McapFields in(record.subspan(head_bytes), source_.where(), at + head_bytes);
     in.bytes(16);  // times of the first and last message
-    const auto size = in.template number<std::uint64_t>();
-    const auto crc = in.template number<std::uint32_t>();
+    const auto size = in.number<std::uint64_t>();
+    const auto crc = in.number<std::uint32_t>();
     const std::string compression = in.string();
-    const auto packed = in.bytes(in.template number<std::uint64_t>());
+    const auto packed = in.bytes(in.number<std::uint64_t>());
     if (size > limits_.record_bytes)
       fail(at, message("a chunk says that it holds ", size, " bytes, read are at most ", limits_.record_bytes));
     std::optional<Bytes> contents;
@@ -284,32 +279,32 @@ template <ChunkCodec... Codecs> class McapReader {
     const Bytes front = source_.bytes(begin, std::min<std::uint64_t>(length, 1u << 20));
     McapFields in(front, source_.where(), begin);
     McapAttachment a;
-    a.log_ns = in.template number<std::uint64_t>();
-    in.template number<std::uint64_t>();  // when it was made
-    a.name = in.string(), a.media_type = in.string();
-    a.size = in.template number<std::uint64_t>(), a.offset = in.offset();
+    a.log_ns = in.number<std::uint64_t>();
+    in.number<std::uint64_t>();  // when it was made
+    in.read(a.name, a.media_type, a.size);
+    a.offset = in.offset();
     const std::uint64_t rest = length - (a.offset - begin);
     if (rest < 4 || a.size > rest - 4)
       in.fail(message("an attachment of ", a.size, " bytes goes beyond the end of its record"));
     const Bytes tail = source_.bytes(a.offset + a.size, 4);
-    const auto told = McapFields(tail, source_.where(), a.offset + a.size).template number<std::uint32_t>();
+    const auto stated = McapFields(tail, source_.where(), a.offset + a.size).number<std::uint32_t>();
     Crc32 crc;
-    if (told != 0) source_.add(crc, begin, a.offset + a.size - begin);
-    if (told != 0 && told != crc.value()) fail(at, "an attachment is damaged: its checksum is another");
+    if (stated != 0) source_.add(crc, begin, a.offset + a.size - begin);
+    if (stated != 0 && stated != crc.value()) fail(at, "an attachment is damaged: its checksum is another");
     attachments_.push_back(std::move(a));
   }
   /// The checksum goes from the summary's first byte to the footer's last but itself.
   void check_summary(McapFields& footer, std::uint64_t at, std::uint64_t data_end) {
-    const auto start = footer.template number<std::uint64_t>();
-    footer.template number<std::uint64_t>();  // where the summary's offsets begin
-    const auto told = footer.template number<std::uint32_t>();
+    const auto start = footer.number<std::uint64_t>();
+    footer.number<std::uint64_t>();  // where the summary's offsets begin
+    const auto stated = footer.number<std::uint32_t>();
     if (start != 0 && (start < data_end || start > at))
       fail(at, message("the footer says that the summary begins at byte ", start, ", must lie in [", data_end, ", ", at,
                        "]"));
     const std::uint64_t from = start == 0 ? at : start;
     Crc32 crc;
-    if (told != 0) source_.add(crc, from, at + head_bytes + 16 - from);
-    if (told != 0 && told != crc.value()) fail(at, "the summary is damaged: its checksum is another");
+    if (stated != 0) source_.add(crc, from, at + head_bytes + 16 - from);
+    if (stated != 0 && stated != crc.value()) fail(at, "the summary is damaged: its checksum is another");
   }
 
   McapSource source_;

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/crc32.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/sense/recording/mcap/mcap.hpp"
 
@@ -15,8 +15,7 @@
 
 namespace lumo::sense {
 
-/// The bytes of an MCAP file. No more are taken into memory than the file has. What it throws is an InputError with
-/// file and byte.
+/// The bytes of an MCAP file. Allocates no more than the file has. Throws InputError with file and byte.
 class McapSource {
  public:
   static constexpr std::uint64_t head_bytes = 9;  ///< of a record, before its contents
@@ -53,7 +52,8 @@ class McapSource {
     while (size > 0) {
       const std::uint64_t piece = std::min<std::uint64_t>(size, 1u << 20);
       crc.add(bytes(at, piece));
-      at += piece, size -= piece;
+      at += piece;
+      size -= piece;
     }
   }
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/crc32.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/sense/recording/mcap/mcap.hpp"
 
@@ -18,21 +18,18 @@
 
 namespace lumo::sense {
 
-/// Writes an MCAP file in chunks, with checksums of chunks, data and summary; the summary repeats schemas and channels
-/// and has statistics and the index of chunks, so that other programs find their way. `finish` must be called last: a
-/// file without it counts as cut.
+/// Writes an MCAP file in chunks, with checksums of chunks, data and summary. The summary repeats schemas and channels
+/// and has statistics and the index of chunks, which other programs rely on. `finish` must be called last: a file
+/// without it counts as cut.
 template <ChunkCodec Codec = Uncompressed> class McapWriter {
  public:
-  /// `out` outlives the writer. A chunk ends with the message that makes it as long as `chunk_bytes`.
+  /// `out` outlives the writer. A chunk ends with the message that brings it to `chunk_bytes`.
   explicit McapWriter(std::ostream& out, std::string_view profile = "ros2", Codec codec = {},
                       std::size_t chunk_bytes = 1u << 20)
       : out_(out), codec_(std::move(codec)), chunk_bytes_(chunk_bytes) {
     put(mcap_magic);
     McapBytes b;
-    b.record(McapOpcode::header, [&] {
-      b.string(profile);
-      b.string("lumo");
-    });
+    b.record(McapOpcode::header, [&] { b.fields(profile, "lumo"); });
     put(b.since(0));
   }
 
@@ -74,15 +71,14 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       const std::size_t at = b.size();
       b.number(log_ns);
       b.number(std::uint64_t(0));  // when it was made is not known
-      b.string(name), b.string(media_type);
-      b.number(std::uint64_t(data.size()));
+      b.fields(name, media_type, std::uint64_t(data.size()));
       b.bytes(data);
       b.number(Crc32::of(b.since(at)));
     });
     attachments_.push_back({{std::string(name), std::string(media_type), log_ns, offset_, data.size()}, b.size()});
     put(b.since(0));
   }
-  /// Throws InputError where anything could not be written.
+  /// Throws InputError if writing failed.
   void finish() {
     end_chunk();
     McapBytes b;
@@ -95,10 +91,8 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       const std::size_t at = summary.size();
       for (const auto& item : items) add(item);
       if (items.empty()) return;
-      offsets.record(McapOpcode::summary_offset, [&] {
-        offsets.number(std::uint8_t(opcode)), offsets.number(start + at),
-            offsets.number(std::uint64_t(summary.size() - at));
-      });
+      offsets.record(McapOpcode::summary_offset,
+                     [&] { offsets.fields(std::uint8_t(opcode), start + at, std::uint64_t(summary.size() - at)); });
     };
     group(McapOpcode::schema, schemas_, [&](const McapSchema& s) { record(summary, s); });
     group(McapOpcode::channel, channels_, [&](const McapChannel& c) { record(summary, c); });
@@ -108,9 +102,8 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     group(McapOpcode::attachment_index, attachments_, [&](const Attached& a) { record(summary, a); });
     const std::uint64_t offsets_start = start + summary.size();
     summary.bytes(offsets.since(0));
-    const std::size_t footer = summary.record(McapOpcode::footer, [&] {
-      summary.number(start), summary.number(offsets_start), summary.number(std::uint32_t(0));
-    });
+    const std::size_t footer =
+        summary.record(McapOpcode::footer, [&] { summary.fields(start, offsets_start, std::uint32_t(0)); });
     const auto checked = summary.since(0).first(footer + 9 + 16);
     const std::uint32_t crc = Crc32::of(checked);
     put(checked);
@@ -125,7 +118,10 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
  private:
   struct Times {
     std::uint64_t first = std::numeric_limits<std::uint64_t>::max(), last = 0;
-    void add(std::uint64_t t) { first = std::min(first, t), last = std::max(last, t); }
+    void add(std::uint64_t t) {
+      first = std::min(first, t);
+      last = std::max(last, t);
+    }
     std::uint64_t begin() const { return std::min(first, last); }  ///< 0 without messages
   };
   struct Chunk {
@@ -150,43 +146,41 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
   }
 
   static void record(McapBytes& to, const McapSchema& s) {
-    to.record(McapOpcode::schema,
-              [&] { to.number(s.id), to.string(s.name), to.string(s.encoding), to.string(s.data); });
+    to.record(McapOpcode::schema, [&] { to.fields(s.id, s.name, s.encoding, s.data); });
   }
   static void record(McapBytes& to, const McapChannel& c) {
-    to.record(McapOpcode::channel, [&] {
-      to.number(c.id), to.number(c.schema), to.string(c.topic), to.string(c.encoding), to.map(c.metadata);
-    });
+    to.record(McapOpcode::channel, [&] { to.fields(c.id, c.schema, c.topic, c.encoding, c.metadata); });
   }
   static void record(McapBytes& to, const Chunk& c) {
     to.record(McapOpcode::chunk_index, [&] {
-      to.number(c.times.begin()), to.number(c.times.last), to.number(c.offset), to.number(c.length);
+      to.fields(c.times.begin(), c.times.last, c.offset, c.length);
       const std::size_t at = to.begin_length<std::uint32_t>();
-      for (const auto& [channel, offset] : c.index_offsets) to.number(channel), to.number(offset);
+      for (const auto& [channel, offset] : c.index_offsets) to.fields(channel, offset);
       to.end_length<std::uint32_t>(at);
-      to.number(c.index_length), to.string(Codec::name), to.number(c.packed), to.number(c.unpacked);
+      to.fields(c.index_length, Codec::name, c.packed, c.unpacked);
     });
   }
   static void record(McapBytes& to, const Attached& a) {
     to.record(McapOpcode::attachment_index, [&] {
-      to.number(a.attachment.offset), to.number(a.length), to.number(a.attachment.log_ns), to.number(std::uint64_t(0)),
-          to.number(a.attachment.size);
-      to.string(a.attachment.name), to.string(a.attachment.media_type);
+      to.fields(a.attachment.offset, a.length, a.attachment.log_ns, std::uint64_t(0), a.attachment.size,
+                a.attachment.name, a.attachment.media_type);
     });
   }
   void record_statistics(McapBytes& to) const {
     Times times;
     for (const Chunk& c : chunks_)
-      if (!c.index_offsets.empty()) times.add(c.times.first), times.add(c.times.last);
+      if (!c.index_offsets.empty()) {
+        times.add(c.times.first);
+        times.add(c.times.last);
+      }
     std::uint64_t messages = 0;
     for (const auto& [channel, count] : counts_) messages += count;
     to.record(McapOpcode::statistics, [&] {
-      to.number(messages), to.number(std::uint16_t(schemas_.size())), to.number(std::uint32_t(channels_.size())),
-          to.number(std::uint32_t(attachments_.size()));
-      to.number(std::uint32_t(0)), to.number(std::uint32_t(chunks_.size())), to.number(times.begin()),
-          to.number(times.last);
+      to.fields(messages, std::uint16_t(schemas_.size()), std::uint32_t(channels_.size()),
+                std::uint32_t(attachments_.size()), std::uint32_t(0), std::uint32_t(chunks_.size()), times.begin(),
+                times.last);
       const std::size_t at = to.begin_length<std::uint32_t>();
-      for (const auto& [channel, count] : counts_) to.number(channel), to.number(count);
+      for (const auto& [channel, count] : counts_) to.fields(channel, count);
       to.end_length<std::uint32_t>(at);
     });
   }
@@ -198,8 +192,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     Chunk c{chunk_times_, offset_, 0, 0, packed.size(), contents.size(), {}};
     McapBytes b;
     b.record(McapOpcode::chunk, [&] {
-      b.number(c.times.begin()), b.number(c.times.last), b.number(c.unpacked), b.number(Crc32::of(contents)),
-          b.string(Codec::name), b.number(c.packed);
+      b.fields(c.times.begin(), c.times.last, c.unpacked, Crc32::of(contents), Codec::name, c.packed);
       b.bytes(packed);
     });
     c.length = b.size();
@@ -207,7 +200,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       const std::size_t at = b.record(McapOpcode::message_index, [&] {
         b.number(of_channel.first);
         const std::size_t list = b.begin_length<std::uint32_t>();
-        for (const auto& [log_ns, place] : of_channel.second) b.number(log_ns), b.number(place);
+        for (const auto& [log_ns, place] : of_channel.second) b.fields(log_ns, place);
         b.end_length<std::uint32_t>(list);
       });
       c.index_offsets[of_channel.first] = c.offset + at;
@@ -215,7 +208,9 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     c.index_length = b.size() - c.length;
     put(b.since(0));
     chunks_.push_back(std::move(c));
-    chunk_.clear(), index_.clear(), chunk_times_ = {};
+    chunk_.clear();
+    index_.clear();
+    chunk_times_ = {};
   }
 
   std::ostream& out_;

@@ -14,7 +14,7 @@
 
 namespace lumo::sense {
 
-// Messages of ROS 2 that a log holds, and lumo's own for what ROS has none. `type` is the name of the schema,
+// Messages of ROS 2 that a log holds, and lumo's own where ROS has none. `type` is the name of the schema,
 // `definition` its text (encoding ros2msg): the fields, and behind a line of 80 '=' those of each type that they name.
 // Source: the packages std_msgs, sensor_msgs and geometry_msgs of ROS 2.
 
@@ -41,7 +41,10 @@ struct RosHeader {
 
   template <class Archive> static void fields(const RosHeader& self, Archive& archive) {
     std::int64_t s = self.stamp_ns / 1'000'000'000, ns = self.stamp_ns % 1'000'000'000;
-    if (ns < 0) --s, ns += 1'000'000'000;
+    if (ns < 0) {
+      --s;
+      ns += 1'000'000'000;
+    }
     if (s != std::int32_t(s))
       throw InvalidArgument(
           message("stamp of a message is ", self.stamp_ns, " ns, must lie within the 2147483648 s of its format"));
@@ -166,8 +169,7 @@ struct FrameExposure {
   }
 };
 
-/// Motors' currents [A] of the JointState of the same stamp, whose effort is then empty: a JointState's effort is a
-/// torque.
+/// Motors' currents [A] of the JointState of the same stamp. Its effort is then empty, because it would be a torque.
 struct JointCurrents {
   static constexpr std::string_view type = "lumo_msgs/msg/JointCurrents";
   static std::string definition() { return detail::ros_definition("float64[] current_a\n"); }

@@ -23,12 +23,14 @@
 
 namespace lumo::sense {
 
-/// The observer of the hand that a log's session describes. Throws InvalidArgument where it describes none.
+/// The observer of the hand that a log's session describes. Throws InvalidArgument without a hand.
 inline HandObserver hand_observer(const Session& session, HandObserver::Config config = {}) {
   std::vector<HandLink> links;
   std::vector<LinkMap> first;
-  for (const SessionLink& l : session.links)
-    links.push_back(l.link), first.push_back(LinkMap::fit(l.link.hole_m, l.hole_px, l.link.z_clockwise));
+  for (const SessionLink& l : session.links) {
+    links.push_back(l.link);
+    first.push_back(LinkMap::fit(l.link.hole_m, l.hole_px, l.link.z_clockwise));
+  }
   return {std::move(links), std::move(first), std::move(config)};
 }
 
@@ -48,17 +50,16 @@ inline TimeSeries joint_positions(std::span<const JointSample> samples, const Se
   return {std::move(stamp), std::move(position)};
 }
 
-/// Does a log's plan say that nothing touches the hand then?
+/// Whether a segment states that nothing touches the hand then.
 inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
   return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) {
-    return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns;
+    return (s.kind == SegmentKind::free || s.kind == SegmentKind::unloaded) && s.holds(stamp_ns);
   });
 }
 
-/// Plays a log to a hand's observer, as it came. `each(estimate, image)` is called for every frame, with a
-/// std::optional<HandEstimate>: nothing where the frame lies in a segment of kind "free" or "unloaded", and becomes a
-/// reference; no link is seen where the joints are not known. Returns how many became references. Joint samples more
-/// than `max_gap_s` apart say nothing in between.
+/// Plays a log to a hand's observer, frame by frame. `each(estimate, image)` gets a std::optional<HandEstimate>:
+/// nullopt if the frame lies in a segment of kind `free` or `unloaded` and becomes a reference. No link is seen while
+/// the joints are unknown, between samples more than `max_gap_s` apart. Returns the number of references.
 template <Camera C, class Each>
 int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, Each each,
                  double max_gap_s = 0.1) {
@@ -75,7 +76,7 @@ int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, con
   return references;
 }
 
-/// Shows a hand's observer a log's pictures of the unloaded hand only. Returns how many became references.
+/// Shows a hand's observer only a log's pictures of the unloaded hand. Returns the number of references.
 template <Camera C>
 int add_references(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session,
                    double max_gap_s = 0.1) {
@@ -87,8 +88,8 @@ int add_references(C& camera, HandObserver& hand, const TimeSeries& positions, c
   return references;
 }
 
-/// What really pressed on a hand, frame by frame, as a lab's truth.csv tells: stamp_ns, link, y_mm, force_N, one row
-/// for each contact of a frame. Only whoever compares reads it.
+/// True contacts on a hand, frame by frame, by a lab's truth.csv: stamp_ns, link, y_mm, force_N, one row for each
+/// contact of a frame. Estimators do not read it.
 class HandTouches {
  public:
   struct Touch {
@@ -130,7 +131,7 @@ struct HandScore {
   int touches = 0;     ///< in all frames, of at least the least force
   int found = 0;       ///< of them, those with a contact on their link within 8 mm, `near_m`
   double mae_m = 0.0;  ///< along the link, over those found
-  int contacts = 0;    ///< that were told
+  int contacts = 0;    ///< in all estimates
   int unfounded = 0;   ///< of them, those with no touch, however weak, so near on their link
 
   static constexpr double near_m = 8.0_mm;
@@ -143,7 +144,10 @@ struct HandScore {
       double off = near_m;
       bool hit = false;
       for (const HandContact& c : e.contacts)
-        if (c.link == t.link && std::abs(c.y_m - t.y_m) <= off) off = std::abs(c.y_m - t.y_m), hit = true;
+        if (c.link == t.link && std::abs(c.y_m - t.y_m) <= off) {
+          off = std::abs(c.y_m - t.y_m);
+          hit = true;
+        }
       if (hit) mae_m += (off - mae_m) / double(++found);
     }
     for (const HandContact& c : e.contacts) {

@@ -1,11 +1,22 @@
 #pragma once
 
 #include <array>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 
 namespace lumo {
+
+enum class ByteOrder : std::uint8_t { big = 0, little = 1 };
+
+/// The number whose first byte is at `bytes`.
+template <std::unsigned_integral T, class Byte> constexpr T number_at(const Byte* bytes, ByteOrder order) {
+  T v = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i)
+    v = T(v | T(static_cast<std::uint8_t>(bytes[i])) << 8 * (order == ByteOrder::little ? i : sizeof(T) - 1 - i));
+  return v;
+}
 
 namespace detail {
 
@@ -27,7 +38,8 @@ inline constexpr auto crc32_tables = make_crc32_tables();
 }  // namespace detail
 
 /// Cyclic redundancy check of 32 bits, fed piece by piece: of zip, PNG and MCAP. Reflected polynomial 0xEDB88320, all
-/// ones before and after (ISO 3309). Eight bytes at a time by as many tables (Kounavis and Berry 2005).
+/// ones before and after (ISO 3309). Eight bytes at a time by as many tables (Kounavis and Berry 2005). Own code, for
+/// these thirty lines would else be the only need of zlib.
 class Crc32 {
  public:
   void add(std::span<const std::uint8_t> bytes) {

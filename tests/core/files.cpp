@@ -1,9 +1,10 @@
 #include "catch.hpp"
 
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "temporary_folder.hpp"
 
 #include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <atomic>
 #include <csignal>
@@ -12,6 +13,21 @@
 #include <string>
 #include <thread>
 #include <vector>
+
+using namespace lumo;
+
+TEST_CASE("a file is read whole; what is no file or too large is not read", "[core]") {
+  const TemporaryFolder folder;
+  const std::string bytes("\0a\r\n\xff", 5);
+  CHECK(read_whole(folder.write("file", bytes)) == bytes);
+  CHECK(read_whole(folder.write("empty", "")) == "");
+  CHECK(read_whole(folder / "file", 5) == bytes);
+  CHECK_FALSE(read_whole(folder / "file", 4));
+  CHECK_FALSE(read_whole(folder / "nothing"));
+  CHECK_FALSE(read_whole(folder.path));
+  REQUIRE(::mkfifo((folder / "pipe").c_str(), 0600) == 0);
+  CHECK_FALSE(read_whole(folder / "pipe"));  // and does not wait for a writer
+}
 
 TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
   const TemporaryFolder folder;
@@ -22,12 +38,12 @@ TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
   }
 }
 
-TEST_CASE("a file that cannot be written is told in one line, and what was there stays") {
+TEST_CASE("a file that cannot be written is reported in one line, and what was there stays") {
   const TemporaryFolder folder;
   std::filesystem::create_directories(folder.path / "folder" / "full");
   CHECK_THROWS_WITH(write_whole(folder / "none/file", "x"),
                     Catch::Contains("none/file: cannot be written: No such file"));
-  CHECK_THROWS_AS(write_whole(folder / "folder", "x"), lumo::InputError);  // written beside it, but not renamed
+  CHECK_THROWS_AS(write_whole(folder / "folder", "x"), InputError);  // written beside it, but not renamed
   CHECK(folder.entries() == 1);
 
   folder.write("file", "old");
@@ -39,7 +55,7 @@ TEST_CASE("a file that cannot be written is told in one line, and what was there
   std::string why;
   try {
     write_whole(folder / "file", std::string(100000, 'x'));
-  } catch (const lumo::InputError& e) {
+  } catch (const InputError& e) {
     why = e.what();
   }
   setrlimit(RLIMIT_FSIZE, &before);
@@ -57,7 +73,7 @@ TEST_CASE("writers of the same file do not get in each other's way") {
     writers.emplace_back([&] {
       for (int i = 0; i < 100; ++i) try {
           write_whole(folder / "file", std::string(20000, 'y'));
-        } catch (const lumo::InputError&) {
+        } catch (const InputError&) {
           ++failed;
         }
     });

@@ -1,0 +1,86 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/stopwatch.hpp"
+#include "lumo/sense/devices/replay.hpp"
+#include "lumo/sense/force/finger_model.hpp"
+#include "lumo/sense/force/frame_estimate.hpp"
+#include "lumo/sense/recording/recording.hpp"
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo::sense {
+
+/// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch gives.
+/// `make_camera()` gives the pictures from their start. Throws InputError where no unloaded finger is seen.
+template <class MakeCamera>
+FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, const FingerOptics& assumed = {}) {
+  const std::int64_t start_ns = recording.frames.empty() ? 0 : recording.frames.front().stamp_ns;
+  const UnloadedStretch rest = UnloadedStretch::of(recording.session, start_ns);
+  FingerModel<> finger = finger_model(recording.session);
+  finger.optics = assumed;
+  auto first = make_camera();
+  finger.optics.view = view_finger(first, recording.session, rest, recording.path);
+  auto pictures = make_camera();
+  GreenProfile readout = finger.optics.readout();
+  finger.optics.unloaded = unloaded_reference(read_profiles(pictures, readout), rest, recording.path);
+  finger.joints = identify_joints(on_frames_clock(recording), recording.session.torque_constant_Nm_per_A, rest.to_ns);
+  return finger;
+}
+
+/// Profile → unloaded reference → location. Pictures that cannot be read have no profile and no estimate. Throws
+/// InvalidArgument for profiles of other bins.
+template <class MakeLocalizer>
+std::vector<FrameEstimate> locate(const std::vector<Profile>& profiles, const FingerOptics& finger,
+                                  MakeLocalizer make_localizer) {
+  auto localizer = make_localizer(finger);
+  std::vector<FrameEstimate> list;
+  for (Profile p : profiles) {
+    finger.unloaded.subtract(p);
+    FrameEstimate e;
+    e.stamp_ns = p.stamp_ns;
+    e.location = localizer.update(p);
+    list.push_back(std::move(e));
+  }
+  return list;
+}
+
+/// Picture → profile → unloaded reference → location → torque → force: the recording plays as it came, one step at
+/// each frame. Throws InputError without joint samples, InvalidArgument for parts that do not fit.
+template <class MakeCamera, ContactJacobian J, class MakeLocalizer = BayesLocalizer (*)(const FingerOptics&)>
+std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_camera, const FingerModel<J>& finger,
+                                    MakeLocalizer make_localizer = bayes_localizer) {
+  const std::vector<JointSample> samples = on_frames_clock(recording);
+  if (samples.size() < 2 || finger.joints.torque.empty())
+    throw InputError("the log has no joint samples to estimate a force from");
+  const StreamRates rates = stream_rates(recording.frames, samples);
+  Replay camera(make_camera());
+  Replay motors{RecordedActuator(samples)};
+  auto localizer = make_localizer(finger.optics);
+  using Estimator = ForceEstimator<decltype(camera), decltype(motors), decltype(localizer), GreenProfile, J>;
+  Estimator estimator(camera, motors, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
+                      finger.jacobian, force_config(finger, rates));
+  const ContactTorques torques(samples, finger.joints.torque);
+  const StreamAssumptions& assumed = finger.assumptions;
+  const double gap_s = std::max(assumed.joint_gap_s, assumed.joint_gap_periods * rates.joint_period_s);
+  std::vector<FrameEstimate> list;
+  for (const FrameRecord& frame : recording.frames) {
+    camera.until(frame.stamp_ns);
+    motors.until(frame.stamp_ns);
+    FrameEstimate e;
+    e.stamp_ns = frame.stamp_ns;
+    const Stopwatch watch;
+    e.force = estimator.step(frame.stamp_ns);
+    e.seconds = watch.seconds();
+    e.location = estimator.location();
+    e.joints = torques.at(frame.stamp_ns, gap_s);
+    list.push_back(std::move(e));
+  }
+  return list;
+}
+
+}  // namespace lumo::sense
