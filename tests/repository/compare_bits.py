@@ -374,7 +374,8 @@ def sqlite_lines(path):
     """Each field of each row but what is masked; JSON in a field by its own fields."""
     lines = []
     with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as db:
-        db.text_factory = lambda raw: raw.decode("utf-8", errors="backslashreplace")   # a failure's text may be any bytes
+        # A failure's text may be any bytes.
+        db.text_factory = lambda raw: raw.decode("utf-8", errors="backslashreplace")
         for (table,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name").fetchall():
             if table in MASKED_TABLES:
                 continue
