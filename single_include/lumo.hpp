@@ -2224,7 +2224,10 @@ inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
   image.half_v = m.cwiseProduct(half_v) * m.prod();
   Eigen::Index k = 0;
   image.half_u.cwiseAbs().maxCoeff(&k);
-  if (image.half_u[k] < 0.0) image.half_u = -image.half_u, image.half_v = -image.half_v;
+  if (image.half_u[k] < 0.0) {
+    image.half_u = -image.half_u;
+    image.half_v = -image.half_v;
+  }
   return image;
 }
 
@@ -2579,8 +2582,8 @@ constexpr std::string_view to_string(Twin twin) {
 /// What a boundary edge of the section is.
 enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };
 
-/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to i
-/// + 1.
+/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to
+/// i + 1, the last point is the dome's apex.
 struct HalfSection {
   FingerDesign design;
   PadDimensions pad;
@@ -2588,6 +2591,9 @@ struct HalfSection {
   std::vector<double> x, z;
   std::vector<SectionTag> tag;
 
+  double half_width_m() const { return 0.5e-3 * pad.width; }
+  double height_m() const { return z.back(); }  ///< of the dome's apex over the base
+  double length_m() const { return 1e-3 * pad.length; }
   /// Exact area of the half section [m²].
   double exact_area_m2() const;
 };
@@ -2645,7 +2651,9 @@ inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chor
   const double stem = 0.5e-3 * d.w_s, hs = 1e-3 * d.h_s, outer = stem + 1e-3 * d.w_v;
   const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base, has_void = d.w_v > 0.0;
   const auto add = [&](double px, double pz, SectionTag tag) {
-    s.x.push_back(px), s.z.push_back(pz), s.tag.push_back(tag);
+    s.x.push_back(px);
+    s.z.push_back(pz);
+    s.tag.push_back(tag);
   };
   if (soft_stem) {
     if (has_void) {
@@ -2725,7 +2733,7 @@ inline Silicone silicone(std::string_view name) {
 
 namespace lumo {
 
-/// What may be chosen about a finger besides θ. Defaults are our readings of what the paper leaves open.
+/// What may be chosen about a finger besides θ. Defaults are our assumptions where the paper leaves a choice open.
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
@@ -4583,10 +4591,10 @@ static_assert(HyperelasticMaterial<NeoHookean>);
 
 namespace lumo {
 
-/// Ogden solid, W = Σ μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + κ/4 (J² − 1 − 2 ln J), λ̄ᵢ = J^(−1/3) λᵢ the principal
-/// stretches without the volume change. Shear modulus ½ Σ μ_p α_p; +∞ where J ≤ 0. Source: Ogden 1972. A term with μ_p
-/// = 0 is none. Distortion is for doubles: principal stretches come from an iteration. The default is Dragon Skin of
-/// the paper at small strain.
+/// Ogden solid, W = Σ μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + κ/4 (J² − 1 − 2 ln J), λ̄ᵢ = J^(−1/3) λᵢ the
+/// principal stretches without the volume change. Shear modulus ½ Σ μ_p α_p; +∞ where J ≤ 0. Source: Ogden 1972. A term
+/// with μ_p = 0 is none. Distortion is for doubles: principal stretches come from an iteration. The default is Dragon
+/// Skin of the paper at small strain.
 struct Ogden {
   struct Term {
     double mu = 0.0;     ///< [Pa], of the sign of alpha
@@ -6935,25 +6943,10 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
 }
 
 constexpr std::string_view to_string(Status s) {
-  switch (s) {
-    case Status::converged:
-      return "converged";
-    case Status::held:
-      return "held";
-    case Status::max_iterations:
-      return "max_iterations";
-    case Status::line_search:
-      return "line_search";
-    case Status::inverted:
-      return "inverted";
-    case Status::not_positive_definite:
-      return "not_positive_definite";
-    case Status::non_finite:
-      return "non_finite";
-    case Status::time_limit:
-      return "time_limit";
-  }
-  return "non_finite";
+  constexpr std::array<std::string_view, 8> names{"converged",   "held",      "max_iterations",
+                                                  "line_search", "inverted",  "not_positive_definite",
+                                                  "non_finite",  "time_limit"};
+  return names[std::size_t(s)];
 }
 
 }  // namespace lumo
@@ -7621,9 +7614,20 @@ inline void validate(const DescentConfig& c) {
   require_in_range("largest advance", c.max_advance_m * 1e3, 1e-3, 1e3, "mm");
 }
 
+namespace detail {
+
+struct NoPacks {
+  struct Start {};
+};
+template <class Material, class Element> struct PacksFor { using type = NoPacks; };
+template <DilatationalMaterial Material> struct PacksFor<Material, LinearTet> { using type = VertexPacks<Material>; };
+
+}  // namespace detail
+
 /// All that does not change between scenarios on one mesh: masses, colors, elements, surfaces.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element> struct DescentModel {
-  static constexpr bool batched = DilatationalMaterial<Material> && std::same_as<Element, LinearTet>;
+  using Packs = typename detail::PacksFor<Material, Element>::type;
+  static constexpr bool batched = !std::same_as<Packs, detail::NoPacks>;
 
   Sector sector;
   Contact contact;
@@ -7636,21 +7640,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
   VertexColors colors;       ///< of the nodes that move
   bool resists_inversion;    ///< the material's energy has no bound where J ≤ 0
 
-  struct NoPacks {};
-  static auto packs_type() {
-    if constexpr (batched)
-      return std::optional<VertexPacks<Material>>();
-    else
-      return std::optional<NoPacks>();
-  }
-  static auto start_type() {
-    if constexpr (batched)
-      return typename VertexPacks<Material>::Start();
-    else
-      return NoPacks();
-  }
-  using PacksStart = decltype(start_type());
-  decltype(packs_type()) packs;
+  std::optional<Packs> packs;  ///< where they are asked for
 
   /// Throws InvalidArgument when the given colors are none.
   DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes,
@@ -8037,7 +8027,7 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
   std::vector<SimdPack::Point> points_;  // x_ for the packs
-  typename Model::PacksStart packs_start_;
+  typename Model::Packs::Start packs_start_;
 };
 
 template <Executor E>
@@ -8442,7 +8432,7 @@ inline void y_axis(Svg& svg, const Frame& f, const std::string& label) {
 
 namespace lumo {
 
-/// Draws the pressed body as an SVG picture: a cut through it across y at the place of touch, coloured by how far the
+/// Writes an SVG picture of the pressed body: a cut through it across y at the place of touch, coloured by how far the
 /// material has moved, over its undeformed outline, with carrier and indenter; axes x and z in mm. Throws
 /// InvalidArgument for a state that has no displacement on this mesh, or when the indenter passes by; InputError when
 /// the stream fails.
@@ -12355,7 +12345,7 @@ template <class Path> class Splatting {
 
  private:
   static constexpr int triangles_about = 6;      ///< an exit, in the grid of directions
-  static constexpr int bisections = 12;          ///< for a border: 2⁻¹² of an edge
+  static constexpr int bisections = 12;          ///< for a crossing: 2⁻¹² of an edge
   static constexpr int deepest = 4;              ///< times that a triangle is quartered
   static constexpr double alike_cosine = 0.5;    ///< between the normals of exits that are neighbours
   static constexpr double rays_per_pair = 16.0;  ///< of places, as the root of the rays
@@ -12408,8 +12398,8 @@ template <class Path> class Splatting {
     path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
-  // `area`: share of the whole triangle. If one corner differs, the border is found on its two edges; else the triangle
-  // is quartered.
+  // `area`: share of the whole triangle. If one corner differs, the crossing is found on its two edges; else the
+  // triangle is quartered.
   void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
     if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
     const Corner* odd = a.channel == b.channel   ? &c
@@ -12419,7 +12409,7 @@ template <class Path> class Splatting {
     const Corner *next = odd == &a ? &b : odd == &b ? &c : &a, *last = odd == &a ? &c : odd == &b ? &a : &b;
     if (odd != nullptr) {
       bool two = true;
-      const auto border = [&](const Corner& other) {
+      const auto crossing = [&](const Corner& other) {
         double low = 0.0, high = 1.0;
         for (int step = 0; step < bisections && two; ++step) {
           const double t = 0.5 * (low + high);
@@ -12429,7 +12419,7 @@ template <class Path> class Splatting {
         }
         return 0.5 * (low + high);
       };
-      const double s = border(*next), t = two ? border(*last) : 0.0;
+      const double s = crossing(*next), t = two ? crossing(*last) : 0.0;
       if (two) {
         const Weights p = mix(odd->at, next->at, s), q = mix(odd->at, last->at, t);
         book(odd->at, p, q, area * s * t, odd->channel);
@@ -12619,16 +12609,21 @@ class Tracer {
         book(total, r, k * channels, response);
       }
     }
+    response.rays = path.rays;
+    response.segments = path.segments;
+    return averaged(std::move(response));
+  }
+
+ private:
+  // Power and error from the replicates.
+  static Response averaged(Response response) {
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
       response.ledger.channels.push_back(response.replicates.col(c).mean());
     response.power_W = response.ledger.channels;
     response.error_W = standard_error(response.replicates);
-    response.rays = path.rays;
-    response.segments = path.segments;
     return response;
   }
 
- private:
   /// Throws InvalidArgument unless settings, body and focus can be traced.
   void check(const Body& body, Symmetry symmetry, const RayFocus& focus) const {
     const auto power_of_two = [](const char* what, int value, int low) {
@@ -14544,9 +14539,9 @@ enum class OptimizerStatus {
 
 namespace lumo {
 
-/// Draws feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed,
-/// so that their last free design is found and their end is known. Law: all that it returns is feasible, on the lattice
-/// to the bit, and a function of its key.
+/// Samples feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are
+/// listed, so that their last free design is found and their end is known. Law: all that it returns is feasible, on the
+/// lattice to the bit, and a function of its key.
 class DesignSampler {
  public:
   static constexpr std::size_t list_limit = 100000;     ///< feasible designs up to which a lattice is listed
@@ -15039,7 +15034,7 @@ template <CovarianceKernel Kernel> class ConditionalPosterior {
     jitter_ = factor->jitter;
   }
 
-  /// Draws at the base points: points × draws, in the units of the data.
+  /// Samples at the base points: points × draws, in the units of the data.
   Eigen::MatrixXd draws() const {
     if (base_.cols() == 0) return Eigen::MatrixXd(0, std::max<Eigen::Index>(1, normals_.cols()));
     const Eigen::MatrixXd standard = (factor_ * normals_).colwise() + standard_mean(whitened_);

@@ -35,6 +35,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <initializer_list>
 #include <limits>
 #include <map>
 #include <memory>
@@ -509,7 +510,10 @@ inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
   image.half_v = m.cwiseProduct(half_v) * m.prod();
   Eigen::Index k = 0;
   image.half_u.cwiseAbs().maxCoeff(&k);
-  if (image.half_u[k] < 0.0) image.half_u = -image.half_u, image.half_v = -image.half_v;
+  if (image.half_u[k] < 0.0) {
+    image.half_u = -image.half_u;
+    image.half_v = -image.half_v;
+  }
   return image;
 }
 
@@ -1059,8 +1063,8 @@ constexpr std::string_view to_string(Twin twin) {
 /// What a boundary edge of the section is.
 enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };
 
-/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to i
-/// + 1.
+/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to
+/// i + 1, the last point is the dome's apex.
 struct HalfSection {
   FingerDesign design;
   PadDimensions pad;
@@ -1068,6 +1072,9 @@ struct HalfSection {
   std::vector<double> x, z;
   std::vector<SectionTag> tag;
 
+  double half_width_m() const { return 0.5e-3 * pad.width; }
+  double height_m() const { return z.back(); }  ///< of the dome's apex over the base
+  double length_m() const { return 1e-3 * pad.length; }
   /// Exact area of the half section [m²].
   double exact_area_m2() const;
 };
@@ -1125,7 +1132,9 @@ inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chor
   const double stem = 0.5e-3 * d.w_s, hs = 1e-3 * d.h_s, outer = stem + 1e-3 * d.w_v;
   const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base, has_void = d.w_v > 0.0;
   const auto add = [&](double px, double pz, SectionTag tag) {
-    s.x.push_back(px), s.z.push_back(pz), s.tag.push_back(tag);
+    s.x.push_back(px);
+    s.z.push_back(pz);
+    s.tag.push_back(tag);
   };
   if (soft_stem) {
     if (has_void) {
@@ -1205,7 +1214,7 @@ inline Silicone silicone(std::string_view name) {
 
 namespace lumo {
 
-/// What may be chosen about a finger besides θ. Defaults are our readings of what the paper leaves open.
+/// What may be chosen about a finger besides θ. Defaults are our assumptions where the paper leaves a choice open.
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
@@ -1441,70 +1450,17 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
 
 #endif
 
-// ---- lumo/morphology/cast_section.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_CAST_SECTION_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_CAST_SECTION_HPP
-
-namespace lumo {
-
-/// What a pad that is cast on its carrier looks like, in general words: a dome over a ridge, an open gap along each
-/// side of the ridge, the same all along y. Lengths in m, the body's frame: x across, y along, centred, z from the
-/// carrier's plate outwards.
-struct CastSection {
-  std::vector<std::array<double, 2>>
-      outline;               ///< half outline (x, z) of the pad: from the plate at x > 0 up and over to (0, height)
-  double length = 0.0;       ///< of the pad along y
-  double ridge_width = 0.0;  ///< of the rigid ridge in the middle
-  double ridge_height = 0.0;
-  double gap_width = 0.0;         ///< of the air gap on each side of the ridge, as high as the ridge; 0: none
-  double exact_volume_m3 = 0.0;   ///< of the pad with its curve uncut [m³]
-  FingerOptions::Leds leds = {};  ///< centred on the ridge, facing up
-
-  double half_width() const { return outline.front()[0]; }
-  double height() const { return outline.back()[1]; }
-  /// Area inside the cut outline, ridge and gaps taken off [m²].
-  double area_m2() const;
-};
-
-/// Chords for making things: they leave the curve by less than 5 µm, a tenth of what printers resolve.
-inline Chords fabrication_chords() { return {0.5e-3, 0.05, 0.05e-3}; }
-
-/// The section of a feasible design for casting: its stem is the ridge, its voids are the gaps. Throws
-/// InfeasibleDesign.
-inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options = {},
-                                const Chords& chords = fabrication_chords());
-
-inline double CastSection::area_m2() const {
-  double half = 0.0;
-  for (std::size_t i = 0; i + 1 < outline.size(); ++i)
-    half += 0.5 * (outline[i][0] * outline[i + 1][1] - outline[i + 1][0] * outline[i][1]);
-  return 2.0 * half - (ridge_width + 2.0 * gap_width) * ridge_height;
-}
-
-inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options, const Chords& chords) {
-  validate(options);
-  const HalfSection half = half_section(design, Twin::none, chords, options.pad);
-  CastSection s;
-  s.outline.push_back({0.5e-3 * options.pad.width, 0.0});
-  for (std::size_t i = 0; i < half.x.size(); ++i)
-    if (half.tag[i] == SectionTag::dome || half.tag[i] == SectionTag::mirror)
-      s.outline.push_back({half.x[i], half.z[i]});
-  s.length = 1e-3 * options.pad.length;
-  s.ridge_width = 1e-3 * design.w_s, s.ridge_height = 1e-3 * design.h_s, s.gap_width = 1e-3 * design.w_v;
-  s.exact_volume_m3 = 2.0 * half.exact_area_m2() * s.length;
-  s.leds = options.leds;
-  return s;
-}
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/fabrication/casting_options.hpp
 #ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_OPTIONS_HPP
 #define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_OPTIONS_HPP
 
 namespace lumo {
+
+/// The section of a feasible design for making things: its chords leave the curve by less than 5 µm, a tenth of what
+/// printers resolve. Throws InfeasibleDesign.
+inline HalfSection casting_section(const FingerDesign& design, const PadDimensions& pad = {}) {
+  return half_section(design, Twin::none, {0.5e-3, 0.05, 0.05e-3}, pad);
+}
 
 /// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within
 /// what the sources in docs/fabrication.md advise.
@@ -1520,24 +1476,32 @@ struct CastingOptions {
   double rim = 3.0e-3;            ///< how far the mould reaches down the plate's edge, which it is centred by
   double gate_diameter = 4.0e-3;  ///< at the pad; a Luer tip fits
   double vent_diameter = 2.0e-3;  ///< at the pad: the smallest hole that FDM prints well
+  FingerOptions::Leds leds = {};  ///< on the strip, centred on the stem, facing up
 
   /// Of the smallest wall that is printed: two lines of a 0.4 mm nozzle.
   static constexpr double thinnest_wall = 0.8e-3;
 };
 
-/// Limits of the options in mm, as they are checked and as they are told.
+/// Limits of the options in mm, for checks and for help texts.
 namespace casting_limits {
 inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0},
     strip_height_mm{0.2, 1.5};
 inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
+/// Least silicone above the stem and beside the voids with their fits [mm]: the design's 5 mm less what clearances and
+/// rounding take.
+inline constexpr double above_stem_mm = 4.9, beside_void_mm = 4.55;
+/// Least wall of the stem on each side of the LED strip's pocket, and of its end beyond the strip [m].
+inline constexpr double beside_strip = 0.6e-3, beyond_strip = 1.0e-3;
 }  // namespace casting_limits
 
 /// Throws InvalidArgument for an option that is out of range, or does not fit the section.
-inline void validate(const CastingOptions& options, const CastSection& section);
+inline void validate(const CastingOptions& options, const HalfSection& section);
 
 /// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
 struct CastingLayout {
   double half_width, top, half_length;          ///< of the pad; half_length is that of the cavity, too
+  double stem_x, stem_height;                   ///< half the stem's width, and its height, which is the voids', too
+  double void_x, void_width;                    ///< a void's outer wall, and its width; 0: there are none
   double plate_x, plate_y;                      ///< half the plate
   double rim_x, rim_y;                          ///< where the mould's rim begins: the plate with its clearance
   double mould_x, mould_y, mould_top;           ///< half the mould, and its height above the plate
@@ -1545,24 +1509,49 @@ struct CastingLayout {
   double pocket_x, pocket_y, pocket_floor;      ///< half the pocket for the LED strip, and its floor's height
   double strip_y;                               ///< half the LED strip
 
-  CastingLayout(const CastSection& s, const CastingOptions& o) {
+  CastingLayout(const HalfSection& s, const CastingOptions& o) {
     const double c = o.clearance;
-    half_width = s.half_width(), top = s.height(), half_length = 0.5 * s.length;
-    plate_x = half_width + o.flange, plate_y = half_length + o.tab;
-    rim_x = plate_x + c, rim_y = plate_y + c;
-    mould_x = half_width + o.wall, mould_y = rim_y + (mould_x - rim_x), mould_top = top + o.wall;
-    notch_inner = 0.5 * s.ridge_width - c, notch_outer = 0.5 * s.ridge_width + s.gap_width + c,
-    notch_roof = s.ridge_height + c;
-    strip_y = 0.5 * ((s.leds.count - 1) * s.leds.pitch + strip_margin);
-    pocket_x = 0.5 * o.strip_width + c, pocket_y = strip_y + c, pocket_floor = s.ridge_height - o.strip_height;
+    half_width = s.half_width_m();
+    top = s.height_m();
+    half_length = 0.5 * s.length_m();
+    stem_x = 0.5e-3 * s.design.w_s;
+    stem_height = 1e-3 * s.design.h_s;
+    void_width = 1e-3 * s.design.w_v;
+    void_x = stem_x + void_width;
+    plate_x = half_width + o.flange;
+    plate_y = half_length + o.tab;
+    rim_x = plate_x + c;
+    rim_y = plate_y + c;
+    mould_x = half_width + o.wall;
+    mould_y = rim_y + (mould_x - rim_x);
+    mould_top = top + o.wall;
+    notch_inner = stem_x - c;
+    notch_outer = void_x + c;
+    notch_roof = stem_height + c;
+    strip_y = 0.5 * ((o.leds.count - 1) * o.leds.pitch + strip_margin);
+    pocket_x = 0.5 * o.strip_width + c;
+    pocket_y = strip_y + c;
+    pocket_floor = stem_height - o.strip_height;
   }
 
   static constexpr double strip_margin = 8.0e-3;  ///< of the strip beyond the outer LEDs' centres, both together
   static constexpr double duct_length = 3.0e-3;   ///< of the opening for the wires, along y
+  static constexpr double hole_inset = 5.0e-3;    ///< of the mounting holes' centres from the pad's sides
 };
 
-inline void validate(const CastingOptions& o, const CastSection& s) {
+/// Half outline (x, z) of the pad, from the plate at x > 0 up and over to the apex [m].
+inline std::vector<std::array<double, 2>> pad_outline(const HalfSection& s) {
+  std::vector<std::array<double, 2>> outline{{s.half_width_m(), 0.0}};
+  for (std::size_t i = 0; i < s.x.size(); ++i)
+    if (s.tag[i] == SectionTag::dome || s.tag[i] == SectionTag::mirror) outline.push_back({s.x[i], s.z[i]});
+  return outline;
+}
+
+inline void validate(const CastingOptions& o, const HalfSection& s) {
   namespace limits = casting_limits;
+  if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base)
+    throw InvalidArgument("a twin whose stem is of silicone cannot be cast on a carrier");
+  validate(FingerOptions{.pad = s.pad, .leds = o.leds});
   require_in_range("clearance of printed parts", o.clearance * 1e3, limits::clearance_mm, "mm");
   require_in_range("plate thickness", o.plate * 1e3, limits::plate_mm, "mm");
   require_in_range("mould wall", o.wall * 1e3, limits::wall_mm, "mm");
@@ -1574,19 +1563,22 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
   require_in_range("plate beyond the pad's ends", o.tab * 1e3, o.hole_diameter * 1e3 + 3.0, 30.0, "mm");
   require_in_range("plate beyond the pad's sides", o.flange * 1e3, 1.0, (o.wall - o.clearance) * 1e3 - 2.0, "mm");
   require_in_range("mould rim", o.rim * 1e3, 1.0, o.plate * 1e3, "mm");
-  require_in_range("pad width", 2e3 * s.half_width(), 20.0, 200.0, "mm");
-  require_in_range("ridge height", s.ridge_height * 1e3, o.strip_height * 1e3 + 0.5, 1e3 * s.height() - 4.9, "mm");
   const CastingLayout at(s, o);
-  const double widest = 1e3 * (s.ridge_width - 2.0 * o.clearance - 1.2e-3);
+  require_in_range("pad width", 2e3 * at.half_width, 20.0, 200.0, "mm");
+  require_in_range("stem height", at.stem_height * 1e3, o.strip_height * 1e3 + 0.5,
+                   1e3 * at.top - limits::above_stem_mm, "mm");
+  const double widest = 1e3 * (2.0 * at.stem_x - 2.0 * o.clearance - 2.0 * limits::beside_strip);
   if (o.strip_width * 1e3 > widest + 1e-9)
     throw InvalidArgument(message("LED strip width is ", exact(o.strip_width * 1e3), " mm, must be at most ", widest,
-                                  " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
-  if (at.pocket_y > at.half_length - 1.0e-3)
+                                  " mm: 0.6 mm of wall on each side of it in a stem of ", 2.0 * at.stem_x * 1e3,
+                                  " mm"));
+  if (at.pocket_y > at.half_length - limits::beyond_strip)
     throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ",
-                                  2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
-  if (at.notch_outer > at.half_width - 4.55e-3)
+                                  2e3 * (at.half_length - o.clearance - limits::beyond_strip), " mm"));
+  if (at.notch_outer > at.half_width - 1e-3 * limits::beside_void_mm)
     throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance),
-                                  " mm thick beside its gaps, must be at least ", 4.55 + 1e3 * o.clearance, " mm"));
+                                  " mm thick beside its voids, must be at least ",
+                                  limits::beside_void_mm + 1e3 * o.clearance, " mm"));
 }
 
 }  // namespace lumo
@@ -2633,10 +2625,10 @@ inline double winding_number(const TriangleSurface& surface, const Vec3d& point)
 
 namespace lumo {
 
-/// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every
-/// bit) are one vertex, and an edge along an axis takes up the corners of its neighbours that lie on it, so that faces
-/// meet edge to edge however they are cut. No boolean operations: what is told is what is made, and surface() checks
-/// that it bounds a solid.
+/// A solid that is given face by face: flat polygons with holes, and bands between loops. Corners at one place (in
+/// every bit) are one vertex, and an edge along an axis takes up the corners of its neighbours that lie on it, so that
+/// faces meet edge to edge however they are cut. There are no boolean operations; surface() checks that the faces bound
+/// a solid.
 class FacetedSolid {
  public:
   using Loop = std::vector<Vec3d>;
@@ -2765,30 +2757,31 @@ inline auto FacetedSolid::surface() const -> TriangleSurface {
 
 namespace lumo {
 
-/// Outline (y, z) of the core that keeps a gap free, counter-clockwise seen along −x [m]: a bar of the gap's height
+/// Outline (y, z) of the core that keeps a void free, counter-clockwise seen along −x [m]: a bar of the void's height
 /// from one end of the cavity out through the other, a handle behind it, and a step that stops at the mould.
-inline std::vector<std::array<double, 2>> core_outline(const CastSection& s, const CastingOptions& o = {}) {
+inline std::vector<std::array<double, 2>> core_outline(const HalfSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;
   return {{-at.half_length, 0.0},
           {at.mould_y, 0.0},
           {at.mould_y, -o.rim},
           {at.mould_y + handle, -o.rim},
-          {at.mould_y + handle, s.ridge_height},
-          {-at.half_length, s.ridge_height}};
+          {at.mould_y + handle, at.stem_height},
+          {-at.half_length, at.stem_height}};
 }
 
-/// The core of the gap at x > 0, as thick as the gap is wide; the other one is the same, shifted. It comes out along
-/// +y. Throws InvalidArgument where there is no gap, MeshError.
-inline TriangleSurface core_solid(const CastSection& s, const CastingOptions& o = {}) {
+/// The core of the void at x > 0, as thick as the void is wide; the other one is the same, shifted. It comes out along
+/// +y. Throws InvalidArgument for a design without voids, MeshError.
+inline TriangleSurface core_solid(const HalfSection& s, const CastingOptions& o = {}) {
   validate(o, s);
-  require_positive("gap width", s.gap_width * 1e3, "mm");
+  const CastingLayout at(s, o);
+  require_positive("void width", at.void_width * 1e3, "mm");
   const auto side = [&](double x) {
     std::vector<Vec3d> loop;
     for (const auto& p : core_outline(s, o)) loop.emplace_back(x, p[0], p[1]);
     return loop;
   };
-  const auto inner = side(0.5 * s.ridge_width), outer = side(0.5 * s.ridge_width + s.gap_width);
+  const auto inner = side(at.stem_x), outer = side(at.void_x);
   FacetedSolid solid;
   solid.band(inner, outer);
   solid.face(reversed(inner));
@@ -2800,11 +2793,38 @@ inline TriangleSurface core_solid(const CastSection& s, const CastingOptions& o 
 
 #endif
 
+// ---- lumo/drawing/short_number.hpp
+#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
+#define SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
+
+namespace lumo {
+
+/// A number with at most `digits` decimals and no trailing zeros; the same in every locale. "?" where that takes more
+/// than 400 characters.
+inline std::string short_number(double v, int digits = 2) {
+  std::array<char, 400> buffer;
+  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
+  if (end.ec != std::errc{}) return "?";
+  std::string s(buffer.data(), end.ptr);
+  if (s.find('.') != std::string::npos) {
+    while (s.back() == '0') s.pop_back();
+    if (s.back() == '.') s.pop_back();
+  }
+  return s == "-0" ? "0" : s;
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/fabrication/drawing.hpp
 #ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
 #define SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
 
 namespace lumo {
+
+/// A length in mm with at most six digits after the point: nanometres. The same in every locale.
+inline std::string in_mm(double length_m) { return short_number(1e3 * length_m, 6); }
 
 /// A flat drawing for cutting and checking; lengths in m, x to the right, y upwards.
 struct Drawing {
@@ -2836,9 +2856,10 @@ struct Drawing {
     constexpr double far = std::numeric_limits<double>::infinity();
     Point low{far, far}, high{-far, -far};
     for (const Line& line : lines)
-      for (const Point& p : line.points)
-        low = {std::min(low[0], p[0]), std::min(low[1], p[1])},
+      for (const Point& p : line.points) {
+        low = {std::min(low[0], p[0]), std::min(low[1], p[1])};
         high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
+      }
     return {low, high};
   }
 };
@@ -2854,13 +2875,15 @@ struct Drawing {
 namespace lumo {
 
 /// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
-inline Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
+inline Drawing section_drawing(const HalfSection& section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
-inline Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
-/// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
-inline Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
+inline Drawing strip_drawing(const HalfSection& section, const CastingOptions& options = {});
+/// The side of a core, for cutting it from sheet. Throws InvalidArgument for a design without voids.
+inline Drawing core_drawing(const HalfSection& section, const CastingOptions& options = {});
 
 namespace detail {
+
+inline constexpr double caption_height = 1.8e-3;  ///< of capitals [m], about 7 pt
 
 /// Words under a drawing, and a line of 10 mm by which a print can be measured.
 inline void add_caption(Drawing& d, const std::string& words) {
@@ -2869,8 +2892,8 @@ inline void add_caption(Drawing& d, const std::string& words) {
   const auto box = d.box();
   const double x = box[0][0], y = box[0][1] - 5.0e-3;
   d.lines.push_back({layer, {{x, y + 1.0e-3}, {x, y}, {x + 10.0e-3, y}, {x + 10.0e-3, y + 1.0e-3}}, false});
-  d.labels.push_back({layer, {x + 12.0e-3, y}, 1.8e-3, "10 mm"});
-  d.labels.push_back({layer, {x, y - 4.0e-3}, 1.8e-3, words});
+  d.labels.push_back({layer, {x + 12.0e-3, y}, caption_height, "10 mm"});
+  d.labels.push_back({layer, {x, y - 4.0e-3}, caption_height, words});
   d.title = words;
 }
 
@@ -2887,71 +2910,75 @@ inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
 
 }  // namespace detail
 
-inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
+inline Drawing section_drawing(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
+  const double led = 0.5 * o.leds.width_x;
+  const bool voids = at.void_width > 0.0;
+  const auto outline = pad_outline(s);
   Drawing d;
   d.layers = {
       {"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
-  if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
-  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
-  if (s.gap_width > 0.0)
-    pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
+  if (voids) d.layers.push_back({"CORES", 1, "#d55e00"});
+  std::vector<Drawing::Point> pad{{at.stem_x, at.stem_height}};
+  if (voids)
+    pad.insert(pad.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
   else
-    pad.push_back({ridge, 0.0});
-  pad.insert(pad.end(), s.outline.begin(), s.outline.end());
+    pad.push_back({at.stem_x, 0.0});
+  pad.insert(pad.end(), outline.begin(), outline.end());
   d.lines.push_back({0, detail::mirrored(std::move(pad))});
   d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor},
-                                          {at.pocket_x, s.ridge_height},
-                                          {ridge, s.ridge_height},
-                                          {ridge, 0.0},
+                                          {at.pocket_x, at.stem_height},
+                                          {at.stem_x, at.stem_height},
+                                          {at.stem_x, 0.0},
                                           {at.plate_x, 0.0},
                                           {at.plate_x, -o.plate}})});
-  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
-  d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
+  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, at.stem_height));
+  d.lines.push_back({2, {{-led, at.stem_height}, {led, at.stem_height}}, false});
   for (const double side : {1.0, -1.0}) {
     std::vector<Drawing::Point> half{{at.half_width, 0.0},       {at.rim_x, 0.0},
                                      {at.rim_x, -o.rim},         {at.mould_x, -o.rim},
                                      {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
-    half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
+    half.insert(half.end(), outline.rbegin(), outline.rend() - 1);
     for (auto& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
-    if (s.gap_width > 0.0)
-      d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
+    if (voids) d.lines.push_back(detail::box_line(4, side * at.stem_x, side * at.void_x, 0.0, at.stem_height));
   }
   std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
-  if (s.gap_width > 0.0) legend.push_back("cores");
+  if (voids) legend.push_back("cores");
   for (int layer = 0; layer < int(legend.size()); ++layer)
-    d.labels.push_back(
-        {layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
+    d.labels.push_back({layer,
+                        {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3},
+                        detail::caption_height,
+                        legend[std::size_t(layer)]});
   detail::add_caption(d, "Section at scale 1:1");
   return d;
 }
 
-inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
+inline Drawing strip_drawing(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   Drawing d;
   d.layers = {{"OUTLINE", 7, "#222222"}, {"LEDS", 2, "#b07400"}};
   d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
-  for (int k = 0; k < s.leds.count; ++k) {
-    const double y = (k - 0.5 * (s.leds.count - 1)) * s.leds.pitch;
-    d.lines.push_back(detail::box_line(1, y - 0.5 * s.leds.length_y, y + 0.5 * s.leds.length_y, -0.5 * s.leds.width_x,
-                                       0.5 * s.leds.width_x));
+  for (int k = 0; k < o.leds.count; ++k) {
+    const double y = (k - 0.5 * (o.leds.count - 1)) * o.leds.pitch;
+    d.lines.push_back(detail::box_line(1, y - 0.5 * o.leds.length_y, y + 0.5 * o.leds.length_y, -0.5 * o.leds.width_x,
+                                       0.5 * o.leds.width_x));
   }
   detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width,
-                                 " mm, LEDs every ", 1e3 * s.leds.pitch, " mm"));
+                                 " mm, LEDs every ", 1e3 * o.leds.pitch, " mm"));
   return d;
 }
 
-inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
+inline Drawing core_drawing(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
-  require_positive("gap width", s.gap_width * 1e3, "mm");
+  const CastingLayout at(s, o);
+  require_positive("void width", at.void_width * 1e3, "mm");
   Drawing d;
   d.layers = {{"OUTLINE", 7, "#222222"}};
   d.lines.push_back({0, core_outline(s, o)});
-  detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * s.gap_width, " mm thick, two of them"));
+  detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * at.void_width, " mm thick, two of them"));
   return d;
 }
 
@@ -2965,10 +2992,10 @@ inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
 
 namespace lumo {
 
-/// The rigid carrier: a plate with mounting holes, and on it the ridge with a pocket for the LED strip and a duct for
-/// its wires through the plate. The ridge is a clearance shorter than the pad, so that it goes between the mould's
-/// ends. Stands on z = −plate. Throws InvalidArgument, MeshError.
-inline TriangleSurface carrier_solid(const CastSection& section, const CastingOptions& options = {});
+/// The rigid carrier: a plate with mounting holes, and on it the stem with a pocket for the LED strip and a duct for
+/// its wires through the plate. The stem is a clearance shorter than the pad, so that it goes between the mould's ends.
+/// The carrier stands on z = −plate. Throws InvalidArgument, MeshError.
+inline TriangleSurface carrier_solid(const HalfSection& section, const CastingOptions& options = {});
 
 namespace detail {
 
@@ -2987,13 +3014,13 @@ inline std::vector<Vec3d> rectangle(double x0, double x1, double y0, double y1, 
 
 }  // namespace detail
 
-inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions& o) {
+inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  const double bottom = -o.plate, ridge_x = 0.5 * s.ridge_width, ridge_y = at.half_length - 0.5 * o.clearance;
+  const double bottom = -o.plate, stem_y = at.half_length - 0.5 * o.clearance;
   FacetedSolid solid;
   const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
-  const auto ridge = [&](double z) { return detail::rectangle(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
+  const auto stem = [&](double z) { return detail::rectangle(-at.stem_x, at.stem_x, -stem_y, stem_y, z); };
   const auto pocket = [&](double z) {
     return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
   };
@@ -3005,26 +3032,26 @@ inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions&
     std::vector<std::vector<Vec3d>> loops;
     for (const double x : {-1.0, 1.0})
       for (const double y : {-1.0, 1.0})
-        loops.push_back(
-            reversed(detail::ring(Vec3d(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z),
-                                  Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
+        loops.push_back(reversed(
+            detail::ring(Vec3d(x * (at.half_width - CastingLayout::hole_inset), y * (at.half_length + 0.5 * o.tab), z),
+                         Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
     return loops;
   };
   auto below = holes(bottom), above = holes(0.0);
   for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
   solid.band(plate(bottom), plate(0.0));
-  solid.band(ridge(0.0), ridge(s.ridge_height));
+  solid.band(stem(0.0), stem(at.stem_height));
   solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
-  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(s.ridge_height)));
+  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(at.stem_height)));
 
   std::vector<std::vector<Vec3d>> openings;  // seen from below
   for (const auto& loop : below) openings.push_back(reversed(loop));
   openings.push_back(duct(bottom));
   solid.face(reversed(plate(bottom)), openings);
-  above.push_back(reversed(ridge(0.0)));
+  above.push_back(reversed(stem(0.0)));
   solid.face(plate(0.0), above);
   solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
-  solid.face(ridge(s.ridge_height), {reversed(pocket(s.ridge_height))});
+  solid.face(stem(at.stem_height), {reversed(pocket(at.stem_height))});
   return solid.surface();
 }
 
@@ -3053,44 +3080,46 @@ struct Opening {
 
 /// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the
 /// end face is the highest place of the cavity.
-inline std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
+inline std::vector<Opening> pour_openings(const HalfSection& section, const CastingOptions& options = {});
 
 /// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half
 /// B is the other side and the other end. The parting runs along the crown (x = 0) and round the ends, so that no face
 /// of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends draw at β and the crown at its own slope.
 /// A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate. Throws
 /// InvalidArgument, MeshError.
-inline TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
-inline TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
+inline TriangleSurface mould_half_a(const HalfSection& section, const CastingOptions& options = {});
+inline TriangleSurface mould_half_b(const HalfSection& section, const CastingOptions& options = {});
 
-inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
+inline std::vector<Opening> pour_openings(const HalfSection& s, const CastingOptions& o) {
+  // Own choices: a funnel of 15° half angle that widens upwards only, as far as the mould allows, high up in a thick
+  // dome; vents in the corners that open outwards, at most to the mould's wall there.
+  constexpr double gate_depth = 4.5e-3, above_funnel = 2.0e-3, corner = 2.5e-3, widest_vent = 1.9e-3;
   const CastingLayout at(s, o);
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
-  // A funnel of 15° half angle that widens upwards only, as far as the mould allows; high up in a thick dome.
-  const double z = std::max(0.5 * (s.ridge_height + s.height()), s.height() - 4.5e-3);
+  const double z = std::max(0.5 * (at.stem_height + at.top), at.top - gate_depth);
   const double funnel =
-      std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
-  const double corner_x = at.half_width - 2.5e-3, corner_z = 2.5e-3;
+      std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - above_funnel - (z - gate))));
+  const double corner_x = at.half_width - corner;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
   for (const double side : {-1.0, 1.0})
-    list.push_back({{side * corner_x, corner_z},
-                    {side * corner_x, corner_z},
+    list.push_back({{side * corner_x, corner},
+                    {side * corner_x, corner},
                     vent,
-                    std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
+                    std::min(vent + length * std::tan(3.0_deg), widest_vent)});
   return list;
 }
 
 namespace detail {
 
-/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left
+/// Adds the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left
 /// out.
 class MouldHalf {
  public:
-  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured)
-      : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+  MouldHalf(const HalfSection& s, const CastingOptions& o, bool poured)
+      : o_(o), at_(s, o), outline_(pad_outline(s)), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
-    if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
+    if (at_.void_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
   }
 
   TriangleSurface surface() {
@@ -3105,7 +3134,7 @@ class MouldHalf {
 
  private:
   using Loop = typename FacetedSolid::Loop;
-  using Corners = decltype(CastSection::outline);
+  using Corners = std::vector<std::array<double, 2>>;
 
   struct Notch {
     double from, to;  ///< along x
@@ -3144,9 +3173,9 @@ class MouldHalf {
   void notches();
   void openings();
 
-  const CastSection& s_;
   const CastingOptions& o_;
   CastingLayout at_;
+  Corners outline_;
   std::vector<Opening> openings_;
   std::vector<Notch> notches_;
   double near_, end_, rim_;  ///< y of the cavity's ends, z of the rim's foot
@@ -3155,15 +3184,15 @@ class MouldHalf {
 
 /// The pad's side, the end that closes it, and the flat face at which the other half's end closes it.
 inline void MouldHalf::cavity() {
-  solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
-  const Corners crown(s_.outline.rbegin(), s_.outline.rend());
+  solid_.band(upright(outline_, near_), upright(outline_, end_), false);
+  const Corners crown(outline_.rbegin(), outline_.rend());
   Corners face{{at_.half_width, 0.0},        {at_.rim_x, 0.0},    {at_.rim_x, rim_}, {at_.mould_x, rim_},
                {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
   face.insert(face.end(), crown.begin(), crown.end() - 1);
   solid_.face(upright(face, near_));
 
   Corners wall = stepped(0.0, at_.notch_roof);
-  wall.insert(wall.end(), s_.outline.begin(), s_.outline.end());
+  wall.insert(wall.end(), outline_.begin(), outline_.end());
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
   for (const Opening& opening : openings_)
@@ -3254,54 +3283,17 @@ inline void MouldHalf::openings() {
 
 }  // namespace detail
 
-inline TriangleSurface mould_half_a(const CastSection& s, const CastingOptions& o) {
+inline TriangleSurface mould_half_a(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   return detail::MouldHalf(s, o, true).surface();
 }
 
-inline TriangleSurface mould_half_b(const CastSection& s, const CastingOptions& o) {
+inline TriangleSurface mould_half_b(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   TriangleSurface half = detail::MouldHalf(s, o, false).surface();
   for (Vec3d& v : half.vertices) v = Vec3d(-v.x(), -v.y(), v.z());
   return half;
 }
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/drawing/short_number.hpp
-#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
-#define SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
-
-namespace lumo {
-
-/// A number with at most `digits` decimals and no trailing zeros; the same in every locale. "?" where that takes more
-/// than 400 characters.
-inline std::string short_number(double v, int digits = 2) {
-  std::array<char, 400> buffer;
-  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
-  if (end.ec != std::errc{}) return "?";
-  std::string s(buffer.data(), end.ptr);
-  if (s.find('.') != std::string::npos) {
-    while (s.back() == '0') s.pop_back();
-    if (s.back() == '.') s.pop_back();
-  }
-  return s == "-0" ? "0" : s;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/millimetres.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_MILLIMETRES_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_MILLIMETRES_HPP
-
-namespace lumo {
-
-/// A length in mm with at most six digits after the point: nanometres. The same in every locale.
-inline std::string in_mm(double length_m) { return short_number(1e3 * length_m, 6); }
 
 }  // namespace lumo
 
@@ -3400,8 +3392,7 @@ namespace lumo {
 struct CastingPart {
   std::string name;
   TriangleSurface assembled;  ///< where it is in the closed mould, the pad's frame [m]
-  TriangleSurface
-      printed;  ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
+  TriangleSurface printed;    ///< as it prints best: on z = 0, without supports, its corner at the origin [m]
   int copies = 1;
   double volume_m3 = 0.0;    ///< of one
   Vec3d box{0.0, 0.0, 0.0};  ///< edges of the printed one's bounding box [m]
@@ -3410,20 +3401,20 @@ struct CastingPart {
 /// Silicone that a cast takes [m³].
 struct CastVolume {
   double pad = 0.0;       ///< the design's, exact
-  double fits = 0.0;      ///< clearance about the LED strip and at the ridge's ends, which fills up too
+  double fits = 0.0;      ///< clearance about the LED strip and at the stem's ends, which fills up too
   double openings = 0.0;  ///< gate and vents up to the mould's outer face: cut off
   double total() const { return pad + fits + openings; }
 };
 
-/// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws
+/// All that one pad is made with: carrier, mould halves a and b, and for a pad with voids the cores. Throws
 /// InvalidArgument, MeshError.
-inline std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
+inline std::vector<CastingPart> casting_kit(const HalfSection& section, const CastingOptions& options = {});
 
-inline CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
+inline CastVolume cast_volume(const HalfSection& section, const CastingOptions& options = {});
 
 /// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an
 /// undercut. Faces of the half that lie within the pad's box are such.
-inline double least_draft(const TriangleSurface& half, const CastSection& section, const Vec3d& direction);
+inline double least_draft(const TriangleSurface& half, const HalfSection& section, const Vec3d& direction);
 
 /// Along which mould half A comes off; half B goes the other way. Ten degrees out of the parting's normal are the draft
 /// of the pad's ends.
@@ -3437,13 +3428,14 @@ inline CastingPart print_part(std::string name, TriangleSurface surface, const M
   for (Vec3d& v : part.printed.vertices) v = turn * v;
   const SurfaceReport report = validate_surface(part.printed);
   for (Vec3d& v : part.printed.vertices) v -= report.low;
-  part.volume_m3 = report.volume, part.box = report.high - report.low;
+  part.volume_m3 = report.volume;
+  part.box = report.high - report.low;
   return part;
 }
 
 }  // namespace detail
 
-inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingOptions& o) {
+inline std::vector<CastingPart> casting_kit(const HalfSection& s, const CastingOptions& o) {
   // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its
   // layers.
   const Mat3d flat = Mat3d::Identity(), on_far_end = (Mat3d() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(),
@@ -3453,23 +3445,25 @@ inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingO
   kit.push_back(detail::print_part("carrier", carrier_solid(s, o), flat));
   kit.push_back(detail::print_part("mould_a", mould_half_a(s, o), on_far_end));
   kit.push_back(detail::print_part("mould_b", mould_half_b(s, o), on_near_end));
-  if (s.gap_width > 0.0) kit.push_back(detail::print_part("core", core_solid(s, o), on_side, 2));
+  if (s.design.w_v > 0.0) kit.push_back(detail::print_part("core", core_solid(s, o), on_side, 2));
   return kit;
 }
 
-inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
+inline CastVolume cast_volume(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  CastVolume v{s.exact_volume_m3,
+  CastVolume v{2.0 * s.exact_area_m2() * s.length_m(),
                4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height +
-                   s.ridge_width * s.ridge_height * o.clearance,
+                   2.0 * at.stem_x * at.stem_height * o.clearance,
                0.0};
   for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
   return v;
 }
 
-inline double least_draft(const TriangleSurface& half, const CastSection& s, const Vec3d& direction) {
-  const double width = s.half_width() + 1e-9, top = s.height() + 1e-9, length = 0.5 * s.length + 1e-9;
+inline double least_draft(const TriangleSurface& half, const HalfSection& s, const Vec3d& direction) {
+  constexpr double rounding = 1e-9;  // [m]
+  const double width = s.half_width_m() + rounding, top = s.height_m() + rounding,
+               length = 0.5 * s.length_m() + rounding;
   double least = 0.5 * pi;
   for (const auto& t : half.triangles) {
     const Vec3d &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])],
@@ -3493,44 +3487,45 @@ inline double least_draft(const TriangleSurface& half, const CastSection& s, con
 namespace lumo {
 
 /// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads.
-/// The format has no place for a unit, so that the drawings say it in words. Throws InputError when the stream fails.
-/// Source: Autodesk, DXF Reference, release 12.
+/// The format has no place for a unit, so that the drawings state it in words. Throws InputError when the stream fails.
+/// Own code, as of .stl and .3mf: a page each, and the same input gives the same bits. Source: Autodesk, DXF Reference,
+/// release 12.
 inline void write_dxf(std::ostream& out, const Drawing& drawing) {
-  const auto pair = [&out](int code, const std::string& value) { out << code << "\n" << value << "\n"; };
-  const auto point = [&pair](int code, const Drawing::Point& p) {
-    pair(code, in_mm(p[0])), pair(code + 10, in_mm(p[1])), pair(code + 20, "0");
+  using Pairs = std::initializer_list<std::pair<int, std::string>>;
+  const auto write = [&out](const Pairs& pairs) {
+    for (const auto& [code, value] : pairs) out << code << "\n" << value << "\n";
   };
-  const auto begin = [&pair](const char* section) { pair(0, "SECTION"), pair(2, section); };
+  const auto point = [&write](const Drawing::Point& p) { write({{10, in_mm(p[0])}, {20, in_mm(p[1])}, {30, "0"}}); };
   const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };
   const auto box = drawing.box();
 
-  pair(999, drawing.title + ", mm, 1:1, by lumo");
-  begin("HEADER");
-  pair(9, "$ACADVER"), pair(1, "AC1009");
-  pair(9, "$EXTMIN"), point(10, box[0]);
-  pair(9, "$EXTMAX"), point(10, box[1]);
-  pair(0, "ENDSEC");
-  begin("TABLES");
-  pair(0, "TABLE"), pair(2, "LTYPE"), pair(70, "1");
-  pair(0, "LTYPE"), pair(2, "CONTINUOUS"), pair(70, "0"), pair(3, "Solid line"), pair(72, "65"), pair(73, "0"),
-      pair(40, "0");
-  pair(0, "ENDTAB");
-  pair(0, "TABLE"), pair(2, "LAYER"), pair(70, std::to_string(drawing.layers.size()));
+  write({{999, drawing.title + ", mm, 1:1, by lumo"}});
+  write({{0, "SECTION"}, {2, "HEADER"}, {9, "$ACADVER"}, {1, "AC1009"}, {9, "$EXTMIN"}});
+  point(box[0]);
+  write({{9, "$EXTMAX"}});
+  point(box[1]);
+  write({{0, "ENDSEC"}, {0, "SECTION"}, {2, "TABLES"}, {0, "TABLE"}, {2, "LTYPE"}, {70, "1"}});
+  write({{0, "LTYPE"}, {2, "CONTINUOUS"}, {70, "0"}, {3, "Solid line"}, {72, "65"}, {73, "0"}, {40, "0"}});
+  write({{0, "ENDTAB"}, {0, "TABLE"}, {2, "LAYER"}, {70, std::to_string(drawing.layers.size())}});
   for (const Drawing::Layer& l : drawing.layers)
-    pair(0, "LAYER"), pair(2, l.name), pair(70, "0"), pair(62, std::to_string(l.dxf_color)), pair(6, "CONTINUOUS");
-  pair(0, "ENDTAB");
-  pair(0, "ENDSEC");
-  begin("ENTITIES");
+    write({{0, "LAYER"}, {2, l.name}, {70, "0"}, {62, std::to_string(l.dxf_color)}, {6, "CONTINUOUS"}});
+  write({{0, "ENDTAB"}, {0, "ENDSEC"}, {0, "SECTION"}, {2, "ENTITIES"}});
   for (const Drawing::Line& line : drawing.lines) {
-    pair(0, "POLYLINE"), pair(8, name(line.layer)), pair(66, "1"), point(10, {0.0, 0.0}),
-        pair(70, line.closed ? "1" : "0");
-    for (const Drawing::Point& p : line.points) pair(0, "VERTEX"), pair(8, name(line.layer)), point(10, p);
-    pair(0, "SEQEND"), pair(8, name(line.layer));
+    write({{0, "POLYLINE"}, {8, name(line.layer)}, {66, "1"}});
+    point({0.0, 0.0});
+    write({{70, line.closed ? "1" : "0"}});
+    for (const Drawing::Point& p : line.points) {
+      write({{0, "VERTEX"}, {8, name(line.layer)}});
+      point(p);
+    }
+    write({{0, "SEQEND"}, {8, name(line.layer)}});
   }
-  for (const Drawing::Label& label : drawing.labels)
-    pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, in_mm(label.height)),
-        pair(1, label.words);
-  pair(0, "ENDSEC"), pair(0, "EOF");
+  for (const Drawing::Label& label : drawing.labels) {
+    write({{0, "TEXT"}, {8, name(label.layer)}});
+    point(label.at);
+    write({{40, in_mm(label.height)}, {1, label.words}});
+  }
+  write({{0, "ENDSEC"}, {0, "EOF"}});
   if (!out) throw InputError("writing a .dxf file failed");
 }
 
@@ -3745,7 +3740,7 @@ namespace lumo {
 /// Source: 3D Systems, StereoLithography Interface Specification, 1989: 80 bytes, the number of triangles, then 50
 /// bytes each, little-endian.
 inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
-  std::string bytes = "binary STL, mm, by lumo";  // not "solid", by which texts are told
+  std::string bytes = "binary STL, mm, by lumo";  // not "solid", by which texts are known
   bytes.resize(80, ' ');
   const auto word = [&bytes](std::uint32_t value) {
     for (int shift = 0; shift < 32; shift += 8) bytes += char(value >> shift & 0xFFu);

@@ -1295,7 +1295,10 @@ inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
   image.half_v = m.cwiseProduct(half_v) * m.prod();
   Eigen::Index k = 0;
   image.half_u.cwiseAbs().maxCoeff(&k);
-  if (image.half_u[k] < 0.0) image.half_u = -image.half_u, image.half_v = -image.half_v;
+  if (image.half_u[k] < 0.0) {
+    image.half_u = -image.half_u;
+    image.half_v = -image.half_v;
+  }
   return image;
 }
 
@@ -5382,25 +5385,10 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
 }
 
 constexpr std::string_view to_string(Status s) {
-  switch (s) {
-    case Status::converged:
-      return "converged";
-    case Status::held:
-      return "held";
-    case Status::max_iterations:
-      return "max_iterations";
-    case Status::line_search:
-      return "line_search";
-    case Status::inverted:
-      return "inverted";
-    case Status::not_positive_definite:
-      return "not_positive_definite";
-    case Status::non_finite:
-      return "non_finite";
-    case Status::time_limit:
-      return "time_limit";
-  }
-  return "non_finite";
+  constexpr std::array<std::string_view, 8> names{"converged",   "held",      "max_iterations",
+                                                  "line_search", "inverted",  "not_positive_definite",
+                                                  "non_finite",  "time_limit"};
+  return names[std::size_t(s)];
 }
 
 }  // namespace lumo
@@ -8838,7 +8826,7 @@ template <class Path> class Splatting {
 
  private:
   static constexpr int triangles_about = 6;      ///< an exit, in the grid of directions
-  static constexpr int bisections = 12;          ///< for a border: 2⁻¹² of an edge
+  static constexpr int bisections = 12;          ///< for a crossing: 2⁻¹² of an edge
   static constexpr int deepest = 4;              ///< times that a triangle is quartered
   static constexpr double alike_cosine = 0.5;    ///< between the normals of exits that are neighbours
   static constexpr double rays_per_pair = 16.0;  ///< of places, as the root of the rays
@@ -8891,8 +8879,8 @@ template <class Path> class Splatting {
     path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
-  // `area`: share of the whole triangle. If one corner differs, the border is found on its two edges; else the triangle
-  // is quartered.
+  // `area`: share of the whole triangle. If one corner differs, the crossing is found on its two edges; else the
+  // triangle is quartered.
   void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
     if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
     const Corner* odd = a.channel == b.channel   ? &c
@@ -8902,7 +8890,7 @@ template <class Path> class Splatting {
     const Corner *next = odd == &a ? &b : odd == &b ? &c : &a, *last = odd == &a ? &c : odd == &b ? &a : &b;
     if (odd != nullptr) {
       bool two = true;
-      const auto border = [&](const Corner& other) {
+      const auto crossing = [&](const Corner& other) {
         double low = 0.0, high = 1.0;
         for (int step = 0; step < bisections && two; ++step) {
           const double t = 0.5 * (low + high);
@@ -8912,7 +8900,7 @@ template <class Path> class Splatting {
         }
         return 0.5 * (low + high);
       };
-      const double s = border(*next), t = two ? border(*last) : 0.0;
+      const double s = crossing(*next), t = two ? crossing(*last) : 0.0;
       if (two) {
         const Weights p = mix(odd->at, next->at, s), q = mix(odd->at, last->at, t);
         book(odd->at, p, q, area * s * t, odd->channel);
@@ -9102,16 +9090,21 @@ class Tracer {
         book(total, r, k * channels, response);
       }
     }
+    response.rays = path.rays;
+    response.segments = path.segments;
+    return averaged(std::move(response));
+  }
+
+ private:
+  // Power and error from the replicates.
+  static Response averaged(Response response) {
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
       response.ledger.channels.push_back(response.replicates.col(c).mean());
     response.power_W = response.ledger.channels;
     response.error_W = standard_error(response.replicates);
-    response.rays = path.rays;
-    response.segments = path.segments;
     return response;
   }
 
- private:
   /// Throws InvalidArgument unless settings, body and focus can be traced.
   void check(const Body& body, Symmetry symmetry, const RayFocus& focus) const {
     const auto power_of_two = [](const char* what, int value, int low) {

@@ -7521,13 +7521,13 @@ struct BayesDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
-  template <class Step = LinearDecoder::Model> Model fit(const LabelledResponses& training) const {
+  Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
     if (training.response.rows() % steps != 0)
       throw InvalidArgument(
           message("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
-    std::vector<Step> models;
+    std::vector<LinearDecoder::Model> models;
     const Eigen::Index rows = training.response.rows() / steps;
     for (int k = 0; k < steps; ++k)
       models.push_back(step.fit({training.response.middleRows(k * rows, rows), training.place, training.place_m}));

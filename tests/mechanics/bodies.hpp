@@ -29,6 +29,45 @@ inline std::vector<double> even(int n) {
   return x;
 }
 
+/// Outer faces of a block's tets: patch 0 at the bottom, 1 at the top, 2 at the sides; none on the planes of a quarter.
+inline void add_block_faces(TetMesh& m, double height, bool quarter) {
+  std::map<std::array<int, 3>, std::array<int, 3>> open;
+  static constexpr int sides[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+  for (const auto& t : m.tets)
+    for (const auto& s : sides) {
+      const std::array<int, 3> f{t[std::size_t(s[0])], t[std::size_t(s[1])], t[std::size_t(s[2])]};
+      auto key = f;
+      std::sort(key.begin(), key.end());
+      if (!open.emplace(key, f).second) open.erase(key);
+    }
+  for (const auto& side : open) {
+    const std::array<int, 3>& f = side.second;
+    const auto all = [&](int axis, double value) {
+      for (int n : f)
+        if (std::abs(m.nodes[std::size_t(n)][axis] - value) > 1e-12) return false;
+      return true;
+    };
+    if (quarter && (all(0, 0.0) || all(1, 0.0))) continue;
+    m.faces.push_back({{f[0], f[1], f[2], -1, -1, -1}, all(2, 0.0) ? 0 : all(2, height) ? 1 : 2});
+  }
+}
+
+/// Nodes in the middle of all edges.
+inline void add_middles(TetMesh& m) {
+  std::map<std::pair<int, int>, int> middle;
+  const auto mid = [&](int a, int b) {
+    const auto [it, fresh] = middle.try_emplace(std::minmax(a, b), int(m.nodes.size()));
+    if (fresh) m.nodes.push_back(0.5 * (m.nodes[std::size_t(a)] + m.nodes[std::size_t(b)]));
+    return it->second;
+  };
+  for (auto& t : m.tets)
+    for (std::size_t e = 0; e < 6; ++e)
+      t[4 + e] = mid(t[std::size_t(tet_edges[e][0])], t[std::size_t(tet_edges[e][1])]);
+  for (auto& f : m.faces)
+    for (std::size_t e = 0; e < 3; ++e) f.nodes[3 + e] = mid(f.nodes[e], f.nodes[(e + 1) % 3]);
+  m.order = 2;
+}
+
 /// Quadratic (or linear) tetrahedra on a grid. Faces in the planes x = 0 and y = 0 are left out when `quarter`.
 inline TetMesh block_mesh(const Vec3d& size, const std::vector<double>& gx, const std::vector<double>& gy,
                           const std::vector<double>& gz, int order, bool quarter) {
@@ -59,39 +98,8 @@ inline TetMesh block_mesh(const Vec3d& size, const std::vector<double>& gx, cons
           if ((p(1) - p(0)).cross(p(2) - p(0)).dot(p(3) - p(0)) < 0) std::swap(t[1], t[2]);
           m.tets.push_back(t);
         }
-  std::map<std::array<int, 3>, std::array<int, 3>> open;
-  static constexpr int sides[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
-  for (const auto& t : m.tets)
-    for (const auto& s : sides) {
-      const std::array<int, 3> f{t[std::size_t(s[0])], t[std::size_t(s[1])], t[std::size_t(s[2])]};
-      auto key = f;
-      std::sort(key.begin(), key.end());
-      if (!open.emplace(key, f).second) open.erase(key);
-    }
-  for (const auto& side : open) {
-    const std::array<int, 3>& f = side.second;
-    const auto all = [&](int axis, double value) {
-      for (int n : f)
-        if (std::abs(m.nodes[std::size_t(n)][axis] - value) > 1e-12) return false;
-      return true;
-    };
-    if (quarter && (all(0, 0.0) || all(1, 0.0))) continue;
-    m.faces.push_back({{f[0], f[1], f[2], -1, -1, -1}, all(2, 0.0) ? 0 : all(2, size.z()) ? 1 : 2});
-  }
-  if (order == 2) {
-    std::map<std::pair<int, int>, int> middle;
-    const auto mid = [&](int a, int b) {
-      const auto [it, fresh] = middle.try_emplace(std::minmax(a, b), int(m.nodes.size()));
-      if (fresh) m.nodes.push_back(0.5 * (m.nodes[std::size_t(a)] + m.nodes[std::size_t(b)]));
-      return it->second;
-    };
-    for (auto& t : m.tets)
-      for (std::size_t e = 0; e < 6; ++e)
-        t[4 + e] = mid(t[std::size_t(tet_edges[e][0])], t[std::size_t(tet_edges[e][1])]);
-    for (auto& f : m.faces)
-      for (std::size_t e = 0; e < 3; ++e) f.nodes[3 + e] = mid(f.nodes[e], f.nodes[(e + 1) % 3]);
-    m.order = 2;
-  }
+  add_block_faces(m, size.z(), quarter);
+  if (order == 2) add_middles(m);
   return m;
 }
 

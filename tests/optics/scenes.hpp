@@ -116,13 +116,10 @@ struct PadShape {
   lumo::Medium medium{1.4348, 71.3801};
 };
 
-/// A fingertip-like pad: half elliptic cylinder on a block, on a stem (with voids where gap > 0) with five emitters; 11
-/// regions along y.
-inline Model pad(const PadShape& s = {}) {
-  enum { cap, left, right, end0, end1, stem_top, base, stem_side_l, stem_side_r, roof, wall_l, wall_r };
-  Model m;
-  SurfaceBuilder b;
-  const double a = 0.5 * s.width, l = 0.5 * s.length, w = 0.5 * s.stem, v = w + s.gap, hs = s.stem_height;
+/// Columns of the pad's grid, equal steps of the angle asin(x/a), on flat faces too: neighbours must agree about the
+/// middles of edges.
+inline std::vector<double> pad_columns(const PadShape& s) {
+  const double a = 0.5 * s.width, w = 0.5 * s.stem, v = w + s.gap;
   const auto cells = [&](double length) { return std::max(1, int(std::ceil(length / s.cell - 1e-9))); };
   std::vector<double> xs;  // columns on the right side, then mirrored; denser in angle towards the rim
   const auto add = [&](double x0, double x1) {
@@ -138,8 +135,51 @@ inline Model pad(const PadShape& s = {}) {
   std::vector<double> columns;
   for (std::size_t i = xs.size(); i-- > 1;) columns.push_back(-xs[i]);
   columns.insert(columns.end(), xs.begin(), xs.end());
-  // Columns are equal steps of this angle, on flat faces too: neighbours must agree about the middles of edges.
   for (double& x : columns) x = std::asin(std::clamp(x / a, -1.0, 1.0));
+  return columns;
+}
+
+/// Patches of the pad in the order of its grid's numbers, and what is rigid in its voids.
+inline void add_pad_patches(Body& body, const PadShape& s) {
+  const double a = 0.5 * s.width, l = 0.5 * s.length, w = 0.5 * s.stem, v = w + s.gap, hs = s.stem_height;
+  const auto patch = [&](Shape shape, bool bonded) {
+    Patch q;
+    q.shape = shape;
+    q.bonded = bonded;
+    if (bonded) q.optics = Lambertian{s.albedo};
+    body.patches.push_back(q);
+  };
+  patch(EllipticCylinder{{0, 0, s.flat}, a, s.dome}, false);
+  // Shapes are those of the sector x ≥ 0, y ≥ 0, also on the patches of its mirror images (Body::symmetry).
+  for (int image = 0; image < 2; ++image) patch(Plane{{a, 0, 0}, Vec3d::UnitX()}, false);
+  for (int image = 0; image < 2; ++image) patch(Plane{{0, l, 0}, Vec3d::UnitY()}, false);
+  patch(Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true);
+  patch(Plane{{0, 0, 0}, -Vec3d::UnitZ()}, true);
+  for (int image = 0; image < 2; ++image) patch(Plane{{w, 0, 0}, -Vec3d::UnitX()}, true);
+  patch(Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false);
+  for (int image = 0; image < 2; ++image) patch(Plane{{v, 0, 0}, -Vec3d::UnitX()}, false);
+  if (s.gap > 0.0)
+    for (double side : {-1.0, 1.0}) {
+      const double x0 = side * w, x1 = side * v;
+      RigidFace ground{"floor", {{x0, -l, 0}, {x1, -l, 0}, {x1, l, 0}, {x0, l, 0}}, Lambertian{s.albedo}};
+      RigidFace flank{"stem side", {{x0, -l, 0}, {x0, l, 0}, {x0, l, hs}, {x0, -l, hs}}, Lambertian{s.albedo}};
+      if (side < 0)
+        std::reverse(ground.corners.begin(), ground.corners.end()),
+            std::reverse(flank.corners.begin(), flank.corners.end());
+      body.rigid_faces.push_back(ground);
+      body.rigid_faces.push_back(flank);
+    }
+}
+
+/// A fingertip-like pad: half elliptic cylinder on a block, on a stem (with voids where gap > 0) with five emitters; 11
+/// regions along y.
+inline Model pad(const PadShape& s = {}) {
+  enum { cap, left, right, end0, end1, stem_top, base, stem_side_l, stem_side_r, roof, wall_l, wall_r };
+  Model m;
+  SurfaceBuilder b;
+  const double a = 0.5 * s.width, l = 0.5 * s.length, w = 0.5 * s.stem, v = w + s.gap, hs = s.stem_height;
+  const auto cells = [&](double length) { return std::max(1, int(std::ceil(length / s.cell - 1e-9))); };
+  const std::vector<double> columns = pad_columns(s);
   const auto x_of = [&](double angle) { return a * std::sin(angle); };
   const std::vector<double> ys = linspace(-l, l, 2 * cells(l));
   const auto part = [&](double lo, double hi) {
@@ -172,7 +212,8 @@ inline Model pad(const PadShape& s = {}) {
       b.grid(side > 0 ? low : c, side > 0 ? c : low, end,
              [&](double p, double q) { return side > 0 ? Vec3d(x_of(q), l, p) : Vec3d(x_of(p), -l, q); });
     };
-    below(v, a), below(-a, -v);
+    below(v, a);
+    below(-a, -v);
     b.grid(side > 0 ? high : columns, side > 0 ? columns : high, end, [&](double p, double q) {
       const double angle = side > 0 ? q : p, t = side > 0 ? p : q;
       return Vec3d(x_of(angle), side * l, hs + t * (s.flat + s.dome * std::cos(angle) - hs));
@@ -180,31 +221,7 @@ inline Model pad(const PadShape& s = {}) {
   }
   floor(-w, w, hs, stem_top);
   m.mesh = b.mesh;
-  const auto patch = [&](Shape shape, bool bonded) {
-    Patch q;
-    q.shape = shape;
-    q.bonded = bonded;
-    if (bonded) q.optics = Lambertian{s.albedo};
-    m.body.patches.push_back(q);
-  };
-  patch(EllipticCylinder{{0, 0, s.flat}, a, s.dome}, false);
-  // Shapes are those of the sector x ≥ 0, y ≥ 0, also on the patches of its mirror images (Body::symmetry).
-  for (int image = 0; image < 2; ++image) patch(Plane{{a, 0, 0}, Vec3d::UnitX()}, false);
-  for (int image = 0; image < 2; ++image) patch(Plane{{0, l, 0}, Vec3d::UnitY()}, false);
-  patch(Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true), patch(Plane{{0, 0, 0}, -Vec3d::UnitZ()}, true);
-  for (int image = 0; image < 2; ++image) patch(Plane{{w, 0, 0}, -Vec3d::UnitX()}, true);
-  patch(Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false);
-  for (int image = 0; image < 2; ++image) patch(Plane{{v, 0, 0}, -Vec3d::UnitX()}, false);
-  if (s.gap > 0.0)
-    for (double side : {-1.0, 1.0}) {
-      const double x0 = side * w, x1 = side * v;
-      RigidFace ground{"floor", {{x0, -l, 0}, {x1, -l, 0}, {x1, l, 0}, {x0, l, 0}}, Lambertian{s.albedo}};
-      RigidFace flank{"stem side", {{x0, -l, 0}, {x0, l, 0}, {x0, l, hs}, {x0, -l, hs}}, Lambertian{s.albedo}};
-      if (side < 0)
-        std::reverse(ground.corners.begin(), ground.corners.end()),
-            std::reverse(flank.corners.begin(), flank.corners.end());
-      m.body.rigid_faces.push_back(ground), m.body.rigid_faces.push_back(flank);
-    }
+  add_pad_patches(m.body, s);
   m.body.medium = s.medium;
   m.body.symmetry = m.mesh.symmetry = {true, true};
   for (int k = -2; k <= 2; ++k)

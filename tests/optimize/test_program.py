@@ -170,7 +170,7 @@ class Protocol(unittest.TestCase):
             ('{"tell":{"id":2,"y":[1]}}', ["1 values", "2"]), ('{"tell":{"id":2,"y":[1,2,3]}}', ["3 values"]), ('{"tell":{"id":2}}', ["y"]),
             ('{"tell":{"y":[1,2]}}', ["id"]), ('{"tell":{"id":9,"y":[1,2]}}', ["trial 9", "never asked"]), ('{"tell":{"id":-1,"y":[1,2]}}', ["never asked"]),
             ('{"tell":{"id":1,"y":[1,2]}}', ["trial 1", "answered before"]), ('{"tell":{"id":2.5,"y":[1,2]}}', ["whole number"]),
-            ('{"tell":{"id":2,"y":[1,2],"z":1}}', ["unknown key", "z"]), ('{"told":{"id":2,"y":[1,2]}}', ["unknown key", "told"]),
+            ('{"tell":{"id":2,"y":[1,2],"z":1}}', ["unknown key", "z"]), ('{"answer":{"id":2,"y":[1,2]}}', ["unknown key", "answer"]),
             ('{"fail":{"id":2,"retry":"no"}}', ["retry"]), ('{"fail":{"id":2,"why":3}}', ["why"]), ('{"tell":{"id":2,"y":[1,2]},"fail":{"id":2}}', ["tell", "fail"]),
             ('{"tell":{"id":99999999999999999999,"y":[1,2]}}', ["id"]),
         ]:

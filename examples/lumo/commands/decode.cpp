@@ -1,6 +1,6 @@
+#include "charts/sensing_overlay.hpp"
 #include "commands/logs.hpp"
 #include "console/text.hpp"
-#include "charts/sensing_overlay.hpp"
 #include "report/json.hpp"
 #include "sensing/log.hpp"
 

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "commands/logs.hpp"
 #include "charts/chart.hpp"
+#include "commands/logs.hpp"
 
 #include "lumo/sense/estimate.hpp"
 

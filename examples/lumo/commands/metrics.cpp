@@ -1,6 +1,6 @@
+#include "charts/chart.hpp"
 #include "commands/logs.hpp"
 #include "console/text.hpp"
-#include "charts/chart.hpp"
 #include "report/json.hpp"
 #include "sensing/log.hpp"
 

@@ -1,7 +1,7 @@
 #include "commands/study_readings.hpp"
 
-#include "console/text.hpp"
 #include "charts/chart.hpp"
+#include "console/text.hpp"
 #include "report/records.hpp"
 #include "store/study_rows.hpp"
 
@@ -99,7 +99,7 @@ std::string table(const std::vector<StudyRow>& rows, std::vector<Effect> list) {
         unknown += "  " + d.name() + ", ranking by " + what + ": " + designs(e) + " of " + std::to_string(rows.size()) +
                    " designs compared\n";
     }
-  text += "\nConclusions depend on readings with τ below " + short_number(weak_ranking) +
+  text += "\nConclusions depend on assumptions with τ below " + short_number(weak_ranking) +
           (weak.empty() ? ": none.\n" : ":\n" + weak);
   return text + (unknown.empty() ? "" : "Not known:\n" + unknown);
 }
@@ -136,9 +136,16 @@ std::string designs_csv(const std::vector<StudyRow>& rows) {
   return text;
 }
 
-std::string picture(const std::string& about, std::vector<Effect> list,
-                    std::optional<PairedSummary> AssumptionEffect::*which, const std::string& title,
-                    const std::string& axis, double unit, std::optional<double> AssumptionEffect::*tau) {
+/// An objective of the chart: its changes, its rankings, and how they are shown.
+struct Shown {
+  std::optional<PairedSummary> AssumptionEffect::*which;
+  std::optional<double> AssumptionEffect::*tau;
+  std::string title, axis;
+  double unit;
+};
+
+std::string picture(const std::string& about, std::vector<Effect> list, const Shown& shown_objective) {
+  const auto& [which, tau, title, axis, unit] = shown_objective;
   sort_by(list, which);
   TornadoChart chart;
   chart.title = title;
@@ -155,7 +162,7 @@ std::string picture(const std::string& about, std::vector<Effect> list,
   return draw(chart);
 }
 
-/// What stands in `j`, and all designs and readings.
+/// What stands in `j`, and all designs and assumptions.
 std::string whole(Json j, const std::vector<StudyRow>& rows, const std::vector<Effect>& list) {
   j["designs"] = Json::array();
   j["readings"] = Json::array();
@@ -183,11 +190,11 @@ std::string whole(Json j, const std::vector<StudyRow>& rows, const std::vector<E
 
 std::string row_line(const StudyRow& row) {
   std::size_t scored = 0;
-  const Json& readings = row.record.at("readings");
-  for (const Json& r : readings) scored += r.at("why").is_null();
+  const Json& results = row.record.at("readings");
+  for (const Json& r : results) scored += r.at("why").is_null();
   const auto usual = scores({row}, 0)[0];
   return lumo::message("  J_contact ", cell(usual.J_contact->value, 4), "  J_obs ", scientific(usual.J_obs->value),
-                       "  ", scored, " of ", readings.size(), " readings");
+                       "  ", scored, " of ", results.size(), " assumptions");
 }
 
 }  // namespace
@@ -237,7 +244,7 @@ std::string StudyReadings::about() const {
 
 Result StudyReadings::run(Output& files, Progress& progress) const {
   const Evaluator evaluate =
-      readings_evaluator(tools, pressed(), progress);  // before a store is opened, for the mesher forks
+      assumptions_evaluator(tools, pressed(), progress);  // before a store is opened, for the mesher forks
   const Problem search = problem();
   const std::vector<StudyRow> rows = study_rows(store, problem_text(search), search, evaluate, row_line, progress);
   const std::vector<Effect> list = effects(rows);
@@ -245,11 +252,13 @@ Result StudyReadings::run(Output& files, Progress& progress) const {
     files.add("study_readings.csv", effects_csv(rows, list));
     files.add("study_readings_designs.csv", designs_csv(rows));
     files.add("study_readings_J_contact.svg",
-              picture(about(), list, &AssumptionEffect::J_contact, "What other readings change in J_contact",
-                      "ΔJ_contact [–]", 1.0, &AssumptionEffect::tau_contact));
+              picture(about(), list,
+                      {&AssumptionEffect::J_contact, &AssumptionEffect::tau_contact,
+                       "What other assumptions change in J_contact", "ΔJ_contact [–]", 1.0}));
     files.add("study_readings_J_obs.svg",
-              picture(about(), list, &AssumptionEffect::J_obs, "What other readings change in J_obs",
-                      "ΔJ_obs [% of J_obs]", 100.0, &AssumptionEffect::tau_obs));
+              picture(about(), list,
+                      {&AssumptionEffect::J_obs, &AssumptionEffect::tau_obs, "What other assumptions change in J_obs",
+                       "ΔJ_obs [% of J_obs]", 100.0}));
   }
   if (!json) return table(rows, list);
   return whole({{"study", "readings"},

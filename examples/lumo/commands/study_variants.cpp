@@ -1,6 +1,6 @@
+#include "charts/chart.hpp"
 #include "commands/studies.hpp"
 #include "console/text.hpp"
-#include "charts/chart.hpp"
 #include "report/records.hpp"
 #include "store/study_rows.hpp"
 

@@ -64,7 +64,7 @@ template <class Work> TrialResult recorded(Json record, Json notes, Progress& pr
 
 /// Each reading's objectives, lumo's own first; the verdict is about that, unless the machine failed with another.
 template <class Results>
-TrialResult put_readings(Json& record, const std::vector<AssumptionVariant>& rows, const Results& results) {
+TrialResult put_assumptions(Json& record, const std::vector<AssumptionVariant>& rows, const Results& results) {
   TrialResult verdict = trial_result(results.front().evaluation);
   for (std::size_t k = 0; k < results.size(); ++k) {
     const auto& [why, evaluation] = results[k];
@@ -122,7 +122,8 @@ Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const 
   };
 }
 
-Evaluator readings_evaluator(const StudyTools& o, const std::vector<Scenario<Sphere>>& contacts, Progress& progress) {
+Evaluator assumptions_evaluator(const StudyTools& o, const std::vector<Scenario<Sphere>>& contacts,
+                                Progress& progress) {
   const double edges = o.coarse ? 1.4 : 1.0;
   auto usual_tools = pipeline_for(o.material, {});
   if (o.coarse) {
@@ -145,7 +146,7 @@ Evaluator readings_evaluator(const StudyTools& o, const std::vector<Scenario<Sph
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
       const auto results = evaluate_assumptions(FingerDesign::from(x), {usual, rows, contacts}, tools_for,
                                                 TbbExecutor{o.threads}, report_stage);
-      return put_readings(record, rows, results);
+      return put_assumptions(record, rows, results);
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);
   };

@@ -30,8 +30,8 @@ struct StudyTools {
 Evaluator study_evaluator(const StudyTools& tools, const MatchedStudy& study, const lumo::Ensemble& ensemble,
                           Progress& progress);
 
-/// Values are the design's objectives, and the record has those under all readings, lumo's own first.
-Evaluator readings_evaluator(const StudyTools& tools, const std::vector<Scenario<Sphere>>& contacts,
-                             Progress& progress);
+/// Values are the design's objectives, and the record has those under all assumptions, lumo's own first.
+Evaluator assumptions_evaluator(const StudyTools& tools, const std::vector<Scenario<Sphere>>& contacts,
+                                Progress& progress);
 
 }  // namespace lumo::program

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "computing/request.hpp"
 #include "charts/section_drawing.hpp"
+#include "computing/request.hpp"
 
 namespace lumo::program {
 

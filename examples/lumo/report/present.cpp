@@ -1,7 +1,7 @@
 #include "report/present.hpp"
 
-#include "console/text.hpp"
 #include "charts/contact_picture.hpp"
+#include "console/text.hpp"
 #include "lumo/mesh/vtu.hpp"
 #include "report/records.hpp"
 

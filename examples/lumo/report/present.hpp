@@ -1,8 +1,8 @@
 #pragma once
 
+#include "charts/section_drawing.hpp"
 #include "computing/request.hpp"
 #include "console/output.hpp"
-#include "charts/section_drawing.hpp"
 #include "lumo/pipeline/evaluate.hpp"
 #include "report/report.hpp"
 

@@ -1,7 +1,7 @@
 #include "computing/solver_study.hpp"
 
-#include "console/text.hpp"
 #include "charts/chart.hpp"
+#include "console/text.hpp"
 #include "page/page.hpp"
 #include "report/json.hpp"
 #include "report/present.hpp"

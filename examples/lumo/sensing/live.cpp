@@ -102,6 +102,22 @@ void make_folder(const std::string& path) {
 
 }  // namespace
 
+namespace {
+
+std::string counts_of(const Recorded& r, const std::string& to, const RecordingPlan& plan) {
+  std::string text = lumo::message(to, ": ", r.frames, " pictures, ", r.samples, " joint samples; left out ",
+                                   r.lost_frames, " and ", r.lost_samples);
+  if (!plan.segments().empty())
+    text += lumo::message("; ", r.segments, " of ", plan.segments().size(), " segments done");
+  return text;
+}
+
+Recorded recorded_by(const LogRecorder& recorder, std::size_t segments) {
+  return {"", recorder.frames(), recorder.samples(), recorder.lost_frames(), recorder.lost_samples(), segments};
+}
+
+}  // namespace
+
 Recorded record(const CameraOptions& o, const std::string& log, const std::string& to, Progress& progress) {
   Session session;
   if (!log.empty()) session = open_log(log, progress).session;
@@ -141,12 +157,7 @@ Recorded record(const CameraOptions& o, const std::string& log, const std::strin
       fault = e.what();
     }
     session.segments = plan.done(recorder.end_ns());
-    r = {"",
-         recorder.frames(),
-         recorder.samples(),
-         recorder.lost_frames(),
-         recorder.lost_samples(),
-         session.segments.size()};
+    r = recorded_by(recorder, session.segments.size());
   }
   if (r.frames == 0) {  // nothing to keep
     std::error_code error;
@@ -154,9 +165,7 @@ Recorded record(const CameraOptions& o, const std::string& log, const std::strin
     throw InputError(fault.empty() ? device + ": gives no pictures" : fault);
   }
   write_whole(to + "/session.json", to_json(session));
-  r.counts = lumo::message(to, ": ", r.frames, " pictures, ", r.samples, " joint samples; left out ", r.lost_frames,
-                           " and ", r.lost_samples);
-  if (planned) r.counts += lumo::message("; ", r.segments, " of ", plan.segments().size(), " segments done");
+  r.counts = counts_of(r, to, plan);
   if (fault.empty() && !whole && !GentleStop::asked()) fault = device + ": has gone";
   if (!fault.empty()) throw InputError(fault + "; recorded is " + r.counts);
   if (GentleStop::asked() && (planned || o.seconds > 0.0)) {

@@ -178,16 +178,21 @@ class Tracer {
         book(total, r, k * channels, response);
       }
     }
+    response.rays = path.rays;
+    response.segments = path.segments;
+    return averaged(std::move(response));
+  }
+
+ private:
+  // Power and error from the replicates.
+  static Response averaged(Response response) {
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
       response.ledger.channels.push_back(response.replicates.col(c).mean());
     response.power_W = response.ledger.channels;
     response.error_W = standard_error(response.replicates);
-    response.rays = path.rays;
-    response.segments = path.segments;
     return response;
   }
 
- private:
   /// Throws InvalidArgument unless settings, body and focus can be traced.
   void check(const Body& body, Symmetry symmetry, const RayFocus& focus) const {
     const auto power_of_two = [](const char* what, int value, int low) {

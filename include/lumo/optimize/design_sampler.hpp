@@ -16,9 +16,9 @@
 
 namespace lumo {
 
-/// Samples feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed,
-/// so that their last free design is found and their end is known. Law: all that it returns is feasible, on the lattice
-/// to the bit, and a function of its key.
+/// Samples feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are
+/// listed, so that their last free design is found and their end is known. Law: all that it returns is feasible, on the
+/// lattice to the bit, and a function of its key.
 class DesignSampler {
  public:
   static constexpr std::size_t list_limit = 100000;     ///< feasible designs up to which a lattice is listed

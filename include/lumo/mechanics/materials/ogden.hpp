@@ -9,9 +9,9 @@
 namespace lumo {
 
 /// Ogden solid, W = Σ μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + κ/4 (J² − 1 − 2 ln J), λ̄ᵢ = J^(−1/3) λᵢ the
-/// principal stretches without the volume change. Shear modulus ½ Σ μ_p α_p; +∞ where J ≤ 0. Source: Ogden 1972. A term with μ_p
-/// = 0 is none. Distortion is for doubles: principal stretches come from an iteration. The default is Dragon Skin of
-/// the paper at small strain.
+/// principal stretches without the volume change. Shear modulus ½ Σ μ_p α_p; +∞ where J ≤ 0. Source: Ogden 1972. A term
+/// with μ_p = 0 is none. Distortion is for doubles: principal stretches come from an iteration. The default is Dragon
+/// Skin of the paper at small strain.
 struct Ogden {
   struct Term {
     double mu = 0.0;     ///< [Pa], of the sign of alpha

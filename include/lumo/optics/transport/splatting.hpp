@@ -119,8 +119,8 @@ template <class Path> class Splatting {
     path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
-  // `area`: share of the whole triangle. If one corner differs, the crossing is found on its two edges; else the triangle
-  // is quartered.
+  // `area`: share of the whole triangle. If one corner differs, the crossing is found on its two edges; else the
+  // triangle is quartered.
   void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
     if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
     const Corner* odd = a.channel == b.channel   ? &c

@@ -51,7 +51,7 @@ std::string run(const StudyReadings& o, const fs::path& out) {
 namespace lumo::program {
 
 /// In place of simulations.
-Evaluator readings_evaluator(const StudyTools&, const std::vector<Scenario<Sphere>>& contacts, Progress&) {
+Evaluator assumptions_evaluator(const StudyTools&, const std::vector<Scenario<Sphere>>& contacts, Progress&) {
   return [contacts](const Design& x) {
     TrialResult v;
     Json record = {{"theta_mm", numbers(x)}};
