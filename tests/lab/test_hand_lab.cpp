@@ -40,7 +40,7 @@ TEST_CASE("grasps of a virtual hand: what presses is found on its link and place
   rig.camera.frames_per_s = 15.0;
   HandPlan plan = hand_plan(1, 5);
   plan.sweep_steps = 5;
-  const HandLab lab(light, plan, 1, 1.0, {.rig = rig});
+  const HandLab lab(light, plan, 1, 1.0, {.rig = rig, .side = {}});
   HandObserver hand = hand_observer(lab.session());
   const std::int64_t free_ns = lab.session().segments.front().to_ns;
   int touched = 0, found = 0, false_alarms = 0, unloaded = 0, seen = 0, links = 0;

@@ -92,7 +92,7 @@ TEST_CASE("2000 random designs are valid fingers or typed errors") {
     }
     try {
       const Body b = finger(FingerDesign::from(x), solaris());
-      CHECK_NOTHROW(validate_surface({b.vertices, b.facets, {}, false}));
+      CHECK_NOTHROW(validate_surface(ClosedSurface{b.vertices, b.facets}));
       ++valid;
     } catch (const InfeasibleDesign& e) {
       CHECK_FALSE(space.contains(x));

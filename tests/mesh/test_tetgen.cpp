@@ -22,8 +22,8 @@
 #include <thread>
 #include <vector>
 
-using lumo::Bytes;
 using lumo::ForkServer;
+using lumo::JobBytes;
 using lumo::JobOutcome;
 using lumo::LinearTets;
 using lumo::MeshError;
@@ -119,31 +119,31 @@ std::vector<double> smallest_dihedrals(const LinearTets& mesh) {
   return angles;
 }
 
-Bytes echo(std::span<const char> request) { return {request.begin(), request.end()}; }
-Bytes do_abort(std::span<const char>) { std::abort(); }
-Bytes do_segfault(std::span<const char>) {
+JobBytes echo(std::span<const char> request) { return {request.begin(), request.end()}; }
+JobBytes do_abort(std::span<const char>) { std::abort(); }
+JobBytes do_segfault(std::span<const char>) {
   ::raise(SIGSEGV);
   return {};
 }
-Bytes do_loop(std::span<const char>) {
+JobBytes do_loop(std::span<const char>) {
   for (std::atomic<int> i = 0;; ++i) {
   }
 }
-Bytes do_sleep(std::span<const char>) {
+JobBytes do_sleep(std::span<const char>) {
   for (;;) ::sleep(100);
 }
-Bytes do_throw(std::span<const char>) { throw 42; }
-Bytes do_exit(std::span<const char>) { ::_exit(0); }
-Bytes do_print(std::span<const char> request) {
+JobBytes do_throw(std::span<const char>) { throw 42; }
+JobBytes do_exit(std::span<const char>) { ::_exit(0); }
+JobBytes do_print(std::span<const char> request) {
   std::cout << "this must not be seen" << std::endl;
   std::cerr << "this must not be seen" << std::endl;
   return echo(request);
 }
-Bytes do_allocate(std::span<const char>) {
-  for (std::vector<Bytes> hoard;;) hoard.emplace_back(Bytes(1 << 20, 'x'));
+JobBytes do_allocate(std::span<const char>) {
+  for (std::vector<JobBytes> hoard;;) hoard.emplace_back(JobBytes(1 << 20, 'x'));
 }
-Bytes do_careless_allocate(std::span<const char>) {  // as C code that does not look at malloc's result
-  for (static void* volatile hoard;;) {              // volatile: compilers remove memory that nobody looks at
+JobBytes do_careless_allocate(std::span<const char>) {  // as C code that does not look at malloc's result
+  for (static void* volatile hoard;;) {                 // volatile: compilers remove memory that nobody looks at
     hoard = std::malloc(1 << 20);
     std::memset(hoard, 1, 1 << 20);
   }
@@ -157,12 +157,12 @@ std::atomic<int>& jobs_begun() {
   return *count;
 }
 
-Bytes loses_helper(std::span<const char>) {
+JobBytes loses_helper(std::span<const char>) {
   ::kill(::getppid(), SIGKILL);
   for (;;) ::pause();  // goes with the helper
 }
 
-Bytes loses_helper_once(std::span<const char> request) {
+JobBytes loses_helper_once(std::span<const char> request) {
   return jobs_begun()++ == 0 ? loses_helper(request) : lumo::tetgen_job(request);
 }
 
@@ -325,7 +325,7 @@ TEST_CASE("TetGen may be given anything: its process dies alone", "[mesh][tetgen
       ++outcomes[server.run(lumo::encode(request), {0.3, std::uint64_t{1} << 30}).outcome];
     }
   CHECK(outcomes[JobOutcome::crashed] > 0);
-  const Bytes nonsense(1000, '\x7f');
+  const JobBytes nonsense(1000, '\x7f');
   CHECK(server.run(nonsense, {1.0, 0}).outcome == JobOutcome::crashed);
   CHECK(server.run({}, {1.0, 0}).outcome == JobOutcome::crashed);
   CHECK(server.pid() == pid);  // the helper has lived through it all
@@ -392,7 +392,7 @@ TEST_CASE("a dead helper is replaced", "[mesh][tetgen]") {
   const std::set<int> before = children();
   {
     ForkServer server(echo);
-    const Bytes word{'w', 'o', 'r', 'd'};
+    const JobBytes word{'w', 'o', 'r', 'd'};
     const int first = server.pid();
     ::kill(first, SIGKILL);  // while idle
     const auto result = server.run(word, {1.0, 0});
@@ -422,7 +422,7 @@ TEST_CASE("a dead helper is replaced", "[mesh][tetgen]") {
 TEST_CASE("signals to the whole process group leave the helper to its host", "[mesh][tetgen]") {
   ForkServer server(echo);
   const int helper = server.pid();
-  const Bytes word{'w', 'o', 'r', 'd'};
+  const JobBytes word{'w', 'o', 'r', 'd'};
   CHECK((server.run(word, {5.0, 0}).data == word));  // it is up
   for (const int signal : {SIGHUP, SIGTERM, SIGINT}) {
     ::kill(helper, signal);
@@ -445,10 +445,10 @@ TEST_CASE("large messages pass, helpers come and go without trace", "[mesh][tetg
   const std::set<int> before = children();
   {
     ForkServer server(echo);
-    Bytes large(20'000'003);
+    JobBytes large(20'000'003);
     for (std::size_t i = 0; i < large.size(); ++i) large[i] = static_cast<char>(i * 2654435761u >> 13);
     CHECK((server.run(large, {20.0, 0}).data == large));
-    CHECK((server.run({}, {20.0, 0}).data == Bytes{}));
+    CHECK((server.run({}, {20.0, 0}).data == JobBytes{}));
   }
   for (int i = 0; i < 50; ++i) {
     const TetgenMesher mesher;

@@ -25,13 +25,13 @@ TEST_CASE("charts escape their words and survive missing values") {
 
 TEST_CASE("a triangle is clipped where its field is zero") {
   const std::array<Point, 3> corner = {{{0, 0}, {4, 0}, {0, 4}}};
-  CHECK(program::detail::clip_positive(corner, {-1, -1, -1}).empty());
-  CHECK(program::detail::clip_positive(corner, {1, 1, 1}).size() == 3);
-  const auto tip = program::detail::clip_positive(corner, {1, -3, -1});
+  CHECK(program::drawing::clip_positive(corner, {-1, -1, -1}).empty());
+  CHECK(program::drawing::clip_positive(corner, {1, 1, 1}).size() == 3);
+  const auto tip = program::drawing::clip_positive(corner, {1, -3, -1});
   REQUIRE(tip.size() == 3);
   CHECK(tip[1] == Point{1, 0});
   CHECK(tip[2] == Point{0, 2});
   const double untouchable = -std::numeric_limits<double>::infinity();
-  for (const Point& p : program::detail::clip_positive(corner, {1, 1, untouchable}))
+  for (const Point& p : program::drawing::clip_positive(corner, {1, 1, untouchable}))
     CHECK((std::isfinite(p[0]) && std::isfinite(p[1])));
 }

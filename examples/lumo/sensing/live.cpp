@@ -112,7 +112,7 @@ std::string counts_of(const Recorded& r, const std::string& to, const RecordingP
   return text;
 }
 
-Recorded recorded_by(const LogRecorder& recorder, std::size_t segments) {
+template <class Recorder> Recorded recorded_by(const Recorder& recorder, std::size_t segments) {
   return {"", recorder.frames(), recorder.samples(), recorder.lost_frames(), recorder.lost_samples(), segments};
 }
 

@@ -701,7 +701,7 @@ TEST_CASE("parts that do not fit are refused", "[estimator]") {
   CHECK_THROWS_AS(
       Estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m}, c),
       InvalidArgument);
-  CHECK_THROWS_AS(Estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m},
-                            UnloadedReference{}, estimator_config()),
+  CHECK_THROWS_AS(Estimator(scene.camera, scene.actuator, {readout(), UnloadedReference{}}, localizer(reference),
+                            MomentArm{arm_m}, estimator_config()),
                   InvalidArgument);
 }

@@ -20,7 +20,7 @@ template <class Read> auto from(const std::string& text, Read read) {
   return read(in, "t.csv");
 }
 
-std::string message(const std::function<void()>& f) {
+std::string fault_of(const std::function<void()>& f) {
   try {
     f();
   } catch (const InputError& e) {
@@ -44,8 +44,7 @@ TEST_CASE("tables read back as they were written, to the bit", "[log]") {
   std::vector<PhotodiodeSample> light;
   for (int i = 0; i < 40; ++i) {
     JointVector a(2), b(2), c(2);
-    a << normal();
-    1e-17 * normal();
+    a << normal(), 1e-17 * normal();
     b << -0.0, 1e300;
     c << normal(), 5e-324;
     const std::int64_t t = -5 + i * 1'000'003LL;
@@ -92,8 +91,8 @@ TEST_CASE("what a student writes by hand is read: any order, spaces, seconds, ot
 }
 
 TEST_CASE("every fault of a table is one line with file, line and column", "[log]") {
-  const auto joint = [](const std::string& t) { return message([&] { from(t, joints); }); };
-  const auto frame = [](const std::string& t) { return message([&] { from(t, frames); }); };
+  const auto joint = [](const std::string& t) { return fault_of([&] { from(t, joints); }); };
+  const auto frame = [](const std::string& t) { return fault_of([&] { from(t, frames); }); };
   const std::string head = "stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0\n";
   CHECK(joint("") == "t.csv: is empty, must begin with a line of column names");
   CHECK(joint("position_rad_0\n") == "t.csv:1: column 'stamp_ns' (or 'time_s') is missing");
@@ -125,7 +124,7 @@ TEST_CASE("every fault of a table is one line with file, line and column", "[log
   CHECK(frame("stamp_ns,file,exposure_s\n1,a.png,-1\n") == "t.csv:2: column exposure_s: '-1' s is negative");
   CHECK(frame("stamp_ns,file,gain\n1,a.png,x\n") == "t.csv:2: column gain: 'x' is no finite number");
   CHECK(frame("stamp_ns,file\n1,a\x01.png\n") == "t.csv:2: column file: 'a?.png' is no path below frames/");
-  CHECK(message([] { open_text("/nonexistent/joint.csv"); }) == "/nonexistent/joint.csv: cannot be opened");
+  CHECK(fault_of([] { open_text("/nonexistent/joint.csv"); }) == "/nonexistent/joint.csv: cannot be opened");
 }
 
 TEST_CASE("clocks: offset and drift are found again, the residual is the jitter", "[log]") {

@@ -21,7 +21,7 @@ struct JobLimits {
 struct JobResult {
   JobOutcome outcome = JobOutcome::crashed;
   int detail = 0;  ///< signal number of a crash, or minus the exit code, or 0
-  Bytes data;      ///< the job's answer if `done`
+  JobBytes data;   ///< the job's answer if `done`
 };
 
 /// A helper process that runs jobs in processes of their own, so that foreign code can crash, hang or eat memory alone.
@@ -35,7 +35,7 @@ class ForkServer {
  public:
   /// Runs in the grandchild. May do anything, even crash. What it throws counts as a crash, std::bad_alloc as lack of
   /// memory.
-  using Work = Bytes (*)(std::span<const char> request);
+  using Work = JobBytes (*)(std::span<const char> request);
 
   explicit ForkServer(Work work) : work_(work) { start(); }
   ~ForkServer() { stop(); }

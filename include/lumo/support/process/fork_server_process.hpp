@@ -97,7 +97,7 @@ template <class Work>
   }
   std::set_new_handler([] { ::_exit(exit_no_memory); });
   try {
-    const Bytes answer = work(request);
+    const JobBytes answer = work(request);
     // Exit code 0 after the last byte distinguishes a whole answer from a broken one.
     for (std::size_t sent = 0; sent < answer.size();) {
       const ssize_t count = ::write(out, answer.data() + sent, answer.size() - sent);
@@ -113,7 +113,7 @@ template <class Work>
 }
 
 /// Drains the job's pipe until it ends. False if the time is over or the host has gone.
-inline bool drain(int in, int host, Bytes& data, const Deadline& deadline) {
+inline bool drain(int in, int host, JobBytes& data, const Deadline& deadline) {
   char buffer[65536];
   for (;;) {
     pollfd entries[2] = {{in, POLLIN, 0}, {host, POLLRDHUP, 0}};
@@ -132,7 +132,8 @@ inline bool drain(int in, int host, Bytes& data, const Deadline& deadline) {
 
 /// Forks one job, waits for it within its limits, and says what became of it.
 template <class Work>
-ReplyHeader supervise_job(int host, Work work, std::span<const char> request, const JobHeader& header, Bytes& answer) {
+ReplyHeader supervise_job(int host, Work work, std::span<const char> request, const JobHeader& header,
+                          JobBytes& answer) {
   const auto reply = [](JobOutcome outcome, int detail = 0) {
     return ReplyHeader{static_cast<std::uint32_t>(outcome), detail, 0};
   };
@@ -213,9 +214,9 @@ template <class Work> [[noreturn]] void serve_jobs(int socket, Work work) {
     JobHeader header{};
     if (receive_all(host, &header, sizeof header, never) != Transfer::done) ::_exit(0);
     try {
-      Bytes request(header.size);
+      JobBytes request(header.size);
       if (receive_all(host, request.data(), request.size(), never) != Transfer::done) ::_exit(0);
-      Bytes answer;
+      JobBytes answer;
       const ReplyHeader reply = supervise_job(host, work, std::span<const char>(request), header, answer);
       if (send_all(host, &reply, sizeof reply, never) != Transfer::done) ::_exit(0);
       if (send_all(host, answer.data(), reply.size, never) != Transfer::done) ::_exit(0);

@@ -15,7 +15,7 @@
 
 namespace lumo {
 
-using Bytes = std::vector<char>;
+using JobBytes = std::vector<char>;
 
 /// A point in time after which waiting is given up.
 class Deadline {

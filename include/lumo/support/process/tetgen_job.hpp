@@ -48,7 +48,7 @@ struct TetgenRequest {
 
 namespace detail {
 
-template <class T> void append_values(Bytes& bytes, const std::vector<T>& values) {
+template <class T> void append_values(JobBytes& bytes, const std::vector<T>& values) {
   static_assert(std::is_trivially_copyable_v<T>);
   const std::uint64_t count = values.size();
   const auto* head = reinterpret_cast<const char*>(&count);
@@ -71,8 +71,8 @@ template <class T> void take_values(std::span<const char>& bytes, std::vector<T>
 
 }  // namespace detail
 
-inline Bytes encode(const TetgenRequest& request) {
-  Bytes bytes;
+inline JobBytes encode(const TetgenRequest& request) {
+  JobBytes bytes;
   detail::append_values(bytes, std::vector<TetgenRequest::Knobs>{request.knobs});
   detail::append_values(bytes, request.coordinates);
   detail::append_values(bytes, request.counts);
@@ -101,8 +101,8 @@ inline TetgenRequest decode_request(std::span<const char> bytes) {
   return request;
 }
 
-inline Bytes encode(const RawFill& answer) {
-  Bytes bytes;
+inline JobBytes encode(const RawFill& answer) {
+  JobBytes bytes;
   detail::append_values(bytes, answer.coordinates);
   detail::append_values(bytes, answer.tets);
   detail::append_values(bytes, answer.faces);
@@ -205,7 +205,7 @@ inline RawFill tetgen_answer(const tetgenio& output, const TetgenRequest& reques
 
 /// Fills the request's surface. Runs in the job's own process: TetGen may throw, crash or never end, and nothing is
 /// freed.
-inline Bytes tetgen_job(std::span<const char> bytes) {
+inline JobBytes tetgen_job(std::span<const char> bytes) {
   TetgenRequest request = decode_request(bytes);
   const Mat3d frame = tetgen_frame(request.knobs.turn);
   auto* input = new detail::TetgenInput(request, frame);  // as long as the process: TetGen's arrays mix new and malloc
