@@ -16,7 +16,7 @@
 
 using namespace lumo;
 
-TEST_CASE("a file is read whole; what is no file or too large is not read", "[core]") {
+TEST_CASE("a file is read whole, and what is no file or too large is not read", "[core]") {
   const TemporaryFolder folder;
   const std::string bytes("\0a\r\n\xff", 5);
   CHECK(read_whole(folder.write("file", bytes)) == bytes);
