@@ -23,13 +23,13 @@ using namespace lumo;
 struct Soft {};                                  // nothing of a material
 struct Inward {                                  // a contact law without validate
   double stiffness_N_per_m3 = 1e9;
-  ContactResponse respond(double) const { return {}; }
+  ContactResponse<double> respond(double) const { return {}; }
 };
 struct FivePoints : LinearTet {                  // an element of no order
   static constexpr int order = 3;
 };
 struct Blunt {                                   // a tool without derivatives
-  double distance(const Vec3&) const { return 1.0; }
+  double distance(const Vec3d&) const { return 1.0; }
   double radius_m() const { return 1.0; }
 };
 struct Still {                                   // a solver that finds nothing
@@ -50,11 +50,11 @@ struct Blind {                                   // a readout that says nothing 
   int channels(const Body&) const { return 1; }
 };
 struct Lamp {                                    // an emitter that cannot be mirrored
-  Vec3 center;
+  Vec3d center;
   double power_W;
   int channel;
-  Vec3 axis() const { return center; }
-  Vec3 point(double, double) const { return center; }
+  Vec3d axis() const { return center; }
+  Vec3d point(double, double) const { return center; }
   Polar polar(double) const { return {}; }
 };
 struct Sieve {                                   // a mesher that fills nothing
@@ -73,10 +73,11 @@ struct Stubborn {                                // a source that takes no reque
 """
 SENSE = """#include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
+#include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/decode/cross_validation.hpp"
 #include "lumo/sense/recording/mcap/mcap_writer.hpp"
 using namespace lumo;
+using namespace lumo::sense;
 struct Watch {                                   // a camera
   std::optional<Frame> next() { return {}; }
   StreamState state() const { return {}; }
@@ -108,7 +109,7 @@ GROUPS = [
         ("BlockDescent<int> s;", "BlockDescent<Serial> s;", "Executor"),
         ("Scenario<Blunt> s;", "Scenario<Sphere> s;", "Indenter"),
         ("Oriented<Blunt> s;", "Oriented<Sphere> s;", "Indenter"),
-        ("VertexLanes<Soft>* s;", "VertexLanes<NeoHookean>* s;", "DilatationalMaterial"),
+        ("VertexPacks<Soft>* s;", "VertexPacks<NeoHookean>* s;", "DilatationalMaterial"),
     ]),
     (LIGHT, [
         ("Tracer<int> t;", "Tracer<BeerLambert> t;", "TransparentMedium"),
