@@ -3,13 +3,11 @@
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
 
-#include <filesystem>
 #include <fstream>
 
 /// What benchmarks/optimize/make_reference.py wrote.
 inline const nlohmann::json& reference() {
-  static const nlohmann::json all = nlohmann::json::parse(
-      std::ifstream(std::filesystem::path(__FILE__).parent_path() / "reference" / "botorch.json"));
+  static const nlohmann::json all = nlohmann::json::parse(std::ifstream(LUMO_TEST_DATA "/reference/botorch.json"));
   return all;
 }
 
