@@ -48,6 +48,11 @@ MASKED_TEXT = [
         "<time>",
         "durations in texts and pages, by the clock",
     ),
+    (
+        re.compile(r"(<tr><td>[^<]+</td><td>[\w ]+</td><td>\d+</td><td>)[\d.]+"),
+        r"\1<time>",
+        "seconds in the table of study solver's page, by the clock",
+    ),
     (re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d(?::\d\d)?)?Z?"), "<date>", "dates of files"),
     (re.compile(r"lumo \d+\.\d+\.\d+"), "lumo <version>", "version of lumo in headers of files"),
 ]
