@@ -1,7 +1,7 @@
 #include "kernel.hpp"
 #include "pad.hpp"
 
-#include "mesh/surfaces.hpp"
+#include "geometry/surfaces.hpp"
 
 #include "lumo/mechanics/certify.hpp"
 #include "lumo/mechanics/contact/contact_set.hpp"

@@ -1,6 +1,6 @@
 #include "kernel.hpp"
 
-#include "mesh/surfaces.hpp"
+#include "geometry/surfaces.hpp"
 
 #include "lumo/geometry/predicates.hpp"
 #include "lumo/geometry/signed_distance.hpp"

@@ -1,7 +1,7 @@
 #include "kernel.hpp"
 
 #include "lumo/sense/profile/led_detector.hpp"
-#include "sense/hand_scene.hpp"
+#include "sense/hand/hand_scene.hpp"
 #include "sense/synthetic.hpp"
 
 using namespace lumo;
