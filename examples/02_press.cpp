@@ -23,11 +23,11 @@ int main() {
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
 
   std::printf("%zu nodes, %zu elements\n load [N]  depth [mm]  contact [mm2]  residual [N]  status\n",
-              mesh.nodes.size(), mesh.tets.size());
+      mesh.nodes.size(), mesh.tets.size());
   bool good = true;
   for (const MechanicalState& s : simulator.press(body, mesh, scenario)) {
     std::printf("%9.1f %11.4f %14.2f %13.1e  %s\n", s.load_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, s.residual_N,
-                to_string(s.status).data());
+        to_string(s.status).data());
     good = good && s.status == Status::converged;
   }
   return good ? 0 : 1;

@@ -29,8 +29,8 @@ int main() {
   std::printf("region   y [mm]   at rest   change at 5 N   (parts of the emitted power)\n");
   for (int b = 0; b < body.regions; ++b) {
     const auto k = std::size_t(b);
-    std::printf("%6d %8.1f %9.5f %+15.6f\n", b + 1, -25.0 + 5.0 * b, rest.power_W[k],
-                loaded.power_W[k] - rest.power_W[k]);
+    std::printf(
+        "%6d %8.1f %9.5f %+15.6f\n", b + 1, -25.0 + 5.0 * b, rest.power_W[k], loaded.power_W[k] - rest.power_W[k]);
   }
   std::printf("energy: imbalance %.1e, lost %.1e of what was emitted\n", loaded.ledger.imbalance(), loaded.ledger.lost);
   return pressed.status == Status::converged && loaded.ledger.imbalance() < 1e-9 ? 0 : 1;

@@ -26,9 +26,9 @@ int main() {
   std::printf(" d [mm]  y [mm]  q_form  q_stable  q_stiff\n");
   for (const ScenarioRecord& s : e.observations.scenarios)
     std::printf("%7.0f %7.1f %7.3f %9.3f %8.3f\n", 1e3 * s.diameter_m, 1e3 * s.y_m, s.terms.form->value,
-                s.terms.stable->value, s.terms.stiff->value);
+        s.terms.stable->value, s.terms.stiff->value);
   if (!e.J_contact || !e.J_obs) return 1;
   std::printf("J_contact = %.4f ± %.4f\nJ_obs = %.2e ± %.1e of the emitted power\n", e.J_contact->value,
-              e.J_contact->error, e.J_obs->value, e.J_obs->error);
+      e.J_contact->error, e.J_obs->value, e.J_obs->error);
   return 0;
 }

@@ -28,8 +28,7 @@ int main(int argc, char** argv) {
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
 
-  SqliteJournal log(
-      file,
+  SqliteJournal log(file,
       "example 05: DS, 20 mm at y = 0 and 11 mm, coarse");  // refuses a file that was made for something else
   const auto evaluate_design = [&](const Design& x) {
     return trial_result(evaluate({FingerDesign::from(x), card, coarse}, contacts, pipeline, TbbExecutor{2}));
@@ -37,18 +36,17 @@ int main(int argc, char** argv) {
   const auto show = [](const auto& state, int id, const TrialResult& v) {
     const Design& x = state.optimizer().trials()[std::size_t(id)].x;
     std::printf("%2d  %4.1f %4.1f %4.1f %4.1f %4.1f", id, x[0], x[1], x[2], x[3], x[4]);
-    if (v.outputs.empty())
-      std::printf("  %s\n", v.why.c_str());
+    if (v.outputs.empty()) std::printf("  %s\n", v.why.c_str());
     else
       std::printf("  J_contact %.4f  J_obs %.2e  hypervolume %.2e\n", v.outputs[0], v.outputs[1],
-                  state.optimizer().hypervolume());
+          state.optimizer().hypervolume());
     std::fflush(stdout);
   };
   run_campaign(log, Optimizer<>(finger_problem(6)), evaluate_design, show);
 
   CampaignState state(Optimizer<>(finger_problem(6)));
   state.read(log.entries());
-  std::printf("%d designs in %s, hypervolume %.3e\n", state.optimizer().observed(), file,
-              state.optimizer().hypervolume());
+  std::printf(
+      "%d designs in %s, hypervolume %.3e\n", state.optimizer().observed(), file, state.optimizer().hypervolume());
   return state.optimizer().observed() == 6 ? 0 : 1;
 }

@@ -32,9 +32,8 @@ int main(int argc, char** argv) {
   const PadGrid grid{.load_N = {2.0, 5.0, 10.0, 15.0}, .spacing_m = 13.0_mm, .places = 3, .tilt_place_m = {13.0_mm}};
   using Light = Tracer<BeerLambert, SideSight, Embree>;
   using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
-  Pipeline<TetgenMesher, Simulation, Light> pipeline{{},
-                                                     {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}},
-                                                     Light({.rays_per_emitter = 1 << 14, .exit_rays = 1 << 17}, sight)};
+  Pipeline<TetgenMesher, Simulation, Light> pipeline{{}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}},
+      Light({.rays_per_emitter = 1 << 14, .exit_rays = 1 << 17}, sight)};
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
   const PadLight light(observe_pad(pad, sight, grid, pipeline, TbbExecutor{2}));

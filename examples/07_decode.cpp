@@ -21,7 +21,7 @@ int main(int argc, char** argv) {
   const FingerView view =
       view_finger(first, log.session, UnloadedStretch::of(log.session, log.frames.front().stamp_ns), log.path);
   std::printf("LEDs %.2f px off an even row; band %.1f to %.1f mm\n", view.leds.map.residual_px, 1e3 * view.band_low_m,
-              1e3 * view.band_high_m);
+      1e3 * view.band_high_m);
 
   // Green of 11 regions, minus the unloaded picture before each contact; a hold is the mean over its frames.
   GreenProfile regions = view.readout(LongitudinalBins::regions());
@@ -30,7 +30,7 @@ int main(int argc, char** argv) {
 
   const RecontactQuality q = recontact_quality(slope_profiles(holds));
   std::printf("D_neighbor %.3f, W_recontact %.3f DN/N, Q %.1f (%.1f to %.1f)\n", q.metrics.D_neighbor,
-              q.metrics.W_recontact, *q.metrics.Q, q.Q_low, q.Q_high);
+      q.metrics.W_recontact, *q.metrics.Q, q.Q_low, q.Q_high);
 
   const DecodingTask task =
       decoding_task(holds, {2.0, 5.0});  // the paper's: signed change from 2 to 5 N, one repetition left out
@@ -38,6 +38,6 @@ int main(int argc, char** argv) {
   const DecodingReport linear = cross_validate(LinearDecoder{}, task.data, task.fold);
   for (const auto& [name, r] : {std::pair("nearest template", &nearest), std::pair("regularised linear", &linear)})
     std::printf("%-18s %3.0f %% of %zu right (95 %% from %.0f to %.0f %%)\n", name, 100 * r->accuracy.value,
-                r->predictions.size(), 100 * r->accuracy.low, 100 * r->accuracy.high);
+        r->predictions.size(), 100 * r->accuracy.low, 100 * r->accuracy.high);
   return nearest.accuracy.low > 0.5 ? 0 : 1;  // five places: chance is 20 %
 }

@@ -28,8 +28,8 @@ int main(int argc, char** argv) {
   const ForceErrors e =
       force_score(estimates, truth, finger.jacobian, {finger.link, -26.0_mm, 26.0_mm}, joint.noise_Nm).errors;
   std::printf("location: %d of %d frames at 5 N and more, mean error %.2f mm\n", where.located, where.samples,
-              1e3 * where.mae_m);
+      1e3 * where.mae_m);
   std::printf("force, mean error [N]: fused %.2f, optical %.2f, fixed arm %.2f, known location %.2f\n", e.fused.mae_N,
-              e.optical.mae_N, e.fixed_arm.mae_N, e.known_location.mae_N);
+      e.optical.mae_N, e.fixed_arm.mae_N, e.known_location.mae_N);
   return where.located > 0 && e.optical.mae_N < e.fixed_arm.mae_N ? 0 : 1;
 }

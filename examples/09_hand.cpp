@@ -16,11 +16,10 @@ int main(int argc, char** argv) {
   HandObserver hand = hand_observer(log.session);
   FolderCamera camera(log.path + "/frames", log.frames);
   std::vector<HandEstimate> estimates;
-  const int references = observe_hand(camera, hand, joint_positions(log.joints, log.session), log.session,
-                                      [&](const auto& estimate, const ImageView&) {
-                                        if (estimate)
-                                          estimates.push_back(*estimate);  // all other pictures show the unloaded hand
-                                      });
+  const int references = observe_hand(
+      camera, hand, joint_positions(log.joints, log.session), log.session, [&](const auto& estimate, const ImageView&) {
+        if (estimate) estimates.push_back(*estimate);  // all other pictures show the unloaded hand
+      });
   std::printf("%d pictures of the unloaded hand, %zu others\n", references, estimates.size());
 
   std::ifstream table(log.path + "/truth.csv");  // opened now that all estimates are made
@@ -32,11 +31,11 @@ int main(int argc, char** argv) {
     if (e.contacts.size() <= most) continue;
     most = e.contacts.size();
     for (const HandContact& c : e.contacts)
-      std::printf("%s %5.1f mm, %3.0f mm²   ", hand.links()[std::size_t(c.link)].name.c_str(), 1e3 * c.y_m,
-                  1e6 * c.area_m2);
+      std::printf(
+          "%s %5.1f mm, %3.0f mm²   ", hand.links()[std::size_t(c.link)].name.c_str(), 1e3 * c.y_m, 1e6 * c.area_m2);
     std::printf("\n");
   }
   std::printf("%d of %d touches found, mean error %.2f mm, %d contacts where nothing touches\n", score.found,
-              score.touches, 1e3 * score.mae_m, score.unfounded);
+      score.touches, 1e3 * score.mae_m, score.unfounded);
   return score.found > 0.9 * score.touches && score.unfounded < 0.1 * score.contacts ? 0 : 1;
 }

@@ -290,31 +290,29 @@ inline void DesignSpace::check(std::span<const double> x) const {
     const std::string unit = v.unit.empty() ? "" : " " + v.unit;
     if (!std::isfinite(x[i]))
       throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [",
-                                     v.lower, ", ", v.upper, "]", unit));
+          message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper,
+              "]", unit));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
-                                     " is below its lower bound ", v.lower, unit));
+          message(
+              "infeasible design: ", v.name, " = ", exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
-                                     " is above its upper bound ", v.upper, unit));
+          message(
+              "infeasible design: ", v.name, " = ", exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step,
-                                     unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+          message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step, unit,
+              " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);
     const std::string unit = c.unit.empty() ? "" : " " + c.unit;
     if (sum > c.upper + rounding)
-      throw InfeasibleDesign(
-          c.name, sum, c.upper, c.unit,
+      throw InfeasibleDesign(c.name, sum, c.upper, c.unit,
           message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
     if (sum < c.lower - rounding)
-      throw InfeasibleDesign(
-          c.name, sum, c.lower, c.unit,
+      throw InfeasibleDesign(c.name, sum, c.lower, c.unit,
           message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
   }
   for (const DesignRule& r : rules)
@@ -826,7 +824,7 @@ inline int sure_orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const V
 inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
   if (const int sure = sure_orient2d(a, b, c); sure != 0) return sure;
   return detail::exact_minor(detail::exact_difference(b[0], a[0]), detail::exact_difference(b[1], a[1]),
-                             detail::exact_difference(c[0], a[0]), detail::exact_difference(c[1], a[1]))
+      detail::exact_difference(c[0], a[0]), detail::exact_difference(c[1], a[1]))
       .sign();
 }
 
@@ -933,9 +931,8 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and
 /// no others. Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// nullopt if the outline is not simple or not counter-clockwise about `normal`.
-inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices,
-                                                                   const std::vector<int>& loop, const Vec3d& normal,
-                                                                   int facet, double slack) {
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(
+    const std::vector<Vec3d>& vertices, const std::vector<int>& loop, const Vec3d& normal, int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
   if (loop.size() == 3) {
     triangles.push_back({{loop[0], loop[1], loop[2]}, facet});
@@ -974,7 +971,7 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::ve
     at %= left.size();
     triangles.push_back(
         {{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]},
-         facet});
+            facet});
     left.erase(left.begin() + static_cast<std::ptrdiff_t>(at));
     ++at;  // the next corner but one: fewer slender triangles than a fan
   }
@@ -1039,8 +1036,8 @@ inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
-inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole,
-                                     const std::vector<std::vector<int>>& others) const {
+inline bool PolygonTriangles::bridge(
+    Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(
       std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
@@ -1061,8 +1058,8 @@ inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole,
     if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) ||
         crosses(from, to, hole))
       continue;
-    if (std::any_of(others.begin(), others.end(),
-                    [&](const std::vector<int>& other) { return crosses(from, to, other); }))
+    if (std::any_of(
+            others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); }))
       continue;
     std::vector<int> detour{to};
     for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
@@ -1212,10 +1209,8 @@ inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   std::array<int, 2> edge{};
   std::size_t shared = 0;
   for (int vertex : a) {
-    if (has(b, vertex))
-      edge[shared++] = vertex;
-    else
-      apex_a = vertex;
+    if (has(b, vertex)) edge[shared++] = vertex;
+    else apex_a = vertex;
   }
   for (int vertex : b)
     if (!has(a, vertex)) apex_b = vertex;
@@ -1308,7 +1303,7 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
     const Corners& t = triangles_[i].corners;
     const Vec3d &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
     boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin,
-                     elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
+        elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
     low = elementwise_min(low, boxes.back().low);
     high = elementwise_max(high, boxes.back().high);
   }
@@ -1405,9 +1400,8 @@ inline void check_edges(const ClosedSurface& input) {
       vertex_of.push_back(a);
     }
   }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
-    return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from);
-  });
+  std::sort(sides.begin(), sides.end(),
+      [](const Side& a, const Side& b) { return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from); });
   Groups fans(vertex_of.size());
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
@@ -1420,8 +1414,8 @@ inline void check_edges(const ClosedSurface& input) {
     const Side& a = sides[i];
     const Side& b = sides[i + 1];
     if (a.up == b.up)
-      throw MeshError(Reason::not_manifold,
-                      message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
+      throw MeshError(
+          Reason::not_manifold, message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
     fans.join(a.from, b.to);
     fans.join(a.to, b.from);
     i = end;
@@ -1432,7 +1426,7 @@ inline void check_edges(const ClosedSurface& input) {
     const int fan = fans.find(static_cast<int>(corner));
     if (known >= 0 && known != fan)
       throw MeshError(Reason::not_manifold,
-                      message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
+          message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
     known = fan;
   }
 }
@@ -1476,20 +1470,20 @@ inline double solid_angle(const Vec3d& from_a, const Vec3d& from_b, const Vec3d&
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
 inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles,
-                      const Shell& shell, const Vec3d& point) {
+    const Shell& shell, const Vec3d& point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
     angle += solid_angle(vertices[static_cast<std::size_t>(corners[0])], vertices[static_cast<std::size_t>(corners[1])],
-                         vertices[static_cast<std::size_t>(corners[2])], point);
+        vertices[static_cast<std::size_t>(corners[2])], point);
   }
   return angle / (4.0 * std::numbers::pi);
 }
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles,
-                         const std::vector<Shell>& shells) {
+inline void check_inside(
+    const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3d& point, const Shell* without) {
     double sum = 0.0;
     for (const Shell& shell : shells)
@@ -1502,8 +1496,8 @@ inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTr
     const double wanted = shells[i].volume > 0.0 ? 0.0 : 1.0;
     if (std::abs(around - wanted) > 0.25)
       throw MeshError(MeshError::Reason::not_manifold,
-                      message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume,
-                              " is wound by other shells ", around, " times, must be ", wanted));
+          message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume,
+              " is wound by other shells ", around, " times, must be ", wanted));
   }
   std::vector<char> used(input.vertices.size(), 0);
   for (const SurfaceTriangle& t : triangles)
@@ -1511,13 +1505,12 @@ inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTr
   for (std::size_t i = 0; i < used.size(); ++i)
     if (!used[i] && total(input.vertices[i], nullptr) < 0.75)
       throw MeshError(MeshError::Reason::bad_index,
-                      message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
+          message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
 inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices,
-                                        const std::vector<SurfaceTriangle>& triangles,
-                                        const std::vector<Shell>& shells) {
+    const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   std::vector<Vec3d> points;
   const auto at = [&](int vertex) -> const Vec3d& { return vertices[static_cast<std::size_t>(vertex)]; };
   for (const Shell& shell : shells) {
@@ -1588,22 +1581,22 @@ inline void check_numbers(const ClosedSurface& input) {
   using Reason = MeshError::Reason;
   if (input.vertices.empty() || input.facets.empty())
     refuse_surface(Reason::degenerate, message("has ", input.vertices.size(), " vertices and ", input.facets.size(),
-                                               " facets, must have some of both"));
+                                           " facets, must have some of both"));
   if (input.vertices.size() > 100'000'000 || input.facets.size() > 100'000'000)
-    refuse_surface(Reason::out_of_memory, message("has ", input.vertices.size(), " vertices and ", input.facets.size(),
-                                                  " facets, at most 1e8 of each"));
+    refuse_surface(Reason::out_of_memory,
+        message("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, at most 1e8 of each"));
   for (std::size_t i = 0; i < input.vertices.size(); ++i)
     if (!(input.vertices[i].cwiseAbs().maxCoeff() <= largest_coordinate) || !input.vertices[i].allFinite())
       refuse_surface(Reason::not_finite, message("vertex ", i, " is at ", point_text(input.vertices[i]),
-                                                 ", coordinates must be finite and at most ", largest_coordinate));
+                                             ", coordinates must be finite and at most ", largest_coordinate));
   const auto count = static_cast<int>(input.vertices.size());
   std::vector<int> seen(input.vertices.size(), -1);
   for (std::size_t f = 0; f < input.facets.size(); ++f) {
     const std::vector<int>& loop = input.facets[f].loop;
     for (int vertex : loop)
       if (vertex < 0 || vertex >= count)
-        refuse_surface(Reason::bad_index,
-                       message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
+        refuse_surface(
+            Reason::bad_index, message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
     if (loop.size() < 3)
       refuse_surface(Reason::degenerate, message("facet ", f, " has ", loop.size(), " corners, must have at least 3"));
     for (int vertex : loop)
@@ -1629,8 +1622,8 @@ inline void check_duplicates(const std::vector<Vec3d>& vertices, double toleranc
       const double distance = (vertices[static_cast<std::size_t>(order[j].vertex)] - a).norm();
       if (distance <= tolerance)
         refuse_surface(MeshError::Reason::duplicate,
-                       message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", point_text(a), " are ",
-                               distance, " apart, must be more than ", tolerance));
+            message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", point_text(a), " are ", distance,
+                " apart, must be more than ", tolerance));
     }
 }
 
@@ -1650,21 +1643,20 @@ inline std::vector<SurfaceTriangle> check_facets(const ClosedSurface& input, dou
       size = std::max({size, (corner(i) - corner(0)).norm(), (corner(i + 1) - corner(i)).norm()});
     const Vec3d doubled = polygon_normal(input.vertices, loop);
     if (!(doubled.norm() > 2.0 * detail::flatness * size * size))
-      detail::refuse_surface(Reason::degenerate,
-                             message("facet ", f, " at ", detail::point_text(corner(0)), " has area ",
-                                     0.5 * doubled.norm(), ", must be more than ", detail::flatness * size * size));
+      detail::refuse_surface(
+          Reason::degenerate, message("facet ", f, " at ", detail::point_text(corner(0)), " has area ",
+                                  0.5 * doubled.norm(), ", must be more than ", detail::flatness * size * size));
     const Vec3d normal = doubled.normalized();
     for (std::size_t i = 1; i < loop.size(); ++i) {
       const double height = std::abs(normal.dot(corner(i) - corner(0)));
       if (loop.size() > 3 && height > detail::flatness * size)
-        detail::refuse_surface(Reason::degenerate,
-                               message("facet ", f, " at ", detail::point_text(corner(i)), " is not flat: ", height,
-                                       " off its plane, at most ", detail::flatness * size));
+        detail::refuse_surface(
+            Reason::degenerate, message("facet ", f, " at ", detail::point_text(corner(i)), " is not flat: ", height,
+                                    " off its plane, at most ", detail::flatness * size));
     }
     const auto pieces = facet_triangles(input.vertices, loop, normal, static_cast<int>(f), 2.0 * gap);
     if (!pieces)
-      detail::refuse_surface(
-          Reason::self_intersecting,
+      detail::refuse_surface(Reason::self_intersecting,
           message("the outline of facet ", f, " at ", detail::point_text(corner(0)), " crosses or touches itself"));
     triangles.insert(triangles.end(), pieces->begin(), pieces->end());
   }
@@ -1692,22 +1684,20 @@ inline SurfaceReport validate_surface(const ClosedSurface& input) {
     report.area += shell.area;
     report.volume += shell.volume;
     if (!(std::abs(shell.volume) > 1e-9 * shell.area * size))
-      detail::refuse_surface(
-          Reason::degenerate,
+      detail::refuse_surface(Reason::degenerate,
           message("the shell of facet ", triangles[static_cast<std::size_t>(shell.triangles[0])].facet,
-                  " encloses a volume of ", shell.volume, ", must be more than ", 1e-9 * shell.area * size));
+              " encloses a volume of ", shell.volume, ", must be more than ", 1e-9 * shell.area * size));
   }
   if (!(report.volume > 0.0))
-    detail::refuse_surface(Reason::not_manifold,
-                           message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
+    detail::refuse_surface(
+        Reason::not_manifold, message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
   if (const auto pair = SelfIntersection(input.vertices, triangles, detail::closeness * size).find()) {
     const SurfaceTriangle& a = triangles[static_cast<std::size_t>(pair->first)];
     const SurfaceTriangle& b = triangles[static_cast<std::size_t>(pair->second)];
-    detail::refuse_surface(
-        Reason::self_intersecting,
+    detail::refuse_surface(Reason::self_intersecting,
         message("facets ", std::min(a.facet, b.facet), " and ", std::max(a.facet, b.facet), " cross or touch near ",
-                detail::point_text(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
-                detail::closeness * size, " apart"));
+            detail::point_text(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
+            detail::closeness * size, " apart"));
   }
   check_inside(input, triangles, shells);
   report.cavities = cavity_points(input.vertices, triangles, shells);
@@ -1922,21 +1912,19 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 }  // namespace detail
 
 /// Reads a surface from a file's bytes; `kind`: ".obj" or ".stl", `name`: for messages. Throws as read_surface does.
-inline TriangleSurface parse_surface(std::string_view kind, const std::string& bytes, const std::string& name,
-                                     double unit_m) {
+inline TriangleSurface parse_surface(
+    std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
   TriangleSurface s;
   if (kind == ".obj") {
     s = detail::read_obj({bytes, name});
   } else {
     // A text, too, may begin with any 80 bytes; only the length distinguishes a binary file.
     const std::uint64_t count = bytes.size() >= 84 ? number_at<std::uint32_t>(&bytes[80], ByteOrder::little) : 0;
-    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count)
-      s = detail::read_stl_binary(bytes);
-    else if (bytes.rfind("solid", 0) == 0)
-      s = detail::read_stl_text({bytes, name});
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = detail::read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
     else
       throw InputError(message("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count,
-                               " triangles has ", 84 + 50 * count));
+          " triangles has ", 84 + 50 * count));
   }
   for (Vec3d& v : s.vertices) {
     if (!v.allFinite())
@@ -2013,11 +2001,8 @@ inline DesignSpace finger_space(const PadDimensions& pad = {});
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
 inline std::vector<FingerDesign> reference_designs() {
-  return {baseline_design(),
-          {4.0, 8.0, 8.0, 5.0, 2.0},
-          {8.0, 4.0, 6.0, 4.0, 2.0},
-          {5.0, 10.0, 10.0, 6.0, 3.0},
-          {10.0, 5.0, 8.0, 6.0, 1.0}};
+  return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0},
+      {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
@@ -2060,29 +2045,25 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;
-  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"},
-                     {"h_ep", 1.0, 20.0, step, "mm"},
-                     {"w_s", 4.0, 15.0, step, "mm"},
-                     {"h_s", 2.0, 15.0, step, "mm"},
-                     {"w_v", 0.0, 7.5, step, "mm"}};
+  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"}, {"h_ep", 1.0, 20.0, step, "mm"}, {"w_s", 4.0, 15.0, step, "mm"},
+      {"h_s", 2.0, 15.0, step, "mm"}, {"w_v", 0.0, 7.5, step, "mm"}};
   const double unbounded = -std::numeric_limits<double>::infinity();
-  space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"},
-                       {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
+  space.constraints = {
+      {"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
   const auto refusal = [pad](const char* where, double value) {
     return InfeasibleDesign(std::string("t_min ") + where, value, pad.t_min, "mm",
-                            message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
-                                    " mm is below its limit ", pad.t_min, " mm"));
+        message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
+            " mm is below its limit ", pad.t_min, " mm"));
   };
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
-                  [pad, refusal](std::span<const double> x) {
-                    return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad));
-                  }}};
+      [pad, refusal](
+          std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
   if (pad.t_min_beside)
     space.rules.push_back(
         {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
-         [pad, refusal](std::span<const double> x) {
-           return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
-         }});
+            [pad, refusal](std::span<const double> x) {
+              return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
+            }});
   return space;
 }
 
@@ -2196,8 +2177,7 @@ class Emitter {
                     { e.intensity(0.5) } -> std::convertible_to<double>;
                   })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
-    else
-      return nullptr;
+    else return nullptr;
   }
   template <class E> static const Calls calls;
 
@@ -2240,22 +2220,17 @@ template <class E> void validate_model(const E& model) {
 
 }  // namespace detail
 
-template <class E>
-const Emitter::Calls Emitter::calls = {
-    [](const void* e) -> Vec3d { return model<E>(e).center; },
+template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
     [](const void* e) -> double { return model<E>(e).power_W; },
-    [](const void* e) -> int { return model<E>(e).channel; },
-    [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+    [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
     [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
-    intensity_of<E>(),
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
     [](const void* e) -> bool {
       if constexpr (requires {
                       { model<E>(e).in_air } -> std::convertible_to<bool>;
                     })
         return model<E>(e).in_air;
-      else
-        return false;
+      else return false;
     },
     [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
     [](const void* e) { detail::validate_model(model<E>(e)); }};
@@ -2568,14 +2543,10 @@ enum class Twin {
 
 constexpr std::string_view to_string(Twin twin) {
   switch (twin) {
-    case Twin::no_void:
-      return "no_void";
-    case Twin::bonded_base:
-      return "bonded_base";
-    case Twin::unsupported_base:
-      return "unsupported_base";
-    default:
-      return "design";
+    case Twin::no_void: return "no_void";
+    case Twin::bonded_base: return "bonded_base";
+    case Twin::unsupported_base: return "unsupported_base";
+    default: return "design";
   }
 }
 
@@ -2606,8 +2577,8 @@ struct Chords {
 };
 
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
-inline HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords,
-                                const PadDimensions& pad = {});
+inline HalfSection half_section(
+    const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
 
 namespace detail {
 
@@ -2630,12 +2601,9 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
   for (int k = 0; k <= count; ++k) {
     const double want = measure.back() * k / count;
     while (at + 1 < measure.size() && measure[at + 1] < want) ++at;
-    if (k == 0)
-      angles.push_back(0.0);
-    else if (k == count)
-      angles.push_back(0.5 * pi);
-    else
-      angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
+    if (k == 0) angles.push_back(0.0);
+    else if (k == count) angles.push_back(0.5 * pi);
+    else angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
   }
   return angles;
 }
@@ -2746,8 +2714,8 @@ struct FingerOptions {
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
-      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y,
-              factor * max_turn_rad, factor * shortest_chord};
+      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
+          factor * shortest_chord};
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -2801,26 +2769,20 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
-    case SectionTag::stem_top:
-      return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
-    case SectionTag::stem_side:
-      return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base:
-      return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
+    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
+    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::void_inner:
       return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
     case SectionTag::void_roof:
       return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
     case SectionTag::void_wall:
-      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()},
-              false,       false,
-              supported,   Dielectric{},
-              false};
-    case SectionTag::side:
-      return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
+      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported,
+          Dielectric{}, false};
+    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
     default:
-      return {"dome",      EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
-              Dielectric{}};
+      return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
+          Dielectric{}};
   }
 }
 
@@ -2858,15 +2820,10 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
     }
     const bool air = s.design.w_v > 0.0;
     require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
-    for (const double side :
-         {1.0,
-          -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
-      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height},
-                                               along,
-                                               {0, 0, side * 0.5 * led.width_x},
-                                               0.5 * led.power_W / led.count,
-                                               0,
-                                               air});
+    for (const double side : {1.0,
+             -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
+      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along,
+          {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
   const auto r = o.readout;
   body.touched = o.touched;
@@ -2944,7 +2901,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   }
   Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
   body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()},
-                          o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+      o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
   for (int k = 0; k < n; ++k) {
     middle.loop.push_back(2 * k);
     end.loop.push_back(2 * (n - 1 - k) + 1);
@@ -3028,8 +2985,8 @@ inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<d
   if (angles_rad[0] != 0.0)
     throw InvalidArgument(message("lobe: the first angle is ", angles_rad[0], " rad, must be 0 rad"));
   for (std::size_t k = 0; k < n; ++k) {
-    require_in_range("angle of a lobe", angles_rad[k], k > 0 ? angles_rad[k - 1] + 1e-9 : 0.0, pi * (1.0 + 1e-12),
-                     "rad");
+    require_in_range(
+        "angle of a lobe", angles_rad[k], k > 0 ? angles_rad[k - 1] + 1e-9 : 0.0, pi * (1.0 + 1e-12), "rad");
     require_in_range("intensity of a lobe", density_[k], 0.0, 1e300, "");
     cosine_.push_back(std::cos(angles_rad[k]));
   }
@@ -3248,7 +3205,8 @@ namespace detail {
 inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) {
   const auto det = [](const Vec3d& u, const Vec3d& v, const Vec3d& w) { return u.dot(v.cross(w)); };
   return (det(a.col(0), b.col(1), c.col(2)) + det(a.col(0), c.col(1), b.col(2)) + det(b.col(0), a.col(1), c.col(2)) +
-          det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) + det(c.col(0), b.col(1), a.col(2))) /
+             det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) +
+             det(c.col(0), b.col(1), a.col(2))) /
          6.0;
 }
 
@@ -3307,7 +3265,7 @@ inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double vo
     for (double c : jacobian_coefficients(mesh, mesh.tets[e]))
       if (!(c > 0.0))
         throw MeshError(Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", c * 1e9,
-                                                  " mm3, must be > 0 over the whole element"));
+                                              " mm3, must be > 0 over the whole element"));
   std::map<std::pair<int, int>, int> edges;  // directed edges of the closed surface must pair up
   for (const BoundaryFace& f : mesh.faces)
     for (std::size_t k = 0; k < 3; ++k) ++edges[{f.nodes[k], f.nodes[(k + 1) % 3]}];
@@ -3315,13 +3273,13 @@ inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double vo
     const auto back = edges.find({edge.second, edge.first});
     if (count != 1 || back == edges.end() || back->second != 1)
       throw MeshError(count != 1 ? Reason::not_manifold : Reason::open,
-                      message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
+          message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
   }
   if (exact_volume_m3 > 0.0) {
     const double volume = measure(mesh).volume_m3;
     if (!(std::abs(volume / exact_volume_m3 - 1.0) <= volume_tolerance))
       throw MeshError(Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
-                                                  100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
+                                              100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
   }
 }
 
@@ -3354,8 +3312,8 @@ inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identi
   return p;
 }
 
-inline void make_quadratic(const Body& body, TetMesh& mesh,
-                           const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+inline void make_quadratic(
+    const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   std::map<std::pair<int, int>, int> middle;
   const auto middle_of = [&](int a, int b) {
     const std::pair<int, int> key = std::minmax(a, b);
@@ -3387,9 +3345,8 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   // from zero.
   for (const Vec3d& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
   if (body.sizing.edge)
-    input.edge = [&body, stretch](const Vec3d& p) {
-      return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z()));
-    };
+    input.edge = [&body, stretch](
+                     const Vec3d& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z())); };
   const auto filled = mesher.fill(input);
 
   TetMesh mesh;
@@ -3417,7 +3374,7 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   if (body.symmetry.x) mesh = mirrored(mesh, 0);
   if (body.symmetry.y) mesh = mirrored(mesh, 1);
   std::stable_sort(mesh.faces.begin(), mesh.faces.end(),
-                   [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
+      [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
   // The faces of a straight-sided mesh cut the curved profile short; only the quadratic one is held to the exact
   // volume.
   require_valid(mesh, order == 2 ? body.exact_volume_m3 : 0.0);
@@ -3767,8 +3724,7 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
     } else {
       if (const auto side = encroached(place.triangle, round.center))
         split_outline(side->first, side->second, closest, changed);
-      else if (round.radius >= closest)
-        insert(place.triangle, round.center, changed);
+      else if (round.radius >= closest) insert(place.triangle, round.center, changed);
     }
     if (changed.empty()) continue;  // as good as the outline allows
     todo.push_back(t);
@@ -3811,8 +3767,8 @@ inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0,
 /// surface that was to be filled: finite, positive volumes, faces shared by two tetrahedra of opposite sense or on the
 /// boundary, boundary faces on their facets, volume and area those of the input to 1e-6. Throws MeshError: crashed for
 /// an answer that cannot be a mesh, inverted, open, not_manifold, or inaccurate.
-inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface, const RawFill& raw,
-                               double scale = 1.0);
+inline LinearTets checked_fill(
+    const MeshInput& input, const SurfaceReport& surface, const RawFill& raw, double scale = 1.0);
 
 namespace detail {
 
@@ -3863,8 +3819,8 @@ class FillCheck {
 inline void FillCheck::take_vertices(const RawFill& raw, double scale) {
   const std::size_t count = raw.coordinates.size() / 3, given = input_.vertices.size();
   if (count < given || raw.tets.size() < 4)
-    throw MeshError(Reason::crashed,
-                    message("mesher returned ", count, " vertices and ", raw.tets.size() / 4, " tetrahedra"));
+    throw MeshError(
+        Reason::crashed, message("mesher returned ", count, " vertices and ", raw.tets.size() / 4, " tetrahedra"));
   mesh_.vertices.reserve(count);
   for (std::size_t i = 0; i < count; ++i) {
     const double* c = &raw.coordinates[3 * i];
@@ -3897,8 +3853,8 @@ inline double FillCheck::take_tets(const std::vector<std::int32_t>& tets) {
     const int number = int(mesh_.tets.size());
     for (int k = 0; k < 4; ++k) {
       const auto& [a, b, c] = outward_faces[std::size_t(k)];
-      sides_.emplace_back(std::array<int, 3>{tet[std::size_t(a)], tet[std::size_t(b)], tet[std::size_t(c)]},
-                          4 * number + k);
+      sides_.emplace_back(
+          std::array<int, 3>{tet[std::size_t(a)], tet[std::size_t(b)], tet[std::size_t(c)]}, 4 * number + k);
     }
     mesh_.tets.push_back(tet);
   }
@@ -3917,10 +3873,10 @@ inline void FillCheck::find_boundary(const RawFill& raw) {
     while (end < sides_.size() && sides_[end].key == side.key) ++end;
     if (end - i > 2 || (end - i == 2 && side.odd == sides_[i + 1].odd))
       throw MeshError(Reason::not_manifold,
-                      message("tetrahedron ", side.from / 4, " overlaps its neighbour ", sides_[i + 1].from / 4));
+          message("tetrahedron ", side.from / 4, " overlaps its neighbour ", sides_[i + 1].from / 4));
     if (end - i == 1) {
-      const auto found = std::lower_bound(named.begin(), named.end(), side,
-                                          [](const SortedFace& a, const SortedFace& b) { return a.key < b.key; });
+      const auto found = std::lower_bound(
+          named.begin(), named.end(), side, [](const SortedFace& a, const SortedFace& b) { return a.key < b.key; });
       if (found == named.end() || found->key != side.key || found->from < 1 || found->from > int(input_.facets.size()))
         throw MeshError(Reason::open, message("a boundary face of tetrahedron ", side.from / 4, " lies on no facet"));
       boundary_.push_back({side.from, found->from - 1});
@@ -3943,8 +3899,8 @@ inline double FillCheck::take_faces(double reach) {
     for (int vertex : face)
       if (const double height = std::abs(normals[std::size_t(number)].dot(at(vertex) - at(facet.loop[0])));
           height > reach)
-        throw MeshError(Reason::inaccurate, message("boundary vertex ", vertex, " is ", height, " off facet ", number,
-                                                    ", at most ", reach));
+        throw MeshError(Reason::inaccurate,
+            message("boundary vertex ", vertex, " is ", height, " off facet ", number, ", at most ", reach));
     mesh_.faces.push_back(face);
     mesh_.patches.push_back(facet.patch);
   }
@@ -3963,7 +3919,7 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
   const auto compare = [](const char* what, double value, double wanted, const char* unit) {
     if (!(std::abs(value - wanted) <= tolerance * wanted))
       throw MeshError(MeshError::Reason::inaccurate, message("mesh ", what, " is ", value, ", the surface's is ",
-                                                             wanted, ", may differ by 1e-6 relative [unit", unit, "]"));
+                                                         wanted, ", may differ by 1e-6 relative [unit", unit, "]"));
   };
   compare("volume", volume, surface.volume, "^3");
   compare("area", area, surface.area, "^2");
@@ -4010,7 +3966,7 @@ struct Prism {
 
 [[noreturn]] inline void refuse_prism(const std::string& why) {
   throw MeshError(MeshError::Reason::degenerate,
-                  message("swept mesher: ", why, "; the surface must be a prism along y with one facet on each side"));
+      message("swept mesher: ", why, "; the surface must be a prism along y with one facet on each side"));
 }
 
 inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
@@ -4033,7 +3989,7 @@ inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
   const std::size_t n = p.at_high.size();
   if (input.facets.size() != n + 2 || input.vertices.size() != 2 * n)
     refuse_prism(message("an end has ", n, " edges, there are ", input.facets.size() - 2, " other facets and ",
-                         input.vertices.size(), " vertices"));
+        input.vertices.size(), " vertices"));
   std::map<std::pair<double, double>, int> below;
   for (const int v : input.facets[std::size_t(p.low_end)].loop) below[{at(v).x(), at(v).z()}] = v;
   std::map<std::pair<int, int>, int> edge;  // of the high end, directed → number
@@ -4065,8 +4021,8 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
   for (std::size_t i = 0; i < steps; ++i) layers[i + 1] = layers[i] + 1.0 / (double(steps) * thickness[i]);
   const double count = std::max(1.0, std::ceil(layers.back() - 1e-9));
   if (!(count <= double(SweptMesher::most_layers)))
-    throw MeshError(MeshError::Reason::out_of_memory,
-                    message("swept mesher: ", count, " layers are wanted, at most 10000"));
+    throw MeshError(
+        MeshError::Reason::out_of_memory, message("swept mesher: ", count, " layers are wanted, at most 10000"));
   std::vector<double> places{0.0};
   std::size_t i = 0;
   for (double k = 1.0; k < count; k += 1.0) {
@@ -4082,8 +4038,8 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
 using SectionWish = std::function<double(const Point2& point, double y)>;
 
 /// What one layer may be thick [share of the prism's length] at each of evenly spaced places along y.
-inline std::vector<double> layer_thickness(const Prism& prism, const std::vector<Point2>& points,
-                                           const SectionWish& wanted) {
+inline std::vector<double> layer_thickness(
+    const Prism& prism, const std::vector<Point2>& points, const SectionWish& wanted) {
   constexpr int places = 4 * SweptMesher::samples;
   const double length = prism.high - prism.low;
   std::vector<double> thickness;
@@ -4180,8 +4136,8 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
   const auto wanted = [&](const Point2& p, double y) {
     const double edge = input.edge ? input.edge(Vec3d(p[0], y, -p[1])) : std::numeric_limits<double>::infinity();
     if (!(edge > 0.0))
-      throw MeshError(MeshError::Reason::not_finite, message("swept mesher: wanted edge length at (", p[0], ", ", y,
-                                                             ", ", -p[1], ") is ", edge, ", must be > 0"));
+      throw MeshError(MeshError::Reason::not_finite,
+          message("swept mesher: wanted edge length at (", p[0], ", ", y, ", ", -p[1], ") is ", edge, ", must be > 0"));
     return edge;
   };
   auto section = PolygonRefinement::of(prism.section);
@@ -4194,8 +4150,8 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
   std::vector<double> places;
   if (filled) places = detail::layer_places(detail::layer_thickness(prism, section->points(), wanted));
   if (!filled || section->points().size() * places.size() > most_vertices)
-    throw MeshError(MeshError::Reason::out_of_memory,
-                    "swept mesher: the wanted edges are too short, at most 5 million vertices");
+    throw MeshError(
+        MeshError::Reason::out_of_memory, "swept mesher: the wanted edges are too short, at most 5 million vertices");
   return checked_fill(input, surface, detail::Sweep(prism, *section, places).fill(input));
 }
 
@@ -4253,9 +4209,8 @@ inline std::string base64(std::span<const unsigned char> bytes) {
 }
 
 // VTK's inline binary: the number of bytes as UInt64, then the values, encoded as one piece.
-template <class T>
-void vtu_array(std::ostream& out, std::string_view type, std::string_view name, int components,
-               const std::vector<T>& values) {
+template <class T> void vtu_array(
+    std::ostream& out, std::string_view type, std::string_view name, int components, const std::vector<T>& values) {
   const std::uint64_t size = values.size() * sizeof(T);
   std::vector<unsigned char> bytes(sizeof size + size);
   std::memcpy(bytes.data(), &size, sizeof size);
@@ -4268,14 +4223,10 @@ void vtu_array(std::ostream& out, std::string_view type, std::string_view name, 
 inline std::string xml_attribute(std::string_view s) {
   std::string out;
   for (const char c : s) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '"')
-      out += "&quot;";
-    else
-      out += c;
+    if (c == '&') out += "&amp;";
+    else if (c == '<') out += "&lt;";
+    else if (c == '"') out += "&quot;";
+    else out += c;
   }
   return out;
 }
@@ -4284,7 +4235,7 @@ inline void write_vtu(std::ostream& out, const TetMesh& mesh, const std::span<co
   for (const NodeField& f : fields)
     if ((f.components != 1 && f.components != 3) || f.values.size() != mesh.nodes.size() * std::size_t(f.components))
       throw InvalidArgument(message("field '", f.name, "' has ", f.values.size(), " values of ", f.components,
-                                    " components, the mesh has ", mesh.nodes.size(), " nodes"));
+          " components, the mesh has ", mesh.nodes.size(), " nodes"));
 
   const std::size_t per_tet = std::size_t(mesh.nodes_per_tet());
   std::vector<std::int64_t> connectivity, offsets;
@@ -4457,10 +4408,9 @@ template <class S> InvariantSample<S> without_volume(const Mat3<S>& F, const Inv
   const S J = F.determinant(), scale = pow(J, -m);
   const Mat3<S> c = cofactor(F);
   const Mat9<S> mixed = dyad(full.gradient, c);
-  return {
-      scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
+  return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
       scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) +
-               dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) - (m * full.value / J) * determinant_hessian(F))};
+                  dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) - (m * full.value / J) * determinant_hessian(F))};
 }
 
 }  // namespace detail
@@ -4482,7 +4432,7 @@ template <class S> InvariantSample<S> second_isochoric_invariant(const Mat3<S>& 
         for (int l = 0; l < 3; ++l) {
           const double same_row = i == k ? 1.0 : 0.0, same_column = j == l ? 1.0 : 0.0;
           h(i + 3 * j, k + 3 * l) = 2.0 * (I1 * same_row * same_column + 2.0 * F(i, j) * F(k, l) - same_row * C(l, j) -
-                                           F(i, l) * F(k, j) - same_column * B(i, k));
+                                              F(i, l) * F(k, j) - same_column * B(i, k));
         }
   const InvariantSample<S> full{0.5 * (I1 * I1 - C.squaredNorm()), 2.0 * (I1 * F - F * C), h};
   return detail::without_volume(F, full, 4.0 / 3.0);
@@ -4788,7 +4738,7 @@ inline void validate(const Yeoh& m) {
   const double least = -std::sqrt(3.0 * m.c1 * m.c3);
   if (!(std::isfinite(m.c2) && m.c2 <= 1e12 && (m.c2 >= 0.0 || m.c2 > least)))
     throw InvalidArgument(message("Yeoh c2 is ", m.c2, " Pa, must lie above -sqrt(3 c1 c3) = ", least,
-                                  " Pa, or not below 0, and not above 1e12 Pa"));
+        " Pa, or not below 0, and not above 1e12 Pa"));
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 
@@ -4825,10 +4775,8 @@ concept Indenter = requires(const T& tool, const Vec3d& p) {
 /// How strongly a tool is curved where it is meant to touch [m]: its own contact_radius_m(), or the whole tool's
 /// radius. Only a scale for first guesses.
 template <Indenter Tool> double contact_radius(const Tool& tool) {
-  if constexpr (requires { tool.contact_radius_m(); })
-    return tool.contact_radius_m();
-  else
-    return tool.radius_m();
+  if constexpr (requires { tool.contact_radius_m(); }) return tool.contact_radius_m();
+  else return tool.radius_m();
 }
 
 /// Is the tool its own mirror image in the plane across `axis` (0: x, 1: y, 2: z) of its frame? One that does not say
@@ -4838,8 +4786,7 @@ template <Indenter Tool> bool is_symmetric(const Tool& tool, int axis) {
                   { tool.symmetric(axis) } -> std::convertible_to<bool>;
                 })
     return tool.symmetric(axis);
-  else
-    return false;
+  else return false;
 }
 
 /// Rigid sphere.
@@ -5019,7 +4966,7 @@ inline void validate(const Cylinder& c) {
   require_in_range("cylinder diameter", c.diameter_m * 1e3, 0.1, 1000.0, "mm");
   require_in_range("cylinder length", c.length_m * 1e3, 0.1, 1000.0, "mm");
   require_in_range("edge radius of the cylinder", c.edge_radius_m * 1e3, 0.0,
-                   0.499 * std::min(c.diameter_m, c.length_m) * 1e3, "mm");
+      0.499 * std::min(c.diameter_m, c.length_m) * 1e3, "mm");
 }
 
 // A rectangle in the half-plane through the axis, turned about it.
@@ -5226,8 +5173,8 @@ class SignedDistance {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3d out = outward(n), way = p - n.at.point;
     const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
-    Sample s{sign * n.distance, n.distance > 0.0 ? Vec3d(sign / n.distance * way) : Vec3d(out.normalized()),
-             Mat3d::Zero()};
+    Sample s{
+        sign * n.distance, n.distance > 0.0 ? Vec3d(sign / n.distance * way) : Vec3d(out.normalized()), Mat3d::Zero()};
     if (n.at.feature == TrianglePoint::inside || !(n.distance > 0.0)) return s;
     Mat3d turning =
         Mat3d::Identity() -
@@ -5448,8 +5395,8 @@ inline DistanceSample DistanceGrid::sample(const Vec3d& p) const {
   const double apart = far.distance - near.distance;
   const Vec3d turn = far.gradient - near.gradient;
   return {near.distance + gone * apart, near.gradient + gone * turn + apart * slope,
-          near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() +
-              apart * bend};
+      near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() +
+          apart * bend};
 }
 
 inline DistanceSample DistanceGrid::exact(const Vec3d& p) const {
@@ -5599,24 +5546,19 @@ template <ContactHandler Contact> constexpr ContactPoints contact_points() {
                   { Contact::points } -> std::convertible_to<ContactPoints>;
                 })
     return Contact::points;
-  else
-    return ContactPoints::surface;
+  else return ContactPoints::surface;
 }
 
 /// Coulomb's coefficient of a law; 0 where it has none.
 template <ContactHandler Contact> double friction_coefficient(const Contact& contact) {
-  if constexpr (requires { contact.friction; })
-    return contact.friction;
-  else
-    return 0.0;
+  if constexpr (requires { contact.friction; }) return contact.friction;
+  else return 0.0;
 }
 
 /// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
 template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
-  if constexpr (requires { contact.area_per_vertex_m2; })
-    return contact.area_per_vertex_m2;
-  else
-    return 0.0;
+  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
+  else return 0.0;
 }
 
 /// Response of a spring of `stiffness` [N/m³] to a gap; 0 while it is open.
@@ -6042,7 +5984,7 @@ struct LinearPatchTet {
     const auto& part = parts[q];
     const auto edge = [&](int k) {
       return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1],
-                   place[part[k]][2] - place[part[0]][2]);
+          place[part[k]][2] - place[part[0]][2]);
     };
     for (int k = 1; k < 4; ++k) {
       const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1),
@@ -6064,12 +6006,12 @@ struct LinearPatchTet {
 
   /// Nodes of the eight: at the corners, and the octahedron between them cut along the line from node 4 to node 9,
   /// which mirrored() leaves in place.
-  static constexpr int parts[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3},
-                                      {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
+  static constexpr int parts[8][4] = {
+      {0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
 
  private:
-  static constexpr double place[10][3] = {{0, 0, 0},     {1, 0, 0},   {0, 1, 0},   {0, 0, 1},     {0.5, 0, 0},
-                                          {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
+  static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0},
+      {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
 };
 
 /// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of
@@ -6084,12 +6026,8 @@ template <class S> std::array<S, 6> face_shape(const S& u, const S& v, int order
 template <class S> std::array<std::array<S, 2>, 6> face_shape_derivatives(const S& u, const S& v, int order) {
   if (order == 1) return {{{-1, -1}, {1, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}}};
   const S w = 1.0 - u - v;
-  return {{{1 - 4 * w, 1 - 4 * w},
-           {4 * u - 1, 0},
-           {0, 4 * v - 1},
-           {4 * (w - u), -4 * u},
-           {4 * v, 4 * u},
-           {-4 * v, 4 * (w - v)}}};
+  return {{{1 - 4 * w, 1 - 4 * w}, {4 * u - 1, 0}, {0, 4 * v - 1}, {4 * (w - u), -4 * u}, {4 * v, 4 * u},
+      {-4 * v, 4 * (w - v)}}};
 }
 
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);
@@ -6114,8 +6052,8 @@ template <TetElement Element> class ElementPoints {
   /// no element, or be missing.
   explicit ElementPoints(const TetMesh& mesh) {
     if (mesh.order != Element::order)
-      throw InvalidArgument(message("elements are of order ", Element::order, ", the mesh is of order ", mesh.order,
-                                    ", must be the same"));
+      throw InvalidArgument(message(
+          "elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
     gradients_.reserve(mesh.tets.size() * Element::points);
     weights_.reserve(mesh.tets.size() * Element::points);
     for (const auto& t : mesh.tets)
@@ -6210,10 +6148,8 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     J.reserve(mesh_->tets.size() * cells());
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, x);
-      if (element_.mean_dilatation)
-        J.push_back(s.mean_J);
-      else
-        J.insert(J.end(), s.J.begin(), s.J.end());
+      if (element_.mean_dilatation) J.push_back(s.mean_J);
+      else J.insert(J.end(), s.J.begin(), s.J.end());
     }
     return J;
   }
@@ -6227,10 +6163,8 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
         const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
         double rate = 0.0;
         for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
-        if (element_.mean_dilatation)
-          J[e] += weight(e, q) / s.volume * rate;
-        else
-          J[e * cells() + std::size_t(q)] += rate;
+        if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
+        else J[e * cells() + std::size_t(q)] += rate;
       }
     }
     return J;
@@ -6256,7 +6190,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
 
   /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
   void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
-                   const std::vector<double>* about = nullptr) const {
+      const std::vector<double>* about = nullptr) const {
     constexpr int size = 3 * N;
     Eigen::Matrix<double, size, size> K;
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
@@ -6337,7 +6271,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
   }
 
   void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* about,
-                       Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
+      Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
     const ElementState s = state(e, x);
     Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
     K.setZero();
@@ -6556,9 +6490,8 @@ struct NoFriction {
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that
 // the rigid thing reaches, or whose given gaps are closed.
-template <class Tool, class Visit>
-void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid,
-                        const SurfaceGaps* gaps, Visit&& visit) {
+template <class Tool, class Visit> void for_contact_points(const ContactSurface& surface, const Positions& x,
+    const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
     const bool near = rigid.distance(middle) <= radius;
@@ -6582,8 +6515,7 @@ template <class Friction = detail::NoFriction> struct ContactHistory {
 /// meant then. Friction enters forces but not the energy.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
-                               const Positions& x, std::type_identity_t<Positions>* force,
-                               const ContactHistory<Friction>& history = {}) {
+    const Positions& x, std::type_identity_t<Positions>* force, const ContactHistory<Friction>& history = {}) {
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
@@ -6615,8 +6547,7 @@ struct TangentSums {
 /// Adds the contact stiffness.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
-                                const Positions& x, const TangentSums& tangent,
-                                const ContactHistory<Friction>& history = {}) {
+    const Positions& x, const TangentSums& tangent, const ContactHistory<Friction>& history = {}) {
   ContactSums sums;
   const Equations& eq = tangent.equations;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
@@ -6670,9 +6601,8 @@ template <class Tool> struct ContactPlace {
 
 /// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
 /// have at `linear`.
-template <class Tool>
-SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
-                           const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
+    const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
@@ -6717,7 +6647,7 @@ template <Indenter Tool = Sphere> struct Scenario {
 template <Indenter Tool> Symmetry symmetry_of(const Scenario<Tool>& s) {
   const bool straight = s.angle_rad == 0.0;
   return {(straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0),
-          s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
+      s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
 }
 
 /// Mirror image of a contact with a symmetric tool in these planes.
@@ -6909,7 +6839,7 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
   }
   if (!std::isfinite(best))
     throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi,
-                                  " deg passes by the body"));
+        " deg passes by the body"));
   return {start + best * direction, point};
 }
 
@@ -6943,9 +6873,8 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
 }
 
 constexpr std::string_view to_string(Status s) {
-  constexpr std::array<std::string_view, 8> names{"converged",   "held",      "max_iterations",
-                                                  "line_search", "inverted",  "not_positive_definite",
-                                                  "non_finite",  "time_limit"};
+  constexpr std::array<std::string_view, 8> names{"converged", "held", "max_iterations", "line_search", "inverted",
+      "not_positive_definite", "non_finite", "time_limit"};
   return names[std::size_t(s)];
 }
 
@@ -6999,19 +6928,18 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
   Element element;
 };
 
-template <class Material, class Contact, class Element>
-PressPhysics(Material, Contact, Element) -> PressPhysics<Material, Contact, Element>;
+template <class Material, class Contact, class Element> PressPhysics(Material, Contact, Element)
+    -> PressPhysics<Material, Contact, Element>;
 
 /// How the states under a scenario's loads are found. model() makes what scenarios on one mesh share, for a sector of
 /// it where the solver `uses_symmetry`; run() gives one state per load, displacements on the sector's nodes, up to the
 /// first that fails. Laws: same input, same bits, also side by side; a state is `converged` or `held` or says why not;
 /// run() changes nothing in the model.
 template <class S, class Material, class Contact, class Element>
-concept PressSolver = std::copyable<S> &&
-    requires(const S& solver, const Body& body, const TetMesh& mesh, Symmetry planes,
-             const PressPhysics<Material, Contact, Element>& physics,
-             const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario,
-             const Touch& touch) {
+concept PressSolver = std::copyable<S> && requires(const S& solver, const Body& body, const TetMesh& mesh,
+    Symmetry planes, const PressPhysics<Material, Contact, Element>& physics,
+    const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario,
+    const Touch& touch) {
   { S::uses_symmetry } -> std::convertible_to<bool>;
   {
     solver.model(body, mesh, planes, physics)
@@ -7317,11 +7245,11 @@ inline SimdPack log(const SimdPack& a) {
 
 #if LUMO_VECTOR_TYPES
 // Whole points are read and turned, which takes less than reading number by number.
-inline std::array<SimdPack, 3> SimdPack::gathered(const std::vector<Point>& points,
-                                                  const std::array<int, width>& index) {
+inline std::array<SimdPack, 3> SimdPack::gathered(
+    const std::vector<Point>& points, const std::array<int, width>& index) {
   const auto two = [&](std::size_t lane) {
-    return SimdPack{__builtin_shufflevector(points[std::size_t(index[lane])].v, points[std::size_t(index[lane + 4])].v,
-                                            0, 1, 2, 3, 4, 5, 6, 7)};
+    return SimdPack{__builtin_shufflevector(
+        points[std::size_t(index[lane])].v, points[std::size_t(index[lane + 4])].v, 0, 1, 2, 3, 4, 5, 6, 7)};
   };
   const SimdPack p04 = two(0), p15 = two(1), p26 = two(2), p37 = two(3);
   const auto even = [](const SimdPack& a, const SimdPack& b) {
@@ -7332,12 +7260,12 @@ inline std::array<SimdPack, 3> SimdPack::gathered(const std::vector<Point>& poin
   };
   const SimdPack xz_low = even(p04, p15), xz_high = even(p26, p37), y_low = odd(p04, p15), y_high = odd(p26, p37);
   return {SimdPack{__builtin_shufflevector(xz_low.v, xz_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
-          SimdPack{__builtin_shufflevector(y_low.v, y_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
-          SimdPack{__builtin_shufflevector(xz_low.v, xz_high.v, 2, 3, 10, 11, 6, 7, 14, 15)}};
+      SimdPack{__builtin_shufflevector(y_low.v, y_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
+      SimdPack{__builtin_shufflevector(xz_low.v, xz_high.v, 2, 3, 10, 11, 6, 7, 14, 15)}};
 }
 #else
-inline std::array<SimdPack, 3> SimdPack::gathered(const std::vector<Point>& points,
-                                                  const std::array<int, width>& index) {
+inline std::array<SimdPack, 3> SimdPack::gathered(
+    const std::vector<Point>& points, const std::array<int, width>& index) {
   std::array<SimdPack, 3> xyz;
   for (std::size_t lane = 0; lane < width; ++lane)
     for (std::size_t i = 0; i < 3; ++i) xyz[i].set(lane, points[std::size_t(index[lane])].v[i]);
@@ -7393,12 +7321,12 @@ template <DilatationalMaterial Material> class VertexPacks {
   void remember(const Batch& batch, const Places& x, Start& start) const;
 
   /// Adds the shares of a batch's vertices; see VertexElasticity::add. `start` is not looked at without viscosity.
-  void add(const Batch& batch, const Places& x, const Start& start, double rate,
-           std::array<VertexBlock, width>& out) const;
+  void add(
+      const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const;
 
   /// Largest part of each vertex's step that is safe; see VertexElasticity::feasible_part.
-  std::array<double, width> feasible_parts(const Batch& batch, const Places& x,
-                                           const std::array<Vec3d, width>& steps) const;
+  std::array<double, width> feasible_parts(
+      const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const;
 
  private:
   using Vector = std::array<SimdPack, 3>;
@@ -7453,14 +7381,13 @@ template <DilatationalMaterial Material> class VertexPacks {
   std::vector<Slot> slots_;
 };
 
-template <DilatationalMaterial Material>
-VertexPacks<Material>::VertexPacks(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity,
-                                   const VertexColors& colors)
+template <DilatationalMaterial Material> VertexPacks<Material>::VertexPacks(
+    const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors)
     : material_(elasticity.material()) {
   for (const std::vector<int>& color : colors) {
     std::vector<int> order = color;
     std::stable_sort(order.begin(), order.end(),
-                     [&](int a, int b) { return elasticity.incidences(a).size() > elasticity.incidences(b).size(); });
+        [&](int a, int b) { return elasticity.incidences(a).size() > elasticity.incidences(b).size(); });
     batches_.emplace_back();
     for (std::size_t begin = 0; begin < order.size(); begin += width) {
       Batch batch{{}, {}, slots_.size(), elasticity.incidences(order[begin]).size()};
@@ -7522,9 +7449,8 @@ void VertexPacks<Material>::remember(const Batch& batch, const Places& x, Start&
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) start[k] = square(shape(self, slots_[k], x));
 }
 
-template <DilatationalMaterial Material>
-void VertexPacks<Material>::add(const Batch& batch, const Places& x, const Start& start, double rate,
-                                std::array<VertexBlock, width>& out) const {
+template <DilatationalMaterial Material> void VertexPacks<Material>::add(
+    const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const {
   static constexpr std::size_t row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
   const double mu = material_.shear_modulus();
   const Vector self = SimdPack::gathered(x, batch.vertex);
@@ -7644,7 +7570,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
 
   /// Throws InvalidArgument when the given colors are none.
   DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes,
-               const PressPhysics<Material, Contact, Element>& physics, const DescentConfig& config)
+      const PressPhysics<Material, Contact, Element>& physics, const DescentConfig& config)
       : sector(sector_of(mesh, planes)),
         contact(physics.contact),
         elasticity(sector.mesh, physics.material, physics.element),
@@ -7778,9 +7704,8 @@ template <ContactHandler Contact, class Tool> class StepContacts {
   std::vector<Corner> corners_;
 };
 
-template <ContactHandler Contact, class Tool>
-void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved,
-                                       double reach_m, double stick_m) {
+template <ContactHandler Contact, class Tool> void StepContacts<Contact, Tool>::find(
+    const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m) {
   rigid_ = rigid;
   moved_ = moved;
   stick_m_ = stick_m;
@@ -7833,8 +7758,7 @@ template <Executor E = Serial> struct BlockDescent {
 
   /// Throws InvalidArgument for settings out of range and for colors that are none.
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(
-      const Body& body, const TetMesh& mesh, Symmetry planes,
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
       const PressPhysics<Material, Contact, Element>& physics) const {
     validate(config);
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics, config);
@@ -7852,7 +7776,7 @@ using VertexBlockDescent = BlockDescent<>;
 template <class Model, Indenter Tool, Executor E> class Descent {
  public:
   Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3d& direction, const DescentConfig& config,
-          const E& executor)
+      const E& executor)
       : model_(model),
         config_(config),
         executor_(executor),
@@ -7883,8 +7807,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
     remember();
     predict();
     place_all();
-    touching_.find(start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m,
-                   stick);
+    touching_.find(
+        start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m, stick);
     resting_.find(start_, {&model_.carrier, Vec3d::Zero(), Vec3d::UnitZ()}, Vec3d::Zero(), config_.detection_m, stick);
     for (int k = 0; k < config_.sweeps; ++k) sweep();
     if (!(x_.array().abs() < lost_m).all()) {
@@ -8030,10 +7954,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   typename Model::Packs::Start packs_start_;
 };
 
-template <Executor E>
-template <class SomeModel, Indenter Tool>
-std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const Scenario<Tool>& scenario,
-                                                  const Touch& touch) const {
+template <Executor E> template <class SomeModel, Indenter Tool> std::vector<MechanicalState> BlockDescent<E>::run(
+    const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
   const Stopwatch watch;
   Descent<SomeModel, Tool, E> body(model, scenario.indenter, touch, scenario.direction(), config, executor);
   const int hold = int(std::lround(config.hold_s / config.time_step_s));
@@ -8046,16 +7968,12 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
     const int before = steps;
     const auto go = [&](double by) {
       ++steps;
-      if (!body.step(by))
-        state.status = Status::non_finite;
-      else if (watch.seconds() > config.time_limit_s)
-        state.status = Status::time_limit;
+      if (!body.step(by)) state.status = Status::non_finite;
+      else if (watch.seconds() > config.time_limit_s) state.status = Status::time_limit;
     };
     while (state.status == Status::held && body.push() < load) {
-      if (body.advance() >= config.max_advance_m)
-        state.status = Status::max_iterations;
-      else
-        go(config.speed_m_per_s * config.time_step_s);
+      if (body.advance() >= config.max_advance_m) state.status = Status::max_iterations;
+      else go(config.speed_m_per_s * config.time_step_s);
     }
     state.met_force_N = body.push();
     for (int k = 0; k < hold && state.status == Status::held; ++k) go(0.0);
@@ -8084,9 +8002,8 @@ namespace lumo {
 /// A mesh of the body that is fine where the scenarios' indenters first touch it, and in the mirror images of those
 /// places. `coarse` is any mesh of the body. Throws InvalidArgument when an indenter passes by, MeshError when the body
 /// cannot be meshed.
-template <Mesher M, Indenter Tool>
-TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse, const std::vector<Scenario<Tool>>& scenarios,
-                         const M& mesher, const Focus& focus = {}, int order = 2) {
+template <Mesher M, Indenter Tool> TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse,
+    const std::vector<Scenario<Tool>>& scenarios, const M& mesher, const Focus& focus = {}, int order = 2) {
   std::vector<Vec3d> touches;
   for (const Scenario<Tool>& s : scenarios) touches.push_back(first_touch(body, coarse, s).point);
   return mesh_body(focused(body, touches, focus), mesher, order);
@@ -8264,14 +8181,10 @@ class Svg {
   static std::string escaped(std::string_view s) {
     std::string out;
     for (const char c : s) {
-      if (c == '&')
-        out += "&amp;";
-      else if (c == '<')
-        out += "&lt;";
-      else if (c == '>')
-        out += "&gt;";
-      else
-        out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
+      if (c == '&') out += "&amp;";
+      else if (c == '<') out += "&lt;";
+      else if (c == '>') out += "&gt;";
+      else out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
     }
     return out;
   }
@@ -8436,9 +8349,8 @@ namespace lumo {
 /// material has moved, over its undeformed outline, with carrier and indenter; axes x and z in mm. Throws
 /// InvalidArgument for a state that has no displacement on this mesh, or when the indenter passes by; InputError when
 /// the stream fails.
-template <Indenter Tool>
-void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
-                     const MechanicalState& state);
+template <Indenter Tool> void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh,
+    const Scenario<Tool>& scenario, const MechanicalState& state);
 
 namespace detail {
 
@@ -8455,9 +8367,8 @@ struct BodyCut {
 
 /// Where the plane y = `at` cuts a tetrahedron or triangle with these corners, in order around the cut. A corner in the
 /// plane counts as beyond it.
-template <std::size_t N>
-std::vector<CutPoint> cut_across(const std::array<Vec3d, N>& corners, const std::array<double, N>& moved_mm,
-                                 double at) {
+template <std::size_t N> std::vector<CutPoint> cut_across(
+    const std::array<Vec3d, N>& corners, const std::array<double, N>& moved_mm, double at) {
   std::vector<CutPoint> points;
   for (std::size_t i = 0; i < N; ++i)
     for (std::size_t j = 0; j < N; ++j) {
@@ -8550,7 +8461,7 @@ inline void draw_colour_bar(Svg& svg, const plot::Frame& f, double most_mm) {
   const double left = f.right + 24.0, height = std::min(220.0, f.bottom - f.top);
   for (int k = 0; k < steps; ++k)
     svg.rect({left, f.top + height * (steps - 1 - k) / steps}, 18, height / steps + 0.5,
-             {.fill = moved_colour((k + 0.5) / steps)});
+        {.fill = moved_colour((k + 0.5) / steps)});
   for (const double part : {0.0, 0.5, 1.0})
     svg.text({left + 24, f.top + height * (1.0 - part) + 4}, short_number(part * most_mm));
   svg.text({left, f.top + height + 22}, "moved by [mm]");
@@ -8564,12 +8475,11 @@ inline Svg::Points to_px(const plot::Frame& f, const std::vector<CutPoint>& poin
 
 }  // namespace detail
 
-template <Indenter Tool>
-void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
-                     const MechanicalState& state) {
+template <Indenter Tool> void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh,
+    const Scenario<Tool>& scenario, const MechanicalState& state) {
   if (state.displacement.size() != mesh.nodes.size())
     throw InvalidArgument(message("picture: the state has ", state.displacement.size(), " displacements, the mesh ",
-                                  mesh.nodes.size(), " nodes"));
+        mesh.nodes.size(), " nodes"));
   const Touch touch = first_touch(body, mesh, scenario);
   const Vec3d tool = touch.origin + state.depth_m * scenario.direction();
   const double y = touch.point.y();
@@ -8581,17 +8491,17 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
 
   Svg svg(f.right + 130.0, f.bottom + 60.0);
   plot::headline(svg, f.left,
-                 "Pressed to " + short_number(state.force_N, 1) + " N: " + short_number(1e3 * state.depth_m) +
-                     " mm deep, " + short_number(1e6 * state.contact_area_m2, 1) + " mm² of contact",
-                 "cut at y = " + short_number(1e3 * y) + " mm; dashed: the surface before");
+      "Pressed to " + short_number(state.force_N, 1) + " N: " + short_number(1e3 * state.depth_m) + " mm deep, " +
+          short_number(1e6 * state.contact_area_m2, 1) + " mm² of contact",
+      "cut at y = " + short_number(1e3 * y) + " mm; dashed: the surface before");
   plot::x_axis(svg, f, "across x [mm]");
   plot::y_axis(svg, f, "height z [mm]");
   svg.begin_clip({f.left, f.top}, f.right - f.left, f.bottom - f.top);
   for (const RigidBox& box : body.carrier) {
     if (std::abs(y - box.center.y()) > box.half.y()) continue;
     const Vec3d low = 1e3 * (box.center - box.half), high = 1e3 * (box.center + box.half);
-    svg.rect({f.x(low.x()), f.y(high.z())}, f.x(high.x()) - f.x(low.x()), f.y(low.z()) - f.y(high.z()),
-             {.fill = "#8c8c8c"});
+    svg.rect(
+        {f.x(low.x()), f.y(high.z())}, f.x(high.x()) - f.x(low.x()), f.y(low.z()) - f.y(high.z()), {.fill = "#8c8c8c"});
   }
   for (const auto& area : cut.areas) {
     double moved = 0.0;
@@ -8664,14 +8574,14 @@ struct FrictionHistory {
     Vec3d stretch;
   };
   Answer answer(std::size_t face, std::size_t point, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal,
-                double pressure) const {
+      double pressure) const {
     const Mat3d along = Mat3d::Identity() - normal * normal.transpose();
     const Vec3d s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
     const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
     if (length <= most) return {-stiffness_N_per_m3 * s, stiffness_N_per_m3 * along, s};
     const Vec3d way = s / length;
     return {-stiffness_N_per_m3 * most * way,
-            stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
+        stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
   }
 
   /// Takes positions x, with the rigid thing as it is now, as the last equilibrium. Springs out of contact relax.
@@ -8693,9 +8603,9 @@ struct FrictionHistory {
   }
 
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
-  template <ContactHandler Contact, class Tool>
-  Vec3d add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid,
-                         const Positions& x, std::type_identity_t<std::vector<Vec3d>>& on_nodes) const {
+  template <ContactHandler Contact, class Tool> Vec3d add_nodal_forces(const ContactSurface& surface,
+      const Contact& law, const Moving<Tool>& rigid, const Positions& x,
+      std::type_identity_t<std::vector<Vec3d>>& on_nodes) const {
     Vec3d sum{0.0, 0.0, 0.0};
     for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
@@ -8737,7 +8647,7 @@ struct PressedState {
 /// ContactSurface: a fault in one of these is found only by the policies' own tests.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<Material, Contact, Element>& physics,
-                      const Moving<Tool>& indenter, const PressedState& state);
+    const Moving<Tool>& indenter, const PressedState& state);
 
 namespace detail {
 
@@ -8773,9 +8683,8 @@ template <class Columns> Columns solved_transposed(const Mat3d& A, Columns b) {
 }
 
 // Adds the internal forces of all tetrahedra.
-template <class Material, class Element>
-void add_internal_forces(const TetMesh& mesh, const Material& material, const Element& element,
-                         const std::vector<Vec3d>& displacement, std::vector<Vec3d>& force) {
+template <class Material, class Element> void add_internal_forces(const TetMesh& mesh, const Material& material,
+    const Element& element, const std::vector<Vec3d>& displacement, std::vector<Vec3d>& force) {
   constexpr std::size_t points = std::size_t(Element::points);
   for (const auto& t : mesh.tets) {
     std::array<Eigen::Matrix<double, 3, Element::nodes>, points> slope;
@@ -8807,9 +8716,8 @@ void add_internal_forces(const TetMesh& mesh, const Material& material, const El
 }
 
 // Takes the contact pressure off the nodes' forces, and adds it to the push on an indenter.
-template <class Contact, class Tool>
-void add_pressure(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x,
-                  std::vector<Vec3d>& force, double* push) {
+template <class Contact, class Tool> void add_pressure(const ContactSurface& surface, const Contact& contact,
+    const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3d>& force, double* push) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
       const DistanceSample d = rigid.sample(surface.position(f, p, x));
@@ -8824,7 +8732,7 @@ void add_pressure(const ContactSurface& surface, const Contact& contact, const M
 
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<Material, Contact, Element>& physics,
-                      const Moving<Tool>& indenter, const PressedState& state) {
+    const Moving<Tool>& indenter, const PressedState& state) {
   std::vector<Vec3d> force(mesh.nodes.size(), Vec3d::Zero());
   detail::add_internal_forces(mesh, physics.material, physics.element, state.displacement, force);
   Positions x(3, Eigen::Index(mesh.nodes.size()));
@@ -8833,10 +8741,10 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
   for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
   const Carrier carrier{body.carrier};
   const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
-  detail::add_pressure(surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force,
-                       &push);
+  detail::add_pressure(
+      surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force, &push);
   detail::add_pressure(surface([](const Patch& p) { return p.meets_carrier; }), physics.contact,
-                       Moving<Carrier>{&carrier, Vec3d::Zero(), indenter.direction}, x, force, nullptr);
+      Moving<Carrier>{&carrier, Vec3d::Zero(), indenter.direction}, x, force, nullptr);
   for (const BoundaryFace& f : mesh.faces)
     if (body.patches[std::size_t(f.patch)].bonded)
       for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();
@@ -8873,16 +8781,15 @@ struct SetOverlap {
 /// overlaps are no measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a
 /// smooth contact grows as the distance to its edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3),
 /// scaled by its own slope, *is* that distance; inside it is continued linearly.
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
-                           const Moving<Tool>& rigid, const Positions& x);
+template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
+    const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
 template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
-                                  const std::vector<double>& b, const Positions& x);
+inline SetOverlap contact_overlap(
+    const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
 
 namespace detail {
 
@@ -8906,9 +8813,8 @@ template <class S> struct ClipPolygon {
       if (a.field[k] > 0.0) kept.push_back(a);
       if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
         const S t = a.field[k] / (a.field[k] - b.field[k]);
-        kept.push_back({a.u + t * (b.u - a.u),
-                        a.v + t * (b.v - a.v),
-                        {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
+        kept.push_back({a.u + t * (b.u - a.u), a.v + t * (b.v - a.v),
+            {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
       }
     }
     corners = std::move(kept);
@@ -8958,8 +8864,8 @@ struct EdgeSample {
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of
 // contact. With G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the
 // distance is 2 G / (α + slope).
-inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x,
-                                               const std::vector<double>& gap, double tolerance) {
+inline std::vector<EdgeSample> edge_of_contact(
+    const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3d middle, outward;
     double power, slope, spacing;
@@ -8977,7 +8883,7 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
     const Vec3d gradient =
         ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
     const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
-                 std::sqrt(EdgeFit::triangle * area)};
+        std::sqrt(EdgeFit::triangle * area)};
     if (f.slope > 0.0 && f.power < EdgeFit::reach * f.spacing * f.slope) free.push_back(f);
   });
   std::vector<EdgeSample> samples;
@@ -9033,9 +8939,8 @@ inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& sam
 
 }  // namespace detail
 
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
-                           const Moving<Tool>& rigid, const Positions& x) {
+template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
+    const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
   std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
@@ -9073,8 +8978,8 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   return c;
 }
 
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
-                                  const std::vector<double>& b, const Positions& x) {
+inline SetOverlap contact_overlap(
+    const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x) {
   SetOverlap sum;
   detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
     const auto at = [&](std::size_t k) {
@@ -9137,8 +9042,8 @@ struct SectorModel {
   };
   std::vector<Block> blocks;  ///< first the even fields, then every other parity of the bounding planes
 
-  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes,
-              const PressPhysics<Material, Contact, Element>& physics)
+  SectorModel(
+      const Body& b, const TetMesh& mesh, Symmetry planes, const PressPhysics<Material, Contact, Element>& physics)
       : sector(sector_of(mesh, planes)),
         body(b),
         contact(physics.contact),
@@ -9205,14 +9110,14 @@ template <class Model, Indenter Tool> struct PressSystem {
     using Touching = ContactPlace<Tool>;
     using Resting = ContactPlace<Carrier>;
     return {model.solid.predicted_ratios(now.x, linear.x, dx),
-            predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
-                           Touching{indenter(linear.advance), linear.x}, dx, ds),
-            predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
+        predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
+            Touching{indenter(linear.advance), linear.x}, dx, ds),
+        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
   Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq,
-                           const LinearisationPoint* about = nullptr) const {
+      const LinearisationPoint* about = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, about ? &about->ratios : nullptr);
     const ContactSums touch =
@@ -9233,7 +9138,7 @@ template <class Model, Indenter Tool> struct PressSystem {
     double stiffness = 0.0;
   };
   void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t,
-               const LinearisationPoint* about = nullptr) const {
+      const LinearisationPoint* about = nullptr) const {
     t.matrix.resize(last - first);
     std::vector<const Equations*> systems;
     std::vector<double*> values;
@@ -9249,9 +9154,8 @@ template <class Model, Indenter Tool> struct PressSystem {
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
-      const ContactSums s =
-          add_contact_tangent(model.touchable, contact(), indenter(advance), x,
-                              {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
+      const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x,
+          {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
       add_contact_tangent(model.resting, contact(), support(), x, {*systems[k], values[k]}, rest_history(about));
     }
@@ -9360,8 +9264,7 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
   Config config = {};
 
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(
-      const Body& body, const TetMesh& mesh, Symmetry planes,
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
       const PressPhysics<Material, Contact, Element>& physics) const {
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
@@ -9374,8 +9277,8 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
 
 template <class Model, Indenter Tool> class QuasiStaticRun {
  public:
-  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch,
-                 const QuasiStaticConfig& config)
+  QuasiStaticRun(
+      const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config),
         model_(model),
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
@@ -9443,7 +9346,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     const double share = model_.sector.fraction(), whole = load / share;
     return share * pi *
            std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()),
-                    2.0 / 3.0);
+               2.0 / 3.0);
   }
 
   /// Where the next of equal strides from load_ to `load` ends.
@@ -9641,10 +9544,9 @@ template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>
   return out;
 }
 
-template <LinearSolver Linear>
-template <class SomeModel, Indenter Tool>
-std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario,
-                                                      const Touch& touch) const {
+template <LinearSolver Linear> template <class SomeModel, Indenter Tool>
+std::vector<MechanicalState> QuasiStatic<Linear>::run(
+    const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
   QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
   const double fraction = model.sector.fraction();
   std::vector<MechanicalState> states;
@@ -9684,7 +9586,7 @@ class PreparedBody;
 /// `Simulator sim{NeoHookean{.mu = 106.0_kPa, .lambda = 10.494_MPa}, SDFContact{}}`.
 /// `Solver` finds the states: `QuasiStatic<Cholmod>` with CHOLMOD's factors, VertexBlockDescent, or one's own.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element = QuadraticTet,
-          class Solver = QuasiStatic<>>
+    class Solver = QuasiStatic<>>
 requires PressSolver<Solver, Material, Contact, Element>
 struct Simulator {
   Material material = {};
@@ -9708,10 +9610,10 @@ struct Simulator {
 };
 
 template <class Material, class Contact> Simulator(Material, Contact) -> Simulator<Material, Contact>;
-template <class Material, class Contact, class Element>
-Simulator(Material, Contact, Element) -> Simulator<Material, Contact, Element>;
-template <class Material, class Contact, class Element, class Solver>
-Simulator(Material, Contact, Element, Solver) -> Simulator<Material, Contact, Element, Solver>;
+template <class Material, class Contact, class Element> Simulator(Material, Contact, Element)
+    -> Simulator<Material, Contact, Element>;
+template <class Material, class Contact, class Element, class Solver> Simulator(Material, Contact, Element, Solver)
+    -> Simulator<Material, Contact, Element, Solver>;
 
 /// A body ready to be pressed at many places.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Solver>
@@ -10464,7 +10366,7 @@ class BvhScene {
     std::vector<Range> parts{range};
     for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
       std::sort(parts.begin(), parts.end(),
-                [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
+          [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
       std::array<Range, 2> halves;
       if (!split(parts[tried], halves)) {
         ++tried;
@@ -10568,8 +10470,8 @@ inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3
 /// decided on the polygon `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram
 /// becomes an even number of cells each way, of four triangles each, any other polygon a fan about its middle: mirror
 /// images of a polygon have mirror images of its triangles.
-inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, const std::vector<Vec3d>& like,
-                                                       double size_m) {
+inline std::vector<std::array<Vec3d, 3>> polygon_cells(
+    const std::vector<Vec3d>& c, const std::vector<Vec3d>& like, double size_m) {
   std::vector<std::array<Vec3d, 3>> cells;
   const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
   if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
@@ -10624,8 +10526,8 @@ namespace lumo {
 /// 01, 12, 20.
 inline std::array<double, 6> quadratic_shape(double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
-  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0),
-          4.0 * b0 * b1,         4.0 * b1 * b2,         4.0 * b2 * b0};
+  return {
+      b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0), 4.0 * b0 * b1, 4.0 * b1 * b2, 4.0 * b2 * b0};
 }
 
 /// Its point at (b1, b2).
@@ -10711,8 +10613,8 @@ inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<Boundar
 /// load turns them; the shape of the undeformed body is known. The exact normals are therefore turned as the faces
 /// turn, by the nearest field that is continuous and quadratic on each patch: it turns every node's surroundings as
 /// much as the faces do in the mean. Source: Hinton, Campbell 1974.
-inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces,
-                            const Body& body) {
+inline void recover_normals(
+    std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
   using Vector6d = Eigen::Matrix<double, 6, 1>;
   using Matrix6d = Eigen::Matrix<double, 6, 6>;
   using SparseMatrix = Eigen::SparseMatrix<double>;
@@ -10791,9 +10693,8 @@ template <class S> Vec3<S> reflect(const Vec3<S>& d, const Vec3<S>& n) { return 
 
 /// Refracted direction of the unit direction `d` by Snell's law; `n` is the unit normal on the side that light comes
 /// from.
-template <class S>
-Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std::type_identity_t<S>& index_ratio,
-                const std::type_identity_t<S>& cosine_behind) {
+template <class S> Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std::type_identity_t<S>& index_ratio,
+    const std::type_identity_t<S>& cosine_behind) {
   return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
 }
 
@@ -10894,7 +10795,7 @@ class OpticalScene {
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
   /// indices or optics.
   OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-               const std::vector<double>& contact_field, Symmetry images, const Config& config)
+      const std::vector<double>& contact_field, Symmetry images, const Config& config)
       : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
     require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
     require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
@@ -10966,8 +10867,8 @@ class OpticalScene {
     const int known = labels_[image][std::size_t(p.face)];
     if (known != mixed) return known;
     const Vec3d undeformed = reference(p);
-    return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed,
-                  image);
+    return region(
+        faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed, image);
   }
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
@@ -11044,8 +10945,8 @@ class OpticalScene {
   static constexpr int mixed = -2;
   static constexpr double largest_coordinate_m = 1e6;
   static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
-  void add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                 const std::vector<double>& contact_field) {
+  void add_faces(
+      const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field) {
     const std::size_t nodes = mesh.nodes.size();
     if (!displacement.empty() && displacement.size() != nodes)
       throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
@@ -11305,8 +11206,8 @@ class RayPattern {
     for (const Emitter& e : emitters) {
       Vec3d home;
       Beam beam{detail::fundamental(e, home)};
-      const auto known = std::find_if(orbits.begin(), orbits.end(),
-                                      [&](const auto& o) { return detail::radiate_alike(o, beam.source); });
+      const auto known = std::find_if(
+          orbits.begin(), orbits.end(), [&](const auto& o) { return detail::radiate_alike(o, beam.source); });
       beam.orbit = std::uint64_t(known - orbits.begin());
       if (known == orbits.end()) orbits.push_back(beam.source);
       beam.source = orbits[beam.orbit];  // the very same bits for all images
@@ -11349,8 +11250,8 @@ class RayPattern {
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
   }
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
-    return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed,
-               index);
+    return ray(
+        beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
   }
 
   /// Is the set of emitters its own mirror image in each plane?
@@ -11358,7 +11259,7 @@ class RayPattern {
     const auto closed = [&](const Vec3d& m) {
       return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
         return std::any_of(emitters.begin(), emitters.end(),
-                           [&](const auto& other) { return detail::radiate_alike(e.mirrored(m), other); });
+            [&](const auto& other) { return detail::radiate_alike(e.mirrored(m), other); });
       });
     };
     return {closed(detail::flip_x), closed(detail::flip_y)};
@@ -11440,8 +11341,8 @@ class FaceSet {
       if (fresh) {
         faces_.push_back(face);
         centers.push_back(folded(center, {true, sampling.focus.is_symmetric()}));
-        shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() *
-                         sampling.focus.density(center.y()));
+        shares.push_back(
+            0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() * sampling.focus.density(center.y()));
         images.push_back(0);
         in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
       } else if (fundamental) {
@@ -11515,7 +11416,7 @@ class FaceSet {
   }
   // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
   void number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images,
-              const Sampling& sampling) {
+      const Sampling& sampling) {
     struct Block {
       std::uint64_t code = 0;
       std::uint32_t first = 0, count = 0;
@@ -11612,19 +11513,17 @@ template <ExitReadout Readout> class LightAccounts {
       const int c = channel(e, image);
       book_exit(c, e.power);
       if (!seen(c)) continue;
-      if (is_gathered)
-        gathered_[std::size_t(c)] += e.power;
-      else if (is_direct)
-        direct_[std::size_t(c)] += e.power;
+      if (is_gathered) gathered_[std::size_t(c)] += e.power;
+      else if (is_direct) direct_[std::size_t(c)] += e.power;
     }
   }
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
     const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position),
-                             m.cwiseProduct(e.light.direction),
-                             e.at.face >= 0 ? surface_.region(e.at, image)
-                                            : surface_.region(e.patch, e.light.reference, e.light.position, image)});
+    return readout_.channel(
+        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
+            e.at.face >= 0 ? surface_.region(e.at, image)
+                           : surface_.region(e.patch, e.light.reference, e.light.position, image)});
   }
 
   /// All that was booked since the last call.
@@ -11940,11 +11839,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     const bool lone = b.scattered || b.spread || (b.direct && !start_->gathers_direct);
     const Escape light{body_.surface.reference(b.exit), b.exit_position, b.direction, -1};
     const Exit e{b.route, light, b.exit, body_.surface.flat_normal(b.exit_triangle), body_.surface.patch_number(b.exit),
-                 b.power};
-    if (start_->exits != nullptr && start_->from_emitter && !gathered && !lone)
-      start_->exits->push_back(e);
-    else
-      accounts_.book_exit(e, b.direct, gathered);
+        b.power};
+    if (start_->exits != nullptr && start_->from_emitter && !gathered && !lone) start_->exits->push_back(e);
+    else accounts_.book_exit(e, b.direct, gathered);
   }
 
   void follow(Branch b) {
@@ -12024,8 +11921,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     }
     b.carrier_last = !b.inside;
     return reflect_off(b, optics,
-                       b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
-                       accounts_.ledger.absorbed_at_surfaces);
+        b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
+        accounts_.ledger.absorbed_at_surfaces);
   }
 
   // Reflection off an opaque surface whose unit normal points back to where the light comes from.
@@ -12037,8 +11934,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
             const double kept = b.power * reflectance(s);
             accounts_.book(absorbed, b.power - kept);
             b.power = kept;
-            b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)),
-                                    start_->mirror);
+            b.direction = reflected(
+                s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), start_->mirror);
           }
         },
         optics);
@@ -12140,7 +12037,7 @@ namespace lumo {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
  public:
   NextEventGather(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
-                  PathTracer<Scene, Medium, Readout>& path)
+      PathTracer<Scene, Medium, Readout>& path)
       : body_(body), ratio_(body.index_ratio()), path_(path) {
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !body.symmetry.x) && !((image & 2u) && !body.symmetry.y)) images_.push_back(image);
@@ -12231,8 +12128,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
     }
   }
 
-  void gather_diffuse(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
-                      const std::vector<double>& sent) {
+  void gather_diffuse(
+      FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     const Vec3d out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
     double weight = 0.0;
     if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
@@ -12240,8 +12137,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   // Openings are not mirror images of each other: each image of the point has its own way out.
-  void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
-                        const std::vector<double>& sent) {
+  void gather_connected(
+      FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     for (unsigned image : images_)
       for (int k = 0; k < body_.readout.openings(); ++k) {
         const Connection way =
@@ -12322,10 +12219,10 @@ template <class Path> class Splatting {
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
           path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
-                     .mirror = beam.mirror,
-                     .power_W = beam.power_W,
-                     .gathers_direct = beam.source.has_intensity(),
-                     .exits = &exits_});
+              .mirror = beam.mirror,
+              .power_W = beam.power_W,
+              .gathers_direct = beam.source.has_intensity(),
+              .exits = &exits_});
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), triangles_about);
@@ -12338,8 +12235,8 @@ template <class Path> class Splatting {
       for (std::size_t e = 0; e < exits_.size(); ++e)
         for (unsigned image : path_.accounts().images())
           if (left_[e] > 0)
-            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image),
-                                       exits_[e].power * left_[e] / double(triangles_about));
+            path_.accounts().book_exit(
+                path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / double(triangles_about));
     }
   }
 
@@ -12546,7 +12443,7 @@ class Tracer {
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
   Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
-                 const RayFocus& focus = {}) const {
+      const RayFocus& focus = {}) const {
     return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
   }
 
@@ -12554,7 +12451,7 @@ class Tracer {
   /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
   /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                 const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+      const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
     check(body, symmetry, focus);
     const Medium medium{body.medium};
     const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
@@ -12562,19 +12459,17 @@ class Tracer {
     using Scene = std::remove_const_t<decltype(scene)>;
     const LightNodes nodes(surface, symmetry);
     const double replicates = config_.replicates;
-    const FaceSet lambertian(surface, symmetry, {.total = config_.carrier_rays / replicates},
-                             [&](int t) { return nodes.of(t)[0] >= 0; });
+    const FaceSet lambertian(
+        surface, symmetry, {.total = config_.carrier_rays / replicates}, [&](int t) { return nodes.of(t)[0] >= 0; });
     const FaceSet exits(surface, symmetry,
-                        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus},
-                        [&](int t) {
-                          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
-                                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
-                        });
+        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus}, [&](int t) {
+          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
+                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
+        });
     const int channels = readout_.channels(body), colors = color_count(body.emitters);
     require_in_range("readout channels", channels, 0, 1 << 24, "");
-    const LitBody<Scene, Medium, Readout> lit{
-        surface, scene, medium,  BeerLambert(body.surroundings).refractive_index(), readout_, channels,
-        nodes,   exits, symmetry};
+    const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
+        readout_, channels, nodes, exits, symmetry};
     PathTracer<Scene, Medium, Readout> path(lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
     struct Color {
       RayPattern pattern;
@@ -12584,7 +12479,7 @@ class Tracer {
     for (int c = 0; c < colors; ++c) {
       std::vector<Emitter> emitters;
       std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
-                   [&](const Emitter& e) { return e.channel() == c; });
+          [&](const Emitter& e) { return e.channel() == c; });
       const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
       light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
     }
@@ -12650,9 +12545,8 @@ class Tracer {
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
   }
-  template <class Scene>
-  void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern, const OwenSobol& sequence,
-                      PathTracer<Scene, Medium, Readout>& path) const {
+  template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
+      const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
     // A body may have been pressed onto an emitter that was in air.
     const auto covered = [&](const PrimaryRay& ray) {
       const RayHit in = body.scene.first_hit(ray.origin, ray.direction, true),
@@ -12670,17 +12564,16 @@ class Tracer {
       for (std::uint32_t i = 0; i < beam.rays; ++i) {
         const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
         path.run({.ray = ray,
-                  .mirror = beam.mirror,
-                  .power_W = beam.power_W,
-                  .inside = !air || covered(ray),
-                  // Few ways from a face and an emitter lead through an opening.
-                  .gathers_direct = !connected && beam.source.has_intensity() && !air});
+            .mirror = beam.mirror,
+            .power_W = beam.power_W,
+            .inside = !air || covered(ray),
+            // Few ways from a face and an emitter lead through an opening.
+            .gathers_direct = !connected && beam.source.has_intensity() && !air});
       }
     }
   }
-  template <class Scene>
-  RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body, const FaceSet& lambertian,
-                                 const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
+  template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,
+      const FaceSet& lambertian, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
     const double images = (body.symmetry.x ? 2.0 : 1.0) * (body.symmetry.y ? 2.0 : 1.0);
     RadiosityTransport transport(body.nodes.size(), body.channels);
     for (std::size_t k = 0; k < lambertian.size(); ++k)
@@ -12691,10 +12584,10 @@ class Tracer {
         x.ray.direction =
             reflected(Lambertian{}, -lit, lit, sequence(x.index, 0), sequence(x.index, 1), lambertian[k].mirror);
         path.run({.ray = x.ray,
-                  .mirror = lambertian[k].mirror,
-                  .power_W = 1.0 / images,
-                  .from_emitter = false,
-                  .inside = inside});
+            .mirror = lambertian[k].mirror,
+            .power_W = 1.0 / images,
+            .from_emitter = false,
+            .inside = inside});
         transport.add(path.accounts().take(), body.nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
       }
     return transport;
@@ -12793,18 +12686,18 @@ inline std::optional<Estimate> ContactTerms::score() const {
   };
   // Errors of the three terms are taken as independent; finite changes, because the cube root has no slope at zero.
   const double a = std::max(with(form->value + form->error, stable->value, stiff->value),
-                            with(form->value - form->error, stable->value, stiff->value));
+      with(form->value - form->error, stable->value, stiff->value));
   const double b = std::max(with(form->value, stable->value + stable->error, stiff->value),
-                            with(form->value, stable->value - stable->error, stiff->value));
+      with(form->value, stable->value - stable->error, stiff->value));
   const double c = std::max(with(form->value, stable->value, stiff->value + stiff->error),
-                            with(form->value, stable->value, stiff->value - stiff->error));
+      with(form->value, stable->value, stiff->value - stiff->error));
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
 /// count.
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
-                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
+    double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
   const auto at = [&](double load) -> const MechanicalState* {
     for (const MechanicalState& s : states)
       if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
@@ -12819,8 +12712,8 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(),
-                        error.overlap};
+    q.stable = Estimate{
+        contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
@@ -12917,8 +12810,8 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
-  const auto least = std::min_element(pairs.begin(), pairs.end(),
-                                      [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
+  const auto least = std::min_element(
+      pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
   std::set<std::size_t> wanted;
   for (const Separation& p : pairs) {
     const bool within_reach =
@@ -12929,12 +12822,11 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
 }
 
 /// nullopt if no two states can be compared. Cost: all pairs.
-inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
-                                                    const OpticalError& error = {}) {
+inline std::optional<Separation> optical_separation(
+    const std::vector<ObservedState>& states, const OpticalError& error = {}) {
   const std::vector<Separation> pairs = detail::separations(states);
-  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) {
-    return a.distance.value < b.distance.value;
-  });
+  const auto closest = std::min_element(pairs.begin(), pairs.end(),
+      [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;
   least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);
@@ -13014,9 +12906,8 @@ template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmet
 
 /// `symmetry`: of the body. `once`: planes in which one of two mirrored states stands for both if tool and body are
 /// symmetric.
-template <Indenter Tool>
-ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry,
-                                Symmetry once = {true, true}) {
+template <Indenter Tool> ContactPlan<Tool> plan_contacts(
+    const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry, Symmetry once = {true, true}) {
   ContactPlan<Tool> plan;
   for (const Scenario<Tool>& s : scenarios) {
     validate(s);
@@ -13029,9 +12920,9 @@ ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Sy
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
       std::size_t place = 0;
-      while (place < plan.places.size() &&
-             !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].y_m == home.y_m &&
-               plan.places[place].tilt == home.tilt))
+      while (
+          place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad &&
+                                            plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
         ++place;
       if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
       plan.places[place].solves.push_back(k);
@@ -13091,9 +12982,8 @@ struct Observations {
 };
 
 /// The record of a scenario, before it is lit, from its states on `mesh`.
-template <Indenter Tool>
-ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
-                         const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
+template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
+    const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
   ScenarioRecord record;
   record.diameter_m = 2.0 * contact_radius(scenario.indenter);
   record.angle_rad = scenario.angle_rad;
@@ -13117,8 +13007,8 @@ ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<T
 
 /// Did all scenarios converge, or were held where that is accepted?
 inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
-  return std::all_of(scenarios.begin(), scenarios.end(),
-                     [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
+  return std::all_of(
+      scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
 /// All states that can be compared for J_obs.
@@ -13128,7 +13018,7 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
     for (const StateRecord& s : scenarios[k].states)
       if (s.change.size() > 0)
         states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change,
-                          scenarios[k].tilt});
+            scenarios[k].tilt});
   return states;
 }
 
@@ -13136,9 +13026,8 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
 using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 
 /// The record of a scenario from that of its mirror image.
-template <Indenter Tool>
-ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels,
-                        const ScenarioImage& image) {
+template <Indenter Tool> ScenarioRecord mirrored(
+    ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
@@ -13207,7 +13096,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
   Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m,
-           const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
+      const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k) {
       records_.push_back(solved[k].record);
@@ -13254,8 +13143,8 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     for (std::size_t i : undecided_states(observed, tolerance)) {
       const std::size_t solve = plan_.images[observed[i].scenario].solve;
       const auto& candidates = records_[solve].states;
-      const auto it = std::find_if(candidates.begin(), candidates.end(),
-                                   [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
+      const auto it = std::find_if(
+          candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
       states.push_back({solve, std::size_t(it - candidates.begin())});
     }
     std::sort(states.begin(), states.end());
@@ -13373,8 +13262,7 @@ template <class Pad, Indenter Tool> struct Pressed {
   Timing seconds;
 };
 
-template <class P>
-using PadOf =
+template <class P> using PadOf =
     decltype(std::declval<const P&>().simulator.prepare(std::declval<const Body&>(), std::declval<const TetMesh&>()));
 
 namespace detail {
@@ -13401,9 +13289,8 @@ template <Indenter Tool> std::vector<std::size_t> longest_first(const ContactPla
 }
 
 /// Records of all scenarios from those that were solved.
-template <Indenter Tool>
-std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels,
-                                     const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
+template <Indenter Tool> std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios,
+    const ChannelImages& channels, const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
   std::vector<ScenarioRecord> records;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
     records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
@@ -13413,8 +13300,8 @@ std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenario
 /// Meshes of different places give the same unloaded response up to their facets. That difference would hide small
 /// changes: changes are taken on one mesh and added to the common mean. `watts` names the mean power or its standard
 /// error.
-inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses,
-                                            const std::vector<double> Response::*watts, int channels) {
+inline std::vector<double> mean_per_emitted(
+    const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)
     for (std::size_t b = 0; b < mean.size(); ++b)
@@ -13431,7 +13318,7 @@ template <class Light> ChannelImages channel_images(const Body& body, const Ligh
 /// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
 template <Indenter Tool> bool images_known(const ContactPlan<Tool>& plan, const ChannelImages& images) {
   return std::none_of(plan.images.begin(), plan.images.end(),
-                      [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+      [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
 }
 
 /// Counts the steps of one stage, from any thread.
@@ -13457,9 +13344,9 @@ class StageReport {
 
 /// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
 /// that fails is a status in its record.
-template <class P, Indenter Tool, Executor E>
-Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                              const E& executor, const ProgressReport& progress = {}) {
+template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(const Body& body,
+    const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
+    const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   Pressed<PadOf<P>, Tool> out;
@@ -13512,9 +13399,8 @@ bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, con
 /// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
 /// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
 /// every executor. Throws InvalidArgument, also unless has_image_channels().
-template <class P, class Pad, Indenter Tool, Executor E>
-Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor,
-                     const ProgressReport& progress = {}) {
+template <class P, class Pad, Indenter Tool, Executor E> Observations observe(const Body& body,
+    const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   if (!detail::images_known(pressed.plan, images))
@@ -13561,9 +13447,9 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
 }
 
 /// Presses and lights a body in every scenario.
-template <class P, Indenter Tool, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                     const E& executor, const ProgressReport& progress = {}) {
+template <class P, Indenter Tool, Executor E> Observations observe(const Body& body,
+    const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
+    const ProgressReport& progress = {}) {
   return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
 }
 
@@ -13651,9 +13537,8 @@ struct Finger {
 
 /// θ → finger → mesh → press → light → objectives: the paper's two.
 /// Throws InfeasibleDesign before anything is computed, MeshError for a body that cannot be meshed, InvalidArgument.
-template <class P, Executor E>
-Evaluation evaluate(const Finger& wanted, const Ensemble& ensemble, const P& pipeline, const E& executor,
-                    const ProgressReport& progress = {}) {
+template <class P, Executor E> Evaluation evaluate(const Finger& wanted, const Ensemble& ensemble, const P& pipeline,
+    const E& executor, const ProgressReport& progress = {}) {
   const Body body = finger(wanted.design, wanted.silicone, wanted.options);
   const auto pressed = press(body, ensemble.scenarios(), pipeline, executor, progress);
   return score(observe(body, pressed, pipeline, executor, progress), pipeline);
@@ -13661,9 +13546,9 @@ Evaluation evaluate(const Finger& wanted, const Ensemble& ensemble, const P& pip
 
 /// Body → mesh → press → light → objectives, for any body, tool and objectives (ObservedObjective). Mirror images are
 /// solved once; scenarios run side by side. Throws MeshError for a body that cannot be meshed, InvalidArgument.
-template <class P, Indenter Tool, Executor E, ObservedObjective... Objectives>
-Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
-                const std::tuple<Objectives...>& objectives, const ProgressReport& progress = {}) {
+template <class P, Indenter Tool, Executor E, ObservedObjective... Objectives> Scores evaluate(const Body& body,
+    const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
+    const std::tuple<Objectives...>& objectives, const ProgressReport& progress = {}) {
   const auto pressed = press(body, scenarios, pipeline, executor, progress);
   return score(observe(body, pressed, pipeline, executor, progress), pipeline, objectives);
 }
@@ -13881,9 +13766,9 @@ struct QuasiNewton {
   /// `function(x, gradient)` returns the value and fills the gradient. The search steps back from values that are not
   /// finite. `start` is moved between the bounds. `hessian`, positive definite, from the search for a like minimum
   /// saves steps. Throws InvalidArgument if sizes differ or the value at the start is not finite.
-  template <class Function>
-  Minimum minimize(Function&& function, const Eigen::VectorXd& start, const Eigen::VectorXd& lower,
-                   const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
+  template <class Function> Minimum minimize(Function&& function, const Eigen::VectorXd& start,
+      const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+      const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
 
  private:
   struct Point {
@@ -13899,8 +13784,8 @@ struct QuasiNewton {
 namespace detail {
 
 /// Variables that may move: one at a bound that the gradient pushes it against stays there.
-inline std::vector<Eigen::Index> free_variables(const Minimum& at, const Eigen::VectorXd& lower,
-                                                const Eigen::VectorXd& upper) {
+inline std::vector<Eigen::Index> free_variables(
+    const Minimum& at, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
   std::vector<Eigen::Index> free;
   for (Eigen::Index i = 0; i < at.x.size(); ++i)
     if (!((at.x[i] <= lower[i] && at.gradient[i] >= 0.0) || (at.x[i] >= upper[i] && at.gradient[i] <= 0.0)))
@@ -13937,9 +13822,8 @@ inline void QuasiNewton::update(Eigen::MatrixXd& hessian, const Eigen::VectorXd&
   hessian += y * y.transpose() / s.dot(y) - hs * hs.transpose() / curvature;
 }
 
-template <class Function>
-Minimum QuasiNewton::minimize(Function&& function, const Eigen::VectorXd& start, const Eigen::VectorXd& lower,
-                              const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& known) const {
+template <class Function> Minimum QuasiNewton::minimize(Function&& function, const Eigen::VectorXd& start,
+    const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(
@@ -14089,8 +13973,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
       : GaussianProcess(data, config) {
     if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
       throw InvalidArgument(message("Gaussian process: needs ", x_.rows(),
-                                    " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(),
-                                    " and ", h.noise));
+          " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
     condition(h);
   }
 
@@ -14141,7 +14024,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
     const Eigen::ArrayXd variance = inverse.diagonal().array().inverse();
     return {(output_mean_ + output_scale_ * (y_.array() - alpha.array() * variance)).matrix(),
-            (output_scale_ * output_scale_ * variance).matrix()};
+        (output_scale_ * output_scale_ * variance).matrix()};
   }
 
   /// K(X, x) after forward substitution: V with posterior covariance k(a, b) − V(a)ᵀV(b), in standardised units.
@@ -14185,8 +14068,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
           message("Gaussian process has ", n, " observations of ", d, " inputs, must have at least 1 of each"));
     if (data.y.size() != n || data.lower.size() != d || data.upper.size() != d)
       throw InvalidArgument(message("Gaussian process has ", n, " observations of ", d, " inputs, but ", data.y.size(),
-                                    " outputs, ", data.lower.size(), " lower and ", data.upper.size(),
-                                    " upper bounds"));
+          " outputs, ", data.lower.size(), " lower and ", data.upper.size(), " upper bounds"));
     if (!data.x.allFinite() || !data.y.allFinite() || !data.lower.allFinite() || !data.upper.allFinite())
       throw InvalidArgument("Gaussian process: observations and bounds must be finite numbers");
     inverse_width_ = (data.upper - data.lower).unaryExpr([](double w) { return w > 0.0 ? 1.0 / w : 0.0; });
@@ -14223,7 +14105,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return {u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0};
   }
   static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u,
-                         Eigen::VectorXd* gradient) {
+      Eigen::VectorXd* gradient) {
     const auto value = likelihood(unpack(u), gradient != nullptr);
     if (!std::isfinite(value.log_likelihood)) return std::numeric_limits<double>::infinity();
     if (gradient) *gradient = -value.posterior_gradient / double(n);
@@ -14235,7 +14117,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return u;
   }
   Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start,
-                  const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const {
+      const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const {
     const Eigen::Index d = x_.rows();
     const HyperparameterPrior p = prior();
     Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(p.min_length_scale)),
@@ -14419,7 +14301,7 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
 
   /// Designs (d × n each) inside [lower, upper], at least one in all. Throws InvalidArgument as GaussianProcess::fit().
   SuccessModel(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed, const Eigen::VectorXd& lower,
-               const Eigen::VectorXd& upper, const typename GaussianProcess<Kernel>::Config& config = {})
+      const Eigen::VectorXd& upper, const typename GaussianProcess<Kernel>::Config& config = {})
       : process_(GaussianProcess<Kernel>::fit(labelled(succeeded, failed, lower, upper), config)) {}
 
   /// log P(success) at the columns of `x`, from log least_probability to 0.
@@ -14444,7 +14326,7 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
 
  private:
   static TrainingData labelled(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed,
-                               const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
+      const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
     Eigen::MatrixXd x(lower.size(), succeeded.cols() + failed.cols());
     x << succeeded, failed;
     Eigen::VectorXd y(x.cols());
@@ -14557,8 +14439,8 @@ class DesignSampler {
       const Variable& v = space_.variables[i];
       if (!names.insert(v.name).second) throw InvalidArgument(message("variable ", v.name, " is there twice"));
       if (!std::isfinite(v.lower) || !std::isfinite(v.upper) || v.lower > v.upper || !std::isfinite(v.upper - v.lower))
-        throw InvalidArgument(message("variable ", v.name, " has bounds ", v.lower, " and ", v.upper,
-                                      ", must be finite, the lower first"));
+        throw InvalidArgument(message(
+            "variable ", v.name, " has bounds ", v.lower, " and ", v.upper, ", must be finite, the lower first"));
       if (!std::isfinite(v.step) || v.step < 0.0)
         throw InvalidArgument(message("variable ", v.name, " has step ", v.step, ", must be finite and >= 0"));
       Axis axis;
@@ -14568,7 +14450,7 @@ class DesignSampler {
         axis.nodes = std::floor((v.upper - v.origin) / v.step + slack) - axis.first_node + 1.0;
         if (!(axis.nodes >= 1.0) || axis.nodes > 1e15)
           throw InvalidArgument(message("variable ", v.name, " has ", std::max(0.0, axis.nodes), " nodes of step ",
-                                        v.step, " between ", v.lower, " and ", v.upper, ", must have 1 to 1e15"));
+              v.step, " between ", v.lower, " and ", v.upper, ", must have 1 to 1e15"));
       }
       axes_.push_back(axis);
       if (axis.nodes > 0.0 && axis.nodes <= 65536.0)
@@ -14576,9 +14458,9 @@ class DesignSampler {
     }
     for (const LinearConstraint& c : space_.constraints)
       if (c.coefficients.size() != dimensions() || !(c.lower <= c.upper))
-        throw InvalidArgument(message("constraint ", c.name, " has ", c.coefficients.size(),
-                                      " coefficients and limits ", c.lower, " and ", c.upper, ", must have ",
-                                      dimensions(), " and the lower limit first"));
+        throw InvalidArgument(
+            message("constraint ", c.name, " has ", c.coefficients.size(), " coefficients and limits ", c.lower,
+                " and ", c.upper, ", must have ", dimensions(), " and the lower limit first"));
     if (std::all_of(axes_.begin(), axes_.end(), [](const Axis& a) { return a.nodes > 0.0; })) list();
   }
 
@@ -14694,7 +14576,7 @@ class DesignSampler {
     std::snprintf(digits, sizeof digits, "%.14g", x);
     const double rounded = std::strtod(digits, nullptr);
     return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x,
-                      v.lower, v.upper);
+        v.lower, v.upper);
   }
   double place(std::size_t i, double unit) const {
     const Variable& v = space_.variables[i];
@@ -14767,7 +14649,7 @@ class DesignSampler {
   /// does not matter.
   static double excess(const LinearConstraint& c, const Design& x) {
     const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum),
-                                                   std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
+                                     std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
     return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
   }
   /// Moves single lattice variables by the steps that the excess is worth, in an order that depends on the key, if that
@@ -14865,9 +14747,9 @@ struct LocalSearchCandidates {
     std::vector<Climber> team = best_of(designs, request, score);
     for (int round = 0; round < rounds; ++round)
       if (!climb(team, round, request, score)) break;
-    return std::max_element(team.begin(), team.end(),
-                            [](const Climber& a, const Climber& b) { return a.score < b.score; })
-        ->x;
+    return std::max_element(team.begin(), team.end(), [](const Climber& a, const Climber& b) {
+      return a.score < b.score;
+    })->x;
   }
 
  private:
@@ -14893,13 +14775,13 @@ struct LocalSearchCandidates {
     all.insert(all.end(), near.begin(), near.end());
     return all;
   }
-  std::vector<Climber> best_of(const std::vector<Design>& designs, const CandidateRequest& request,
-                               const Score& score) const {
+  std::vector<Climber> best_of(
+      const std::vector<Design>& designs, const CandidateRequest& request, const Score& score) const {
     const Eigen::VectorXd scores = score(design_columns(designs, request.sampler.dimensions()));
     std::vector<std::size_t> order(designs.size());
     std::iota(order.begin(), order.end(), std::size_t(0));
     std::stable_sort(order.begin(), order.end(),
-                     [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
+        [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
     std::vector<Climber> team;
     for (std::size_t i = 0; i < order.size() && team.size() < climbers; ++i)
       team.push_back({designs[order[i]], scores[Eigen::Index(order[i])], reach});
@@ -14912,8 +14794,8 @@ struct LocalSearchCandidates {
     std::vector<std::size_t> owner;
     for (std::size_t c = 0; c < team.size(); ++c) {
       if (team[c].stuck) continue;
-      for (Design& x : sampler.moves(team[c].x, team[c].reach, random_moves,
-                                     combine(combine(request.key, 3 + std::uint64_t(round)), c)))
+      for (Design& x : sampler.moves(
+               team[c].x, team[c].reach, random_moves, combine(combine(request.key, 3 + std::uint64_t(round)), c)))
         if (!request.taken.contains(x)) {
           moves.push_back(std::move(x));
           owner.push_back(c);
@@ -14991,7 +14873,7 @@ struct MinimumOverTerms {
   int outputs(int objectives) const {
     if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
       throw InvalidArgument(message("minimum over terms needs a positive number of terms for each of ", objectives,
-                                    " objectives, has ", terms.size(), " numbers"));
+          " objectives, has ", terms.size(), " numbers"));
     return std::accumulate(terms.begin(), terms.end(), 0);
   }
   int objective(int output) const {
@@ -15088,7 +14970,7 @@ namespace lumo {
 /// pending designs.
 template <class A, class Models, class R>
 concept Acquisition = requires(const A& acquisition, const Models& models, const R& reduction, const Evidence& evidence,
-                               std::uint64_t seed, const Eigen::MatrixXd& x) {
+    std::uint64_t seed, const Eigen::MatrixXd& x) {
   { acquisition.prepare(models, reduction, evidence, seed)(x) } -> std::convertible_to<Eigen::VectorXd>;
 };
 
@@ -15114,9 +14996,8 @@ inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
 }
 
 /// Objectives that stand in draw `s`: the drawn ones, and the observed ones unless they are drawn, too.
-template <Reduction R>
-Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s, const R& reduction,
-                                    const Evidence& evidence, bool noisy) {
+template <Reduction R> Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s,
+    const R& reduction, const Evidence& evidence, bool noisy) {
   const Eigen::Index observed = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
   Eigen::MatrixXd outputs(Eigen::Index(draws.size()), observed + drawn);
   if (observed > 0) outputs.leftCols(observed) = evidence.outputs;
@@ -15155,7 +15036,7 @@ inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
   for (const Eigen::Index i : order) {
     const bool beaten = y.rows() == 2 ? !front.empty() && dominates(y.col(front.back()), y.col(i))
                                       : std::any_of(front.begin(), front.end(),
-                                                    [&](Eigen::Index k) { return dominates(y.col(k), y.col(i)); });
+                                            [&](Eigen::Index k) { return dominates(y.col(k), y.col(i)); });
     if (!beaten) front.push_back(i);
   }
   return front;
@@ -15242,8 +15123,8 @@ inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& refer
     for (const Eigen::Index i : order) best = std::max(best, y(0, i));
     return best - reference[0];
   }
-  std::stable_sort(order.begin(), order.end(),
-                   [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
+  std::stable_sort(
+      order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
   double volume = 0.0, widest = reference[0];
   for (std::size_t k = 0; k < order.size(); ++k) {
     const double bottom = k + 1 < order.size() ? y(m - 1, order[k + 1]) : reference[m - 1];
@@ -15418,10 +15299,10 @@ struct LogNehvi {
   /// than the identity.
   template <CovarianceKernel Kernel, Reduction R>
   Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-                           const Evidence& evidence, std::uint64_t seed) const {
+      const Evidence& evidence, std::uint64_t seed) const {
     if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
       throw InvalidArgument(message("closed-form improvement needs one model for each of ", evidence.reference.size(),
-                                    " objectives, has ", models.size(), " outputs to reduce"));
+          " objectives, has ", models.size(), " outputs to reduce"));
     const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
     const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
     std::vector<ConditionalPosterior<Kernel>> posteriors;
@@ -15507,7 +15388,7 @@ struct QLogNehvi {
   template <CovarianceKernel Kernel, Reduction R> class Prepared {
    public:
     Prepared(const QLogNehvi& config, const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-             const Evidence& evidence, const BaseSamples& samples)
+        const Evidence& evidence, const BaseSamples& samples)
         : tau_relu_(config.tau_relu), tau_max_(config.tau_max), reduction_(reduction), candidate_(samples.candidate) {
       const Eigen::MatrixXd base = base_points(evidence, config.noisy);
       std::vector<Eigen::MatrixXd> drawn;
@@ -15562,7 +15443,7 @@ struct QLogNehvi {
   /// Models are referred to, not copied: they must outlive the result.
   template <CovarianceKernel Kernel, Reduction R>
   Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-                              const Evidence& evidence, std::uint64_t seed) const {
+      const Evidence& evidence, std::uint64_t seed) const {
     const Eigen::Index base = base_points(evidence, noisy).cols();
     BaseSamples samples;
     for (std::size_t j = 0; j < models.size(); ++j) {
@@ -15710,7 +15591,7 @@ namespace lumo {
 /// configuration and the trials before it, to the bit; so whoever keeps the trials can restore() them and go on. No
 /// design is asked twice, except after a failure that may be retried.
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi,
-          CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
+    CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
 requires Acquisition<AcquisitionPolicy, std::vector<GaussianProcess<Kernel>>, R>
 class Optimizer {
  public:
@@ -15900,14 +15781,10 @@ struct JournalEntry {
 /// The kind as stores write it.
 inline std::string to_string(JournalEntry::Kind kind) {
   switch (kind) {
-    case JournalEntry::Kind::ask:
-      return "ask";
-    case JournalEntry::Kind::tell:
-      return "tell";
-    case JournalEntry::Kind::fail:
-      return "fail";
-    default:
-      return "problem";
+    case JournalEntry::Kind::ask: return "ask";
+    case JournalEntry::Kind::tell: return "tell";
+    case JournalEntry::Kind::fail: return "fail";
+    default: return "problem";
   }
 }
 
@@ -15941,8 +15818,7 @@ class StoreError : public Error {
 /// look and its entry.
 template <class J>
 concept Journal = requires(J& journal, const J& view,
-                           std::function<std::optional<JournalEntry>(const std::vector<JournalEntry>&)> next,
-                           std::int64_t number) {
+    std::function<std::optional<JournalEntry>(const std::vector<JournalEntry>&)> next, std::int64_t number) {
   { view.entries() } -> std::same_as<std::vector<JournalEntry>>;
   { view.record(number) } -> std::same_as<std::string>;
   { journal.append(next) } -> std::same_as<std::optional<JournalEntry>>;
@@ -16010,7 +15886,7 @@ inline JournalEntry fail_entry(int id, bool retry, const std::string& why) {
 inline TrialEntry parse_trial(const JournalEntry& entry) {
   const auto refuse = [&] {
     throw StoreError(StoreError::Reason::corrupt,
-                     message("entry ", entry.number, " is no trial: ", to_string(entry.kind), ' ', entry.content));
+        message("entry ", entry.number, " is no trial: ", to_string(entry.kind), ' ', entry.content));
   };
   std::string_view rest = entry.content;
   const auto read = [&](auto& value) {
@@ -16076,16 +15952,14 @@ template <class O> class CampaignState {
           answered_.emplace_back();
           continue;
         }
-        if (t.kind == JournalEntry::Kind::tell)
-          optimizer_.tell(t.id, t.values);
-        else
-          optimizer_.fail(t.id, t.retry, t.why);
+        if (t.kind == JournalEntry::Kind::tell) optimizer_.tell(t.id, t.values);
+        else optimizer_.fail(t.id, t.retry, t.why);
         answered_[std::size_t(t.id)] = e.number;
       } catch (const StoreError&) {
         throw;
       } catch (const Error& error) {
-        throw StoreError(StoreError::Reason::corrupt,
-                         message("entry ", e.number, " does not fit those before it: ", error.what()));
+        throw StoreError(
+            StoreError::Reason::corrupt, message("entry ", e.number, " does not fit those before it: ", error.what()));
       }
     }
   }
@@ -16186,9 +16060,8 @@ template <class O> TrialResult acceptable(O probe, int id, TrialResult result) {
 /// what the journal holds; several processes may work on one journal. Each entry depends only on those before it: a
 /// campaign in one process has the same journal, to the bit, after any number of crashes. `evaluate(design)` gives a
 /// TrialResult; `watch(state, id, result)` sees each as it was kept. Throws StoreError and CampaignError.
-template <Journal J, class O, class Evaluate, class Watch>
-OptimizerStatus run_campaign(J& journal, const O& optimizer, const Evaluate& evaluate, const Watch& watch,
-                             const CampaignConfig& config = {}) {
+template <Journal J, class O, class Evaluate, class Watch> OptimizerStatus run_campaign(
+    J& journal, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config = {}) {
   CampaignState<O> state(optimizer);
   std::set<int> own;  // trials that this process answered
   while (true) {
@@ -16196,8 +16069,8 @@ OptimizerStatus run_campaign(J& journal, const O& optimizer, const Evaluate& eva
     for (const auto& [failed, ended] : {state.designs(), state.machine(own)})
       if (failed >= config.failures_at_least && failed > config.failures_above * ended)
         throw CampaignError(message("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ",
-                                    100 * config.failures_above, " % once ", config.failures_at_least,
-                                    " have; the last: ", state.last_failure()));
+            100 * config.failures_above, " % once ", config.failures_at_least,
+            " have; the last: ", state.last_failure()));
     const std::optional<int> id = detail::take_trial(journal, state);
     if (!id) {
       if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();
@@ -16253,7 +16126,7 @@ inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bo
   for (const ScenarioRecord& s : scenarios)
     if (!is_scored(s.status, accept_held))
       return message("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ",
-                     1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi, " deg, y = ", 1e3 * s.y_m, " mm");
+          1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi, " deg, y = ", 1e3 * s.y_m, " mm");
   return "";
 }
 
@@ -16267,8 +16140,8 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
 
 /// Did the machine's limits end a solve, and not the body?
 inline bool is_machine_limit(const std::vector<ScenarioRecord>& scenarios) {
-  return std::any_of(scenarios.begin(), scenarios.end(),
-                     [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
+  return std::any_of(
+      scenarios.begin(), scenarios.end(), [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
 }
 /// Did they end a mesh?
 inline bool is_machine_limit(const MeshError& e) {
@@ -16342,8 +16215,7 @@ struct SeedStudy {
 /// for a search that found no choice. Throws InvalidArgument for fewer than two observed trials.
 template <class MakeOptimizer, Executor E, class Watch>
 std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, const std::vector<Trial>& trials,
-                                                      const SeedStudy& study, const MakeOptimizer& make_optimizer,
-                                                      const E& executor, const Watch& watch) {
+    const SeedStudy& study, const MakeOptimizer& make_optimizer, const E& executor, const Watch& watch) {
   std::vector<const Trial*> observed;
   for (const Trial& t : trials)
     if (t.state == Trial::State::observed) observed.push_back(&t);
@@ -16442,12 +16314,12 @@ inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_
 }
 
 /// Median over scenarios of the norm of the response change at one load; nullopt if a scenario has none.
-inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N,
-                                             const OpticalError& error) {
+inline std::optional<Estimate> median_change(
+    const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
     const auto state = std::find_if(s.states.begin(), s.states.end(),
-                                    [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
+        [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
     if (state == s.states.end()) return std::nullopt;
     const Estimate d =
         response_distance(state->change, Eigen::MatrixXd::Zero(state->change.rows(), state->change.cols()));
@@ -16456,15 +16328,14 @@ inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& 
   if (norms.empty()) return std::nullopt;
   std::sort(norms.begin(), norms.end(), [](const Estimate& a, const Estimate& b) { return a.value < b.value; });
   const Estimate &low = norms[(norms.size() - 1) / 2], &high = norms[norms.size() / 2];
-  return Estimate{0.5 * (low.value + high.value),
-                  0.5 * (low.error + high.error)};  // errors of the mesh are alike in all scenarios
+  return Estimate{
+      0.5 * (low.value + high.value), 0.5 * (low.error + high.error)};  // errors of the mesh are alike in all scenarios
 }
 
 namespace detail {
 
-template <class P, Executor E>
-VariantResult evaluate_variant(const Finger& wanted, const Ensemble& ensemble, const MatchedStudy& study,
-                               const P& pipeline, const E& executor, const ProgressReport& progress) {
+template <class P, Executor E> VariantResult evaluate_variant(const Finger& wanted, const Ensemble& ensemble,
+    const MatchedStudy& study, const P& pipeline, const E& executor, const ProgressReport& progress) {
   Body body = finger(wanted.design, wanted.silicone, wanted.options);
   if (!study.light) body.regions = 0;
   VariantResult result;
@@ -16491,9 +16362,8 @@ VariantResult evaluate_variant(const Finger& wanted, const Ensemble& ensemble, c
 
 /// The design itself, then its variants, in the order of `study.twins`. A failure in one leaves the others whole.
 /// Throws InfeasibleDesign, and MeshError if the machine's limits ended a mesh: another try may have them all.
-template <class P, Executor E>
-std::vector<VariantResult> compare_variants(Finger design, const Ensemble& ensemble, const MatchedStudy& study,
-                                            const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
+template <class P, Executor E> std::vector<VariantResult> compare_variants(Finger design, const Ensemble& ensemble,
+    const MatchedStudy& study, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   std::vector<Twin> twins = {Twin::none};
   twins.insert(twins.end(), study.twins.begin(), study.twins.end());
   std::vector<VariantResult> results;
@@ -16539,10 +16409,8 @@ inline std::optional<PairedSummary> summarize(const std::vector<Estimate>& diffe
   PairedSummary s;
   std::vector<double> sorted;
   for (const Estimate& d : differences) {
-    if (std::abs(d.value) <= 2.0 * d.error)
-      ++s.undecided;
-    else
-      ++(d.value > 0.0 ? s.positive : s.negative);
+    if (std::abs(d.value) <= 2.0 * d.error) ++s.undecided;
+    else ++(d.value > 0.0 ? s.positive : s.negative);
     s.above_zero += d.value > 0.0;
     sorted.push_back(d.value);
   }

@@ -164,7 +164,7 @@ TEST_CASE("mechanics: contact", "[mechanics]") {
   };
   BENCHMARK(named("certificate of equilibrium", message(pad.mesh.tets.size(), " tetrahedra"))) {
     return out_of_balance(pad.body, pad.mesh, PressPhysics{NeoHookean{}, SDFContact{}, QuadraticTet{}}, sphere,
-                          {5.0, pad.state.displacement});
+        {5.0, pad.state.displacement});
   };
 }
 
@@ -229,8 +229,7 @@ TEST_CASE("mechanics: vertex block descent", "[mechanics]") {
     REQUIRE(finite);
     const double push = descent.push();
     BENCHMARK(named("time step of 10 sweeps",
-                    message("10 sweeps over ", mesh.nodes.size(), " nodes, ", mesh.tets.size(), " linear tetrahedra"),
-                    name)) {
+        message("10 sweeps over ", mesh.nodes.size(), " nodes, ", mesh.tets.size(), " linear tetrahedra"), name)) {
       return descent.step(0.0);
     };
     REQUIRE(descent.step(0.0));
@@ -264,11 +263,11 @@ TEST_CASE("mechanics: distance to a tool", "[mechanics]") {
   };
   const std::string input = "1024 points near a tool";
   BENCHMARK(named("distance with two derivatives", input,
-                  message("DistanceGrid of 16 cells, ", surface.triangles.size(), " triangles"))) {
+      message("DistanceGrid of 16 cells, ", surface.triangles.size(), " triangles"))) {
     return samples(grid);
   };
-  BENCHMARK(named("distance with two derivatives", input,
-                  message("SignedDistance, ", surface.triangles.size(), " triangles"))) {
+  BENCHMARK(named(
+      "distance with two derivatives", input, message("SignedDistance, ", surface.triangles.size(), " triangles"))) {
     return samples(exact);
   };
   BENCHMARK(named("distance with two derivatives", input, "Sphere")) { return samples(Sphere{10e-3}); };

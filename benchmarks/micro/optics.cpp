@@ -57,13 +57,11 @@ template <TransparentMedium Medium, Intersector Backend> struct Steps {
   OpticalScene surface = pressed_scene(pad);
   Scene scene = Backend{}.build(surface.triangles());
   LightNodes nodes{surface, symmetry};
-  FaceSet exits{surface, symmetry, {.whole = true, .total = 4096.0, .least = 2}, [&](int t) {
-                  return is_dielectric(surface.optics(t)) && surface.has_region(t / surface.triangles_per_face());
-                }};
+  FaceSet exits{surface, symmetry, {.whole = true, .total = 4096.0, .least = 2},
+      [&](int t) { return is_dielectric(surface.optics(t)) && surface.has_region(t / surface.triangles_per_face()); }};
   ExitPower readout;
-  LitBody<Scene, Medium, ExitPower> lit{
-      surface, scene, medium,  BeerLambert(pad.body.surroundings).refractive_index(), readout, pad.body.regions,
-      nodes,   exits, symmetry};
+  LitBody<Scene, Medium, ExitPower> lit{surface, scene, medium, BeerLambert(pad.body.surroundings).refractive_index(),
+      readout, pad.body.regions, nodes, exits, symmetry};
   Path path{lit, PathLimits{0.005, 0.25, 4096}};
   RayPattern pattern{pad.body.emitters, 512, symmetry};
   std::vector<double> sent = std::vector<double>(nodes.size(), 1.0 / double(nodes.size()));
@@ -166,8 +164,8 @@ TEST_CASE("optics: paths", "[optics]") {
   BENCHMARK(named("paths from the LEDs", paths, "Bvh")) { return own.follow(); };
   BENCHMARK(named("paths from the LEDs", paths, "Embree")) { return fast.follow(); };
   BENCHMARK(named("paths from the LEDs",
-                  message(scattering.path.rays, " paths of ", scattering.path.segments, " straight pieces"),
-                  "Bvh, a medium that scatters")) {
+      message(scattering.path.rays, " paths of ", scattering.path.segments, " straight pieces"),
+      "Bvh, a medium that scatters")) {
     return scattering.follow();
   };
   BENCHMARK(named("paths, spread between neighbours", paths, "Bvh")) { return own.spread(); };

@@ -39,7 +39,7 @@ Eigen::MatrixXd objectives(const Eigen::MatrixXd& x) {
 TrainingData data(Eigen::Index count, int objective) {
   const Eigen::MatrixXd x = places(count, 17);
   return {x, objectives(x).row(objective).transpose(), Eigen::VectorXd::Zero(dimensions),
-          Eigen::VectorXd::Ones(dimensions)};
+      Eigen::VectorXd::Ones(dimensions)};
 }
 
 /// Points of a front of `rows` objectives: on the positive part of a sphere.
@@ -96,12 +96,8 @@ TEST_CASE("optimize: acquisition", "[optimize]") {
   std::vector<GaussianProcess<RbfKernel>> models;
   for (int k : {0, 1}) models.push_back(GaussianProcess<RbfKernel>::fit(data(n, k)));
   const Eigen::MatrixXd x = places(n, 17);
-  const Evidence evidence{x,
-                          objectives(x),
-                          Eigen::MatrixXd(dimensions, 0),
-                          Eigen::VectorXd::Zero(dimensions),
-                          Eigen::VectorXd::Ones(dimensions),
-                          Eigen::VectorXd::Constant(2, -1.0)};
+  const Evidence evidence{x, objectives(x), Eigen::MatrixXd(dimensions, 0), Eigen::VectorXd::Zero(dimensions),
+      Eigen::VectorXd::Ones(dimensions), Eigen::VectorXd::Constant(2, -1.0)};
   const Eigen::MatrixXd candidates = places(64, 53);
   const LogNehvi closed;
   const QLogNehvi sampled;
@@ -124,11 +120,8 @@ TEST_CASE("optimize: acquisition", "[optimize]") {
 TEST_CASE("optimize: draws", "[optimize]") {
   BENCHMARK(named("normal base samples", "5120 numbers")) { return base_normals(40, 128, 7); };
   DesignSpace space;  // the finger's lattice, and one of its sums
-  space.variables = {{"a", 2.0, 29.0, 0.5, "mm"},
-                     {"b", 1.0, 20.0, 0.5, "mm"},
-                     {"c", 4.0, 15.0, 0.5, "mm"},
-                     {"d", 2.0, 15.0, 0.5, "mm"},
-                     {"e", 0.0, 7.5, 0.5, "mm"}};
+  space.variables = {{"a", 2.0, 29.0, 0.5, "mm"}, {"b", 1.0, 20.0, 0.5, "mm"}, {"c", 4.0, 15.0, 0.5, "mm"},
+      {"d", 2.0, 15.0, 0.5, "mm"}, {"e", 0.0, 7.5, 0.5, "mm"}};
   space.constraints = {{"a + b", {1, 1, 0, 0, 0}, 4.0, 20.0, "mm"}, {"c + 2 e", {0, 0, 1, 0, 2}, 0.0, 19.5, "mm"}};
   const DesignSampler sampler(space);
   REQUIRE(sampler.fresh(256, 1, {}).size() == 256);

@@ -124,8 +124,8 @@ template <class Localizer> void time_estimator(const std::string& name, Localize
   Fed<Frame> camera;
   Fed<JointSample> actuator;
   using Estimator = ForceEstimator<Fed<Frame>, Fed<JointSample>, Localizer>;
-  Estimator estimator(camera, actuator, {r.readout, r.reference}, std::move(localizer), MomentArm{0.05},
-                      typename Estimator::Config{});
+  Estimator estimator(
+      camera, actuator, {r.readout, r.reference}, std::move(localizer), MomentArm{0.05}, typename Estimator::Config{});
   std::int64_t k = 0;
   ForceEstimate last;
   const auto step = [&] {  // a frame that was taken 20 ms ago and the torque samples of one frame's time
@@ -133,7 +133,7 @@ template <class Localizer> void time_estimator(const std::string& name, Localize
     for (int j = 0; j < 33; ++j) {
       const std::int64_t t = now - (32 - j) * ms;
       actuator.items.push_back({t, JointVector::Zero(1), JointVector::Constant(1, 0.001 * noise(std::uint64_t(t) + 1)),
-                                JointVector::Constant(1, 0.52 + 0.01 * noise(std::uint64_t(t)))});
+          JointVector::Constant(1, 0.52 + 0.01 * noise(std::uint64_t(t)))});
     }
     camera.items.push_back({r.touched[std::size_t(k) % r.touched.size()].view(), now - 20 * ms});
     return last = estimator.step(now);
@@ -174,9 +174,7 @@ TEST_CASE("sense: force", "[sense]") {
 }
 
 TEST_CASE("sense: decoders", "[sense]") {
-  LabelledResponses training{
-      Eigen::MatrixXd(55, 70),
-      {},
+  LabelledResponses training{Eigen::MatrixXd(55, 70), {},
       Eigen::VectorXd::LinSpaced(7, -24e-3, 24e-3)};  // five loads of 11 bins, ten re-contacts of seven places
   for (int i = 0; i < 70; ++i) {
     training.place.push_back(i % 7);

@@ -41,7 +41,7 @@ Quality quality(const Light& light, const TracedPress& press) {
   const Response loaded = light.trace(press.body, press.mesh, press.state, press.symmetry);
   const double seconds = watch.seconds();
   return {norm(rest.error_W) / norm(rest.power_W),
-          norm(standard_error(loaded.replicates - rest.replicates)) / press.change.norm(), seconds};
+      norm(standard_error(loaded.replicates - rest.replicates)) / press.change.norm(), seconds};
 }
 
 }  // namespace

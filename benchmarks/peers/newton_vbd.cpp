@@ -61,13 +61,12 @@ void write_mesh(const fs::path& dir, const Scene& s) {
   write(dir / "touch.f64", std::vector<double>{s.touch.origin.x(), s.touch.origin.y(), s.touch.origin.z()});
 }
 
-template <Executor E>
-void run(const fs::path& dir, const Scene& s, const DescentConfig& config, const VertexContact& contact,
-         const E& executor, int repeat) {
+template <Executor E> void run(const fs::path& dir, const Scene& s, const DescentConfig& config,
+    const VertexContact& contact, const E& executor, int repeat) {
   const Silicone card = dragon_skin();
   const StableNeoHookean material{card.mu_Pa, card.lambda_Pa};
-  const DescentModel<StableNeoHookean, VertexContact, LinearTet> model(s.body, s.mesh, {}, {material, contact, {}},
-                                                                       config);
+  const DescentModel<StableNeoHookean, VertexContact, LinearTet> model(
+      s.body, s.mesh, {}, {material, contact, {}}, config);
   std::vector<std::pair<double, bool>> schedule;
   std::ifstream in(dir / "schedule.txt");
   for (double by; in >> by;) {
@@ -78,8 +77,8 @@ void run(const fs::path& dir, const Scene& s, const DescentConfig& config, const
   if (schedule.empty()) throw InputError("schedule.txt has no steps");
   double least = 0.0;
   for (int round = 0; round < repeat; ++round) {
-    Descent<std::decay_t<decltype(model)>, Sphere, E> descent(model, s.scenario.indenter, s.touch,
-                                                              s.scenario.direction(), config, executor);
+    Descent<std::decay_t<decltype(model)>, Sphere, E> descent(
+        model, s.scenario.indenter, s.touch, s.scenario.direction(), config, executor);
     std::vector<double> forces, states;
     double seconds = 0.0;
     for (const auto& [by, keep] : schedule) {
@@ -126,10 +125,8 @@ int main(int argc, char** argv) {
     const VertexContact contact{
         .stiffness_N_per_m3 = std::stod(args[4]) / area, .friction = std::stod(args[6]), .area_per_vertex_m2 = area};
     const int threads = std::stoi(args[7]), repeat = std::stoi(args[8]);
-    if (threads == 1)
-      run(args[1], scene, config, contact, Serial{}, repeat);
-    else
-      run(args[1], scene, config, contact, TbbExecutor{threads}, repeat);
+    if (threads == 1) run(args[1], scene, config, contact, Serial{}, repeat);
+    else run(args[1], scene, config, contact, TbbExecutor{threads}, repeat);
   } catch (const std::exception& e) {
     std::cerr << "lumo_newton_vbd: " << e.what() << '\n';
     return 1;

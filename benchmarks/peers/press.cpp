@@ -44,7 +44,7 @@ int quadratic(double finest_m, double contact_edge_m) {
   const MechanicalState s = simulator.press(body, mesh, scenario).back();
   const double pressed = processor_seconds();
   std::printf("{\"nodes\": %zu, \"depth_mm\": %.9g, \"seconds\": %.4g, \"factors\": %d, \"status\": \"%s\"}\n",
-              mesh.nodes.size(), 1e3 * s.depth_m, pressed - begun, s.iterations, to_string(s.status).data());
+      mesh.nodes.size(), 1e3 * s.depth_m, pressed - begun, s.iterations, to_string(s.status).data());
   return s.status == Status::converged ? 0 : 1;
 }
 
@@ -71,8 +71,7 @@ int linear(double edge_m, double stiffness_N_per_m) {
   std::vector<Vec3d> displacement;
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k)
     displacement.push_back(path.positions().col(Eigen::Index(k)) - mesh.nodes[k]);
-  const double unbalanced = out_of_balance(
-      body, mesh, PressPhysics{material, contact, LinearTet{}},
+  const double unbalanced = out_of_balance(body, mesh, PressPhysics{material, contact, LinearTet{}},
       Moving<Sphere>{&scenario.indenter, touch.origin + depth * scenario.direction(), scenario.direction()},
       {load_N, displacement});
   const double more = 1.02;  // for the slope of force over depth

@@ -125,12 +125,8 @@ std::pair<FingerOptions, Focus> sizes_of(const std::string& level) {
   std::istringstream in(level);
   std::string part;
   std::getline(in, part, ':');
-  const std::array<std::pair<double*, double>, 6> fields = {{{&f.finest, 1e-3},
-                                                             {&f.growth, 1.0},
-                                                             {&f.depth_growth, 1.0},
-                                                             {&o.mesh.contact_edge, 1e-3},
-                                                             {&o.mesh.coarsest_edge, 1e-3},
-                                                             {&o.mesh.growth, 1.0}}};
+  const std::array<std::pair<double*, double>, 6> fields = {{{&f.finest, 1e-3}, {&f.growth, 1.0},
+      {&f.depth_growth, 1.0}, {&o.mesh.contact_edge, 1e-3}, {&o.mesh.coarsest_edge, 1e-3}, {&o.mesh.growth, 1.0}}};
   for (const auto& [field, unit] : fields)
     if (std::getline(in, part, ':')) *field = unit * std::stod(part);
   return {o, f};
@@ -167,8 +163,8 @@ Row own_solution(const Case& c, const std::string& level, const TetgenMesher& me
 
 /// Contact area without an edge fit: the area where the gap is below ε, for some ε, continued to ε = 0 in powers of
 /// ε^(2/3).
-std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const Positions& x, const Sphere& sphere,
-                                   const Vec3d& origin) {
+std::array<double, 2> areas_by_gap(
+    const Body& body, const TetMesh& mesh, const Positions& x, const Sphere& sphere, const Vec3d& origin) {
   constexpr int n = 16, levels = 6;
   const std::array<double, levels> level = {8e-6, 12e-6, 18e-6, 26e-6, 36e-6, 48e-6};
   std::array<std::array<double, levels>, 2> sum{};
@@ -255,11 +251,11 @@ Body spelled_out(Body b, int axis) {
 
 /// The reference's mesh of size 1; other sizes multiply every length and growth of it.
 const FingerOptions::Mesh base_mesh = {.contact_edge = 3e-3,
-                                       .coarsest_edge = 8e-3,
-                                       .growth = 0.9,
-                                       .stretch_y = 1.0,
-                                       .max_turn_rad = 0.6,
-                                       .shortest_chord = 0.0};
+    .coarsest_edge = 8e-3,
+    .growth = 0.9,
+    .stretch_y = 1.0,
+    .max_turn_rad = 0.6,
+    .shortest_chord = 0.0};
 const Focus base_focus = {.finest = 0.3e-3, .growth = 0.12, .depth_growth = 1.0};
 
 /// The reference on a mesh of the given size.
@@ -298,16 +294,14 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   for (std::size_t k = 0; k < states.size(); ++k) {
     const auto& s = states[k];
     row.factors += s.factors;
-    if (!s.converged)
-      row.status = "failed";
-    else if (!s.stable && row.status == "converged")
-      row.status = "unstable";
+    if (!s.converged) row.status = "failed";
+    else if (!s.stable && row.status == "converged") row.status = "unstable";
     const std::vector<Vec3d> u = unfold(mesh, sector, s.displacement);
     Positions x = positions_of(mesh);
     for (std::size_t n = 0; n < u.size(); ++n) x.col(Eigen::Index(n)) += u[n];
     const Vec3d origin = touch.origin + s.depth_m * scenario.direction();
-    fields.push_back(contact_field(mesh, surface, SDFContact{},
-                                   Moving<Sphere>{&scenario.indenter, origin, scenario.direction()}, x));
+    fields.push_back(contact_field(
+        mesh, surface, SDFContact{}, Moving<Sphere>{&scenario.indenter, origin, scenario.direction()}, x));
     row.depth[k] = 1e3 * s.depth_m;
     row.area[k] = 1e6 * contact_area(surface, fields[k].field, x);
     row.area0[k] = 1e6 * contact_area(surface, fields[k].field, positions_of(mesh));
@@ -364,7 +358,7 @@ std::vector<Quantity> quantities() {
   const std::array<const char*, loads_n> name = {"1", "2", "5", "10", "15"};
   for (std::size_t k = 0; k < loads_n; ++k)
     q.push_back({std::string("depth ") + name[k] + " N [mm]", true, true, 0.01,
-                 [k](const Row& r, double) { return r.depth[k]; }});
+        [k](const Row& r, double) { return r.depth[k]; }});
   q.push_back({"kappa early [N/mm]", true, true, 0.02, [](const Row& r, double) { return r.kappa_early(); }});
   q.push_back({"kappa late [N/mm]", true, true, 0.02, [](const Row& r, double) { return r.kappa_late(); }});
   for (std::size_t k = 1; k < loads_n; ++k)
@@ -372,7 +366,7 @@ std::vector<Quantity> quantities() {
         {std::string("A ") + name[k] + " N [mm2]", true, false, 0.03, [k](const Row& r, double) { return r.area[k]; }});
   for (std::size_t k = 1; k < loads_n; ++k)
     q.push_back({std::string("A0 ") + name[k] + " N [mm2]", true, false, 0.03,
-                 [k](const Row& r, double) { return r.area0[k]; }});
+        [k](const Row& r, double) { return r.area0[k]; }});
   q.push_back({"q_stable (IoU)", false, false, 0.02, [](const Row& r, double) { return r.iou; }});
   q.push_back({"q_form", false, false, 0.01, [](const Row& r, double d) { return r.form(d); }});
   q.push_back({"q_stiff", false, true, 0.01, [](const Row& r, double) { return r.stiff(); }});
@@ -419,8 +413,8 @@ struct Deviations {
 };
 
 /// One row of a case's table.
-void Deviations::add_quantity(std::size_t q, const std::string& key, const Row& own, const Levels& levels,
-                              std::ostream& out) {
+void Deviations::add_quantity(
+    std::size_t q, const std::string& key, const Row& own, const Levels& levels, std::ostream& out) {
   const double d = numbers_of(key)[5];
   std::vector<std::pair<double, double>> by_size;
   out << "| " << list[q].name << " |";
@@ -522,9 +516,8 @@ std::vector<std::string> split(const std::string& text) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::map<std::string, std::string> option = {
-      {"--csv", "results.csv"}, {"--designs", "0,1,2,3,4,5"},   {"--d", "10,30"},   {"--alpha", "0,30"},
-      {"--y", "0,22"},          {"--levels", "lumo,1,0.7,0.5"}, {"--markdown", ""}, {"--compared", "lumo"}};
+  std::map<std::string, std::string> option = {{"--csv", "results.csv"}, {"--designs", "0,1,2,3,4,5"}, {"--d", "10,30"},
+      {"--alpha", "0,30"}, {"--y", "0,22"}, {"--levels", "lumo,1,0.7,0.5"}, {"--markdown", ""}, {"--compared", "lumo"}};
   const std::string command = argc > 1 ? argv[1] : "";
   for (int k = 2; k + 1 < argc; k += 2) {
     if (!option.contains(argv[k])) {
@@ -534,8 +527,7 @@ int main(int argc, char** argv) {
     option[argv[k]] = argv[k + 1];
   }
   if (command == "table") {
-    if (option["--markdown"].empty())
-      table(option["--csv"], option["--compared"], std::cout);
+    if (option["--markdown"].empty()) table(option["--csv"], option["--compared"], std::cout);
     else {
       std::ofstream out(option["--markdown"]);
       table(option["--csv"], option["--compared"], out);

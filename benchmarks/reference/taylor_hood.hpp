@@ -78,7 +78,7 @@ class TaylorHood {
   /// States at increasing loads (the sector's share of each is `share`), from first touch; ends at the first that does
   /// not converge.
   std::vector<Equilibrium> press(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction,
-                                 const std::vector<double>& loads, double share);
+      const std::vector<double>& loads, double share);
 
   // Parts, open to verification.
   void start(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction);
@@ -199,7 +199,7 @@ inline void TaylorHood::set_up_elements() {
       by_xi[q].col(Eigen::Index(k)) = (4.0 * l[k] - 1.0) * corner.col(Eigen::Index(k));
     for (std::size_t k = 0; k < 6; ++k)
       by_xi[q].col(Eigen::Index(4 + k)) = 4.0 * (l[ends[k][1]] * corner.col(Eigen::Index(ends[k][0])) +
-                                                 l[ends[k][0]] * corner.col(Eigen::Index(ends[k][1])));
+                                                    l[ends[k][0]] * corner.col(Eigen::Index(ends[k][1])));
   }
   for (const auto& t : mesh_.tets)
     for (std::size_t q = 0; q < std::size_t(points); ++q) {
@@ -224,19 +224,11 @@ inline void TaylorHood::set_up_faces() {
           u = 1.0 - u;
           v = 1.0 - v;
         }
-        shape_[at] = {(1 - u - v) * (1 - 2 * u - 2 * v),
-                      u * (2 * u - 1),
-                      v * (2 * v - 1),
-                      4 * u * (1 - u - v),
-                      4 * u * v,
-                      4 * v * (1 - u - v)};
+        shape_[at] = {(1 - u - v) * (1 - 2 * u - 2 * v), u * (2 * u - 1), v * (2 * v - 1), 4 * u * (1 - u - v),
+            4 * u * v, 4 * v * (1 - u - v)};
         const double w = 1 - u - v;
-        slope_[at] = {{{1 - 4 * w, 1 - 4 * w},
-                       {4 * u - 1, 0},
-                       {0, 4 * v - 1},
-                       {4 * (w - u), -4 * u},
-                       {4 * v, 4 * u},
-                       {-4 * v, 4 * (w - v)}}};
+        slope_[at] = {{{1 - 4 * w, 1 - 4 * w}, {4 * u - 1, 0}, {0, 4 * v - 1}, {4 * (w - u), -4 * u}, {4 * v, 4 * u},
+            {-4 * v, 4 * (w - v)}}};
       }
 }
 
@@ -416,8 +408,8 @@ template <class Visit> void TaylorHood::near(std::size_t side, const Place& at, 
   }
 }
 
-inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Contacts* seen, Eigen::VectorXd& r,
-                                    bool with_matrix) {
+inline void TaylorHood::add_contact(
+    std::size_t side, const Place& at, const Contacts* seen, Eigen::VectorXd& r, bool with_matrix) {
   const double stiffness = constants_.penalty;
   const Surface& s = surfaces_[side];
   Eigen::Matrix<double, 18, 18> K;
@@ -568,8 +560,8 @@ inline Equilibrium TaylorHood::solve(Place& at, double load, double tolerance) {
   return out;
 }
 
-inline std::vector<Equilibrium> TaylorHood::press(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction,
-                                                  const std::vector<double>& loads, double share) {
+inline std::vector<Equilibrium> TaylorHood::press(
+    const Sphere& sphere, const Vec3d& origin, const Vec3d& direction, const std::vector<double>& loads, double share) {
   start(sphere, origin, direction);
   Place at = rest();
   std::vector<Equilibrium> states;
@@ -593,8 +585,8 @@ inline std::vector<Equilibrium> TaylorHood::press(const Sphere& sphere, const Ve
     e.depth_m = at.advance;
     for (std::size_t k = 0; k < mesh_.nodes.size(); ++k) {
       e.displacement.push_back(at.x.col(Eigen::Index(k)) - mesh_.nodes[k]);
-      e.pressure_Pa.push_back(pressure_equation_[k] >= 0 ? at.p[Eigen::Index(k)]
-                                                         : std::numeric_limits<double>::quiet_NaN());
+      e.pressure_Pa.push_back(
+          pressure_equation_[k] >= 0 ? at.p[Eigen::Index(k)] : std::numeric_limits<double>::quiet_NaN());
     }
     states.push_back(std::move(e));
     if (!states.back().converged) break;

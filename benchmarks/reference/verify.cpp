@@ -65,8 +65,8 @@ void derivatives() {
   const Vec3d size(1e-2, 1e-2, 1e-2);
   Body body = test::block_body(size);
   body.patches[2].contactable = body.patches[2].meets_carrier = false;
-  TaylorHood solver(body, test::block_mesh(size, test::even(2), test::even(2), test::even(2), 2, false), {},
-                    {106e3, 10.494e6, 1e9});
+  TaylorHood solver(
+      body, test::block_mesh(size, test::even(2), test::even(2), test::even(2), 2, false), {}, {106e3, 10.494e6, 1e9});
   const Vec3d origin(5e-3, 4e-3, 1.48e-2);
   solver.start(Sphere{10e-3}, origin, Vec3d(-0.5, 0, -std::sqrt(0.75)));
   auto at = solver.rest();
@@ -111,13 +111,13 @@ struct Block {
 };
 
 Block fine_block(double half, int n) {
-  auto [body, mesh] = test::symmetric_block(Vec3d(half, half, half), graded(n, 2.0, false), graded(n, 2.0, false),
-                                            graded(n, 2.0, true));
+  auto [body, mesh] = test::symmetric_block(
+      Vec3d(half, half, half), graded(n, 2.0, false), graded(n, 2.0, false), graded(n, 2.0, true));
   return {body, mesh};
 }
 
 std::vector<double> depths(const Block& b, double radius, const std::vector<double>& loads,
-                           const reference::Constants& constants, bool& stable) {
+    const reference::Constants& constants, bool& stable) {
   const Sector sector = sector_of(b.mesh, {true, true});
   TaylorHood solver(b.body, sector.mesh, {true, true}, constants);
   const Scenario<Sphere> s{Sphere{2 * radius}, 0.0, 0.0, loads};
@@ -133,8 +133,8 @@ std::vector<double> depths(const Block& b, double radius, const std::vector<doub
 void hertz() {
   const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu),
                R = 20e-3;
-  auto [body, mesh] = test::symmetric_block(Vec3d(12e-3, 12e-3, 12e-3), graded(15, 2.4, false), graded(15, 2.4, false),
-                                            graded(13, 2.4, true));
+  auto [body, mesh] = test::symmetric_block(
+      Vec3d(12e-3, 12e-3, 12e-3), graded(15, 2.4, false), graded(15, 2.4, false), graded(13, 2.4, true));
   bool stable = true;
   const std::vector<double> loads = {0.002, 0.004};
   const auto d = depths({body, mesh}, R, loads, {mu, lambda, 3e11}, stable);

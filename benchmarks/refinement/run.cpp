@@ -32,8 +32,7 @@ struct Setting {
 };
 
 const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1.4", {1.4, 1}}, {"mesh0.7", {0.7, 1}},
-                                                  {"mesh0.5", {0.5, 1}}, {"rays4", {1.0, 4}},   {"rays64", {1.0, 64}},
-                                                  {"fine", {0.63, 4}},   {"finest", {0.5, 16}}};
+    {"mesh0.5", {0.5, 1}}, {"rays4", {1.0, 4}}, {"rays64", {1.0, 64}}, {"fine", {0.63, 4}}, {"finest", {0.5, 16}}};
 
 /// The references first, then seeded feasible lattice designs.
 std::vector<FingerDesign> designs(std::size_t count) {
@@ -67,10 +66,8 @@ void append(std::ofstream& out, const std::string& key, const Evaluation& e) {
   out.precision(10);
   const auto number = [&](const char* name, const std::optional<Estimate>& v) {
     out << ",\"" << name << "\":";
-    if (v)
-      out << "[" << v->value << "," << v->error << "]";
-    else
-      out << "null";
+    if (v) out << "[" << v->value << "," << v->error << "]";
+    else out << "null";
   };
   out << "{\"key\":\"" << key << "\"";
   number("J_contact", e.J_contact);
@@ -111,8 +108,8 @@ std::set<std::string> keys_of(const char* file) {
 int main(int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') {
     std::fprintf(stderr,
-                 "usage: lumo_refinement FILE [--designs N] [--material DS|Sol] [--settings a,b,...] [--diameters "
-                 "mm,mm,...] [--places mm,mm,...] [--threads N]\n");
+        "usage: lumo_refinement FILE [--designs N] [--material DS|Sol] [--settings a,b,...] [--diameters "
+        "mm,mm,...] [--places mm,mm,...] [--threads N]\n");
     return 2;
   }
   std::size_t count = 5;

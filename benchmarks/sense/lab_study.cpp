@@ -140,11 +140,10 @@ template <class Make> void run_force(const Painted& log, Totals& totals, Make ma
 void print(const char* name, double noise, const Totals& t) {
   const Interval r = t.recovery();
   std::printf("| %s | %g | %d | %.1f | %.2f | %.1f | %d | %.2f | %.2f | %.2f | %.2f | %.1f | %.1f (%.1f … %.1f) |\n",
-              name, noise, t.samples, 100.0 * t.located / std::max(1, t.samples),
-              1e3 * t.location / std::max(1, t.located), 100.0 * t.location_held / std::max(1, t.located),
-              t.force_samples, t.mae(&ForceErrors::known_location), t.mae(&ForceErrors::optical),
-              t.mae(&ForceErrors::fixed_arm), t.mae(&ForceErrors::fused),
-              100.0 * t.force_held / std::max(1, t.force_samples), 100.0 * r.value, 100.0 * r.low, 100.0 * r.high);
+      name, noise, t.samples, 100.0 * t.located / std::max(1, t.samples), 1e3 * t.location / std::max(1, t.located),
+      100.0 * t.location_held / std::max(1, t.located), t.force_samples, t.mae(&ForceErrors::known_location),
+      t.mae(&ForceErrors::optical), t.mae(&ForceErrors::fixed_arm), t.mae(&ForceErrors::fused),
+      100.0 * t.force_held / std::max(1, t.force_samples), 100.0 * r.value, 100.0 * r.low, 100.0 * r.high);
   std::printf("    mean location error by place [mm]:");
   for (const auto& [place, sum] : t.at_place) std::printf(" %.2f", 1e3 * sum / std::max(1, t.at_place_count.at(place)));
   std::printf("; 90 %% holds [%%]:");
@@ -165,7 +164,7 @@ struct Tally {
 };
 
 void draw_curves(const std::string& file, const char* title, const char* of, const char* quantity,
-                 std::vector<program::Curve> curves) {
+    std::vector<program::Curve> curves) {
   program::LineChart chart{title, of, "noise of the virtual rig, times the assumed one", quantity, {}};
   chart.curves = std::move(curves);
   if (!(std::ofstream(file) << program::draw(chart)).flush())
@@ -183,7 +182,7 @@ struct Study {
 
 void study_location_and_force(const Study& study, const std::string& folder) {
   std::vector<program::Curve> errors{{"probabilistic", std::string(program::palette[0]), {}, 2.0, true},
-                                     {"peak", std::string(program::palette[1]), {}, 2.0, true}},
+      {"peak", std::string(program::palette[1]), {}, 2.0, true}},
       gaps = errors;
   std::printf(
       "| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | "
@@ -205,9 +204,9 @@ void study_location_and_force(const Study& study, const std::string& folder) {
     }
   }
   draw_curves(folder + "/location_against_noise.svg", "Error of location",
-              "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
+      "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
   draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen",
-              "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
+      "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
 }
 
 /// What all decoders and metrics say of re-contacts at one noise.
@@ -249,8 +248,8 @@ void study_decoding(const Study& study) {
       d.add(VirtualRig(study.light, recontact_plan(), std::uint64_t(s), noise));
     const Interval w = wilson_interval(d.nearest.right, d.nearest.all);
     std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, d.nearest.all,
-                100.0 * w.value, 100.0 * w.low, 100.0 * w.high, d.linear.percent(), d.process.percent(),
-                d.filter.percent(), median(d.D), median(d.W), median(d.Q));
+        100.0 * w.value, 100.0 * w.low, 100.0 * w.high, d.linear.percent(), d.process.percent(), d.filter.percent(),
+        median(d.D), median(d.W), median(d.Q));
     std::fflush(stdout);
   }
 }

@@ -86,14 +86,13 @@ struct Setup {
   }
   GreenProfile readout() const {
     return GreenProfile({map, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55),
-                         -0.165 * height * map.scale_m_per_px(0.0), 0.165 * height * map.scale_m_per_px(0.0), width,
-                         height});
+        -0.165 * height * map.scale_m_per_px(0.0), 0.165 * height * map.scale_m_per_px(0.0), width, height});
   }
 };
 
 void print(const char* what, const std::vector<double>& microseconds) {
   std::printf("  %-34s p50 %7.1f  p95 %7.1f  p99 %7.1f us\n", what, quantile(microseconds, 0.5),
-              quantile(microseconds, 0.95), quantile(microseconds, 0.99));
+      quantile(microseconds, 0.95), quantile(microseconds, 0.99));
 }
 
 template <class Localizer, class Make> void run(const Setup& setup, const char* what, int frames, Make make) {
@@ -109,7 +108,7 @@ template <class Localizer, class Make> void run(const Setup& setup, const char* 
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, Localizer>;
   Estimator estimator(camera, actuator, {readout, reference}, make(readout.positions_m(), reference), MomentArm{0.05},
-                      typename Estimator::Config{});
+      typename Estimator::Config{});
   std::vector<double> whole, reading;
   ForceEstimate e;
   for (int k = 0; k < frames; ++k) {
@@ -118,7 +117,7 @@ template <class Localizer, class Make> void run(const Setup& setup, const char* 
       const std::int64_t t = now - (32 - j) * ms;
       const double torque = (k > 30 ? 9.0 * 0.058 : 0.0) + 0.01 * noise(std::uint64_t(t));
       actuator.queue.push_back({t, JointVector::Zero(1), JointVector::Constant(1, 0.001 * noise(std::uint64_t(t) + 1)),
-                                JointVector::Constant(1, torque)});
+          JointVector::Constant(1, torque)});
     }
     const auto& pictures = k > 30 ? setup.touched : setup.untouched;
     const Frame frame{pictures[std::size_t(k) % pictures.size()].view(), now - 20 * ms};
@@ -135,7 +134,7 @@ template <class Localizer, class Make> void run(const Setup& setup, const char* 
     whole.push_back(1e6 * std::chrono::duration<double>(d - c).count());
   }
   std::printf(" %s: y = %.2f mm, F = %.2f N, %s\n", what, 1e3 * e.contact[0].y_m.value_or(0.0),
-              e.contact[0].force_N.value_or(0.0), to_string(e.state));
+      e.contact[0].force_N.value_or(0.0), to_string(e.state));
   print("readout", reading);
   print("whole step (frame + 33 samples)", whole);
 }
@@ -158,8 +157,8 @@ void paced(const Setup& setup, int frames) {
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, BayesLocalizer>;
-  Estimator estimator(camera, actuator, {readout, reference}, BayesLocalizer(c), MomentArm{0.05},
-                      typename Estimator::Config{});
+  Estimator estimator(
+      camera, actuator, {readout, reference}, BayesLocalizer(c), MomentArm{0.05}, typename Estimator::Config{});
   std::mutex lock;
   std::deque<Frame> arriving;
   const auto begin = clock::now();
@@ -185,7 +184,7 @@ void paced(const Setup& setup, int frames) {
     }
     const std::int64_t now = stamp();
     actuator.queue.push_back({now, JointVector::Zero(1), JointVector::Zero(1),
-                              JointVector::Constant(1, 0.5 + 0.01 * noise(std::uint64_t(tick)))});
+        JointVector::Constant(1, 0.5 + 0.01 * noise(std::uint64_t(tick)))});
     estimator.step(now);
     for (const std::int64_t t : taken) microseconds.push_back(1e-3 * double(stamp() - t));
   }
@@ -203,14 +202,14 @@ int main(int argc, char** argv) {
     run<PeakLocalizer>(setup, "peak localiser", frames, [](const Eigen::VectorXd& at, const UnloadedReference& r) {
       return PeakLocalizer({at, r.noise()});
     });
-    run<BayesLocalizer>(setup, "probabilistic localiser", frames,
-                        [](const Eigen::VectorXd& at, const UnloadedReference& r) {
-                          BayesLocalizer::Config c;
-                          c.position_m = at;
-                          c.noise = r.noise();
-                          c.unloaded = r.mean();
-                          return BayesLocalizer(c);
-                        });
+    run<BayesLocalizer>(
+        setup, "probabilistic localiser", frames, [](const Eigen::VectorXd& at, const UnloadedReference& r) {
+          BayesLocalizer::Config c;
+          c.position_m = at;
+          c.noise = r.noise();
+          c.unloaded = r.mean();
+          return BayesLocalizer(c);
+        });
     paced(setup, std::min(frames, 600));
   }
 }

@@ -17,10 +17,10 @@ int main(int argc, char** argv) {
   stop_on_interrupt();
   try {
     CommandLine line("lumo", "Mechanics, optics and design of soft lit finger pads.",
-                     lumo::message("lumo ", version, ", results ", results_version),
-                     "Exit codes: 0 ok, 1 a fault of lumo itself, 2 usage, 3 infeasible design, 4 numerical failure, 5 "
-                     "bad file, 130 interrupted.\n"
-                     "Results go to standard output, progress to standard error.");
+        lumo::message("lumo ", version, ", results ", results_version),
+        "Exit codes: 0 ok, 1 a fault of lumo itself, 2 usage, 3 infeasible design, 4 numerical failure, 5 "
+        "bad file, 130 interrupted.\n"
+        "Results go to standard output, progress to standard error.");
     line.name_group("campaign", "Search for the best design; the store continues after any interruption");
     line.name_group("lab", "Logs of a virtual rig: computed mechanics and light, a camera, a motor and their errors");
     line.name_group("study", "What a feature of the design is worth, over many designs");

@@ -44,7 +44,7 @@ int main() {
   //! [evaluate]
   for (const ScenarioRecord& s : scores.observations.scenarios)
     std::printf("y = %4.1f mm: %s, %.3f mm deep at 2 N\n", 1e3 * s.y_m, to_string(s.status).data(),
-                1e3 * s.states.back().depth_m);
+        1e3 * s.states.back().depth_m);
   if (!scores.converged || !scores.objectives[0]) return 1;
   std::printf("even sight: %.3f ± %.3f\n", scores.objectives[0]->value, scores.objectives[0]->error);
   return scores.objectives[0]->value > 0.0 && scores.objectives[0]->value <= 1.0 &&

@@ -80,8 +80,8 @@ int main() {
   const ContactForce& c = last.contact[0];
   if (!c.y_m || !c.force_N) return 1;
   std::printf("%s: y = %.2f ± %.2f mm, F = %.2f ± %.2f N (drawn: %.2f mm, %.2f N)\n", to_string(last.state),
-              1e3 * *c.y_m, 1e3 * std::sqrt(c.y_variance_m2), *c.force_N, std::sqrt(c.force_variance_N2), 1e3 * place_m,
-              force_N);
+      1e3 * *c.y_m, 1e3 * std::sqrt(c.y_variance_m2), *c.force_N, std::sqrt(c.force_variance_N2), 1e3 * place_m,
+      force_N);
   return std::abs(*c.y_m - place_m) < 1.0_mm && std::abs(*c.force_N - force_N) < 0.3 && last.state == EstimatorState::ok
              ? 0
              : 1;

@@ -482,8 +482,7 @@ class Emitter {
                     { e.intensity(0.5) } -> std::convertible_to<double>;
                   })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
-    else
-      return nullptr;
+    else return nullptr;
   }
   template <class E> static const Calls calls;
 
@@ -526,22 +525,17 @@ template <class E> void validate_model(const E& model) {
 
 }  // namespace detail
 
-template <class E>
-const Emitter::Calls Emitter::calls = {
-    [](const void* e) -> Vec3d { return model<E>(e).center; },
+template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
     [](const void* e) -> double { return model<E>(e).power_W; },
-    [](const void* e) -> int { return model<E>(e).channel; },
-    [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+    [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
     [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
-    intensity_of<E>(),
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
     [](const void* e) -> bool {
       if constexpr (requires {
                       { model<E>(e).in_air } -> std::convertible_to<bool>;
                     })
         return model<E>(e).in_air;
-      else
-        return false;
+      else return false;
     },
     [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
     [](const void* e) { detail::validate_model(model<E>(e)); }};
@@ -862,31 +856,29 @@ inline void DesignSpace::check(std::span<const double> x) const {
     const std::string unit = v.unit.empty() ? "" : " " + v.unit;
     if (!std::isfinite(x[i]))
       throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [",
-                                     v.lower, ", ", v.upper, "]", unit));
+          message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper,
+              "]", unit));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
-                                     " is below its lower bound ", v.lower, unit));
+          message(
+              "infeasible design: ", v.name, " = ", exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
-                                     " is above its upper bound ", v.upper, unit));
+          message(
+              "infeasible design: ", v.name, " = ", exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step,
-                                     unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+          message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step, unit,
+              " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);
     const std::string unit = c.unit.empty() ? "" : " " + c.unit;
     if (sum > c.upper + rounding)
-      throw InfeasibleDesign(
-          c.name, sum, c.upper, c.unit,
+      throw InfeasibleDesign(c.name, sum, c.upper, c.unit,
           message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
     if (sum < c.lower - rounding)
-      throw InfeasibleDesign(
-          c.name, sum, c.lower, c.unit,
+      throw InfeasibleDesign(c.name, sum, c.lower, c.unit,
           message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
   }
   for (const DesignRule& r : rules)
@@ -956,11 +948,8 @@ inline DesignSpace finger_space(const PadDimensions& pad = {});
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
 inline std::vector<FingerDesign> reference_designs() {
-  return {baseline_design(),
-          {4.0, 8.0, 8.0, 5.0, 2.0},
-          {8.0, 4.0, 6.0, 4.0, 2.0},
-          {5.0, 10.0, 10.0, 6.0, 3.0},
-          {10.0, 5.0, 8.0, 6.0, 1.0}};
+  return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0},
+      {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
@@ -1003,29 +992,25 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;
-  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"},
-                     {"h_ep", 1.0, 20.0, step, "mm"},
-                     {"w_s", 4.0, 15.0, step, "mm"},
-                     {"h_s", 2.0, 15.0, step, "mm"},
-                     {"w_v", 0.0, 7.5, step, "mm"}};
+  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"}, {"h_ep", 1.0, 20.0, step, "mm"}, {"w_s", 4.0, 15.0, step, "mm"},
+      {"h_s", 2.0, 15.0, step, "mm"}, {"w_v", 0.0, 7.5, step, "mm"}};
   const double unbounded = -std::numeric_limits<double>::infinity();
-  space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"},
-                       {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
+  space.constraints = {
+      {"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
   const auto refusal = [pad](const char* where, double value) {
     return InfeasibleDesign(std::string("t_min ") + where, value, pad.t_min, "mm",
-                            message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
-                                    " mm is below its limit ", pad.t_min, " mm"));
+        message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
+            " mm is below its limit ", pad.t_min, " mm"));
   };
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
-                  [pad, refusal](std::span<const double> x) {
-                    return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad));
-                  }}};
+      [pad, refusal](
+          std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
   if (pad.t_min_beside)
     space.rules.push_back(
         {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
-         [pad, refusal](std::span<const double> x) {
-           return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
-         }});
+            [pad, refusal](std::span<const double> x) {
+              return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
+            }});
   return space;
 }
 
@@ -1049,14 +1034,10 @@ enum class Twin {
 
 constexpr std::string_view to_string(Twin twin) {
   switch (twin) {
-    case Twin::no_void:
-      return "no_void";
-    case Twin::bonded_base:
-      return "bonded_base";
-    case Twin::unsupported_base:
-      return "unsupported_base";
-    default:
-      return "design";
+    case Twin::no_void: return "no_void";
+    case Twin::bonded_base: return "bonded_base";
+    case Twin::unsupported_base: return "unsupported_base";
+    default: return "design";
   }
 }
 
@@ -1087,8 +1068,8 @@ struct Chords {
 };
 
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
-inline HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords,
-                                const PadDimensions& pad = {});
+inline HalfSection half_section(
+    const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
 
 namespace detail {
 
@@ -1111,12 +1092,9 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
   for (int k = 0; k <= count; ++k) {
     const double want = measure.back() * k / count;
     while (at + 1 < measure.size() && measure[at + 1] < want) ++at;
-    if (k == 0)
-      angles.push_back(0.0);
-    else if (k == count)
-      angles.push_back(0.5 * pi);
-    else
-      angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
+    if (k == 0) angles.push_back(0.0);
+    else if (k == count) angles.push_back(0.5 * pi);
+    else angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
   }
   return angles;
 }
@@ -1227,8 +1205,8 @@ struct FingerOptions {
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
-      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y,
-              factor * max_turn_rad, factor * shortest_chord};
+      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
+          factor * shortest_chord};
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -1282,26 +1260,20 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
-    case SectionTag::stem_top:
-      return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
-    case SectionTag::stem_side:
-      return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base:
-      return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
+    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
+    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::void_inner:
       return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
     case SectionTag::void_roof:
       return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
     case SectionTag::void_wall:
-      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()},
-              false,       false,
-              supported,   Dielectric{},
-              false};
-    case SectionTag::side:
-      return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
+      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported,
+          Dielectric{}, false};
+    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
     default:
-      return {"dome",      EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
-              Dielectric{}};
+      return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
+          Dielectric{}};
   }
 }
 
@@ -1339,15 +1311,10 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
     }
     const bool air = s.design.w_v > 0.0;
     require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
-    for (const double side :
-         {1.0,
-          -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
-      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height},
-                                               along,
-                                               {0, 0, side * 0.5 * led.width_x},
-                                               0.5 * led.power_W / led.count,
-                                               0,
-                                               air});
+    for (const double side : {1.0,
+             -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
+      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along,
+          {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
   const auto r = o.readout;
   body.touched = o.touched;
@@ -1425,7 +1392,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   }
   Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
   body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()},
-                          o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+      o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
   for (int k = 0; k < n; ++k) {
     middle.loop.push_back(2 * k);
     end.loop.push_back(2 * (n - 1 - k) + 1);
@@ -1565,20 +1532,18 @@ inline void validate(const CastingOptions& o, const HalfSection& s) {
   require_in_range("mould rim", o.rim * 1e3, 1.0, o.plate * 1e3, "mm");
   const CastingLayout at(s, o);
   require_in_range("pad width", 2e3 * at.half_width, 20.0, 200.0, "mm");
-  require_in_range("stem height", at.stem_height * 1e3, o.strip_height * 1e3 + 0.5,
-                   1e3 * at.top - limits::above_stem_mm, "mm");
+  require_in_range(
+      "stem height", at.stem_height * 1e3, o.strip_height * 1e3 + 0.5, 1e3 * at.top - limits::above_stem_mm, "mm");
   const double widest = 1e3 * (2.0 * at.stem_x - 2.0 * o.clearance - 2.0 * limits::beside_strip);
   if (o.strip_width * 1e3 > widest + 1e-9)
     throw InvalidArgument(message("LED strip width is ", exact(o.strip_width * 1e3), " mm, must be at most ", widest,
-                                  " mm: 0.6 mm of wall on each side of it in a stem of ", 2.0 * at.stem_x * 1e3,
-                                  " mm"));
+        " mm: 0.6 mm of wall on each side of it in a stem of ", 2.0 * at.stem_x * 1e3, " mm"));
   if (at.pocket_y > at.half_length - limits::beyond_strip)
     throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ",
-                                  2e3 * (at.half_length - o.clearance - limits::beyond_strip), " mm"));
+        2e3 * (at.half_length - o.clearance - limits::beyond_strip), " mm"));
   if (at.notch_outer > at.half_width - 1e-3 * limits::beside_void_mm)
     throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance),
-                                  " mm thick beside its voids, must be at least ",
-                                  limits::beside_void_mm + 1e3 * o.clearance, " mm"));
+        " mm thick beside its voids, must be at least ", limits::beside_void_mm + 1e3 * o.clearance, " mm"));
 }
 
 }  // namespace lumo
@@ -1716,7 +1681,7 @@ inline int sure_orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const V
 inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
   if (const int sure = sure_orient2d(a, b, c); sure != 0) return sure;
   return detail::exact_minor(detail::exact_difference(b[0], a[0]), detail::exact_difference(b[1], a[1]),
-                             detail::exact_difference(c[0], a[0]), detail::exact_difference(c[1], a[1]))
+      detail::exact_difference(c[0], a[0]), detail::exact_difference(c[1], a[1]))
       .sign();
 }
 
@@ -1823,9 +1788,8 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and
 /// no others. Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// nullopt if the outline is not simple or not counter-clockwise about `normal`.
-inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices,
-                                                                   const std::vector<int>& loop, const Vec3d& normal,
-                                                                   int facet, double slack) {
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(
+    const std::vector<Vec3d>& vertices, const std::vector<int>& loop, const Vec3d& normal, int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
   if (loop.size() == 3) {
     triangles.push_back({{loop[0], loop[1], loop[2]}, facet});
@@ -1864,7 +1828,7 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::ve
     at %= left.size();
     triangles.push_back(
         {{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]},
-         facet});
+            facet});
     left.erase(left.begin() + static_cast<std::ptrdiff_t>(at));
     ++at;  // the next corner but one: fewer slender triangles than a fan
   }
@@ -1929,8 +1893,8 @@ inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
-inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole,
-                                     const std::vector<std::vector<int>>& others) const {
+inline bool PolygonTriangles::bridge(
+    Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(
       std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
@@ -1951,8 +1915,8 @@ inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole,
     if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) ||
         crosses(from, to, hole))
       continue;
-    if (std::any_of(others.begin(), others.end(),
-                    [&](const std::vector<int>& other) { return crosses(from, to, other); }))
+    if (std::any_of(
+            others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); }))
       continue;
     std::vector<int> detour{to};
     for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
@@ -2102,10 +2066,8 @@ inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   std::array<int, 2> edge{};
   std::size_t shared = 0;
   for (int vertex : a) {
-    if (has(b, vertex))
-      edge[shared++] = vertex;
-    else
-      apex_a = vertex;
+    if (has(b, vertex)) edge[shared++] = vertex;
+    else apex_a = vertex;
   }
   for (int vertex : b)
     if (!has(a, vertex)) apex_b = vertex;
@@ -2198,7 +2160,7 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
     const Corners& t = triangles_[i].corners;
     const Vec3d &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
     boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin,
-                     elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
+        elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
     low = elementwise_min(low, boxes.back().low);
     high = elementwise_max(high, boxes.back().high);
   }
@@ -2273,9 +2235,8 @@ inline void check_edges(const ClosedSurface& input) {
       vertex_of.push_back(a);
     }
   }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
-    return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from);
-  });
+  std::sort(sides.begin(), sides.end(),
+      [](const Side& a, const Side& b) { return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from); });
   Groups fans(vertex_of.size());
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
@@ -2288,8 +2249,8 @@ inline void check_edges(const ClosedSurface& input) {
     const Side& a = sides[i];
     const Side& b = sides[i + 1];
     if (a.up == b.up)
-      throw MeshError(Reason::not_manifold,
-                      message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
+      throw MeshError(
+          Reason::not_manifold, message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
     fans.join(a.from, b.to);
     fans.join(a.to, b.from);
     i = end;
@@ -2300,7 +2261,7 @@ inline void check_edges(const ClosedSurface& input) {
     const int fan = fans.find(static_cast<int>(corner));
     if (known >= 0 && known != fan)
       throw MeshError(Reason::not_manifold,
-                      message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
+          message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
     known = fan;
   }
 }
@@ -2344,20 +2305,20 @@ inline double solid_angle(const Vec3d& from_a, const Vec3d& from_b, const Vec3d&
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
 inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles,
-                      const Shell& shell, const Vec3d& point) {
+    const Shell& shell, const Vec3d& point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
     angle += solid_angle(vertices[static_cast<std::size_t>(corners[0])], vertices[static_cast<std::size_t>(corners[1])],
-                         vertices[static_cast<std::size_t>(corners[2])], point);
+        vertices[static_cast<std::size_t>(corners[2])], point);
   }
   return angle / (4.0 * std::numbers::pi);
 }
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles,
-                         const std::vector<Shell>& shells) {
+inline void check_inside(
+    const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3d& point, const Shell* without) {
     double sum = 0.0;
     for (const Shell& shell : shells)
@@ -2370,8 +2331,8 @@ inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTr
     const double wanted = shells[i].volume > 0.0 ? 0.0 : 1.0;
     if (std::abs(around - wanted) > 0.25)
       throw MeshError(MeshError::Reason::not_manifold,
-                      message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume,
-                              " is wound by other shells ", around, " times, must be ", wanted));
+          message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume,
+              " is wound by other shells ", around, " times, must be ", wanted));
   }
   std::vector<char> used(input.vertices.size(), 0);
   for (const SurfaceTriangle& t : triangles)
@@ -2379,13 +2340,12 @@ inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTr
   for (std::size_t i = 0; i < used.size(); ++i)
     if (!used[i] && total(input.vertices[i], nullptr) < 0.75)
       throw MeshError(MeshError::Reason::bad_index,
-                      message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
+          message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
 inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices,
-                                        const std::vector<SurfaceTriangle>& triangles,
-                                        const std::vector<Shell>& shells) {
+    const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   std::vector<Vec3d> points;
   const auto at = [&](int vertex) -> const Vec3d& { return vertices[static_cast<std::size_t>(vertex)]; };
   for (const Shell& shell : shells) {
@@ -2456,22 +2416,22 @@ inline void check_numbers(const ClosedSurface& input) {
   using Reason = MeshError::Reason;
   if (input.vertices.empty() || input.facets.empty())
     refuse_surface(Reason::degenerate, message("has ", input.vertices.size(), " vertices and ", input.facets.size(),
-                                               " facets, must have some of both"));
+                                           " facets, must have some of both"));
   if (input.vertices.size() > 100'000'000 || input.facets.size() > 100'000'000)
-    refuse_surface(Reason::out_of_memory, message("has ", input.vertices.size(), " vertices and ", input.facets.size(),
-                                                  " facets, at most 1e8 of each"));
+    refuse_surface(Reason::out_of_memory,
+        message("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, at most 1e8 of each"));
   for (std::size_t i = 0; i < input.vertices.size(); ++i)
     if (!(input.vertices[i].cwiseAbs().maxCoeff() <= largest_coordinate) || !input.vertices[i].allFinite())
       refuse_surface(Reason::not_finite, message("vertex ", i, " is at ", point_text(input.vertices[i]),
-                                                 ", coordinates must be finite and at most ", largest_coordinate));
+                                             ", coordinates must be finite and at most ", largest_coordinate));
   const auto count = static_cast<int>(input.vertices.size());
   std::vector<int> seen(input.vertices.size(), -1);
   for (std::size_t f = 0; f < input.facets.size(); ++f) {
     const std::vector<int>& loop = input.facets[f].loop;
     for (int vertex : loop)
       if (vertex < 0 || vertex >= count)
-        refuse_surface(Reason::bad_index,
-                       message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
+        refuse_surface(
+            Reason::bad_index, message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
     if (loop.size() < 3)
       refuse_surface(Reason::degenerate, message("facet ", f, " has ", loop.size(), " corners, must have at least 3"));
     for (int vertex : loop)
@@ -2497,8 +2457,8 @@ inline void check_duplicates(const std::vector<Vec3d>& vertices, double toleranc
       const double distance = (vertices[static_cast<std::size_t>(order[j].vertex)] - a).norm();
       if (distance <= tolerance)
         refuse_surface(MeshError::Reason::duplicate,
-                       message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", point_text(a), " are ",
-                               distance, " apart, must be more than ", tolerance));
+            message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", point_text(a), " are ", distance,
+                " apart, must be more than ", tolerance));
     }
 }
 
@@ -2518,21 +2478,20 @@ inline std::vector<SurfaceTriangle> check_facets(const ClosedSurface& input, dou
       size = std::max({size, (corner(i) - corner(0)).norm(), (corner(i + 1) - corner(i)).norm()});
     const Vec3d doubled = polygon_normal(input.vertices, loop);
     if (!(doubled.norm() > 2.0 * detail::flatness * size * size))
-      detail::refuse_surface(Reason::degenerate,
-                             message("facet ", f, " at ", detail::point_text(corner(0)), " has area ",
-                                     0.5 * doubled.norm(), ", must be more than ", detail::flatness * size * size));
+      detail::refuse_surface(
+          Reason::degenerate, message("facet ", f, " at ", detail::point_text(corner(0)), " has area ",
+                                  0.5 * doubled.norm(), ", must be more than ", detail::flatness * size * size));
     const Vec3d normal = doubled.normalized();
     for (std::size_t i = 1; i < loop.size(); ++i) {
       const double height = std::abs(normal.dot(corner(i) - corner(0)));
       if (loop.size() > 3 && height > detail::flatness * size)
-        detail::refuse_surface(Reason::degenerate,
-                               message("facet ", f, " at ", detail::point_text(corner(i)), " is not flat: ", height,
-                                       " off its plane, at most ", detail::flatness * size));
+        detail::refuse_surface(
+            Reason::degenerate, message("facet ", f, " at ", detail::point_text(corner(i)), " is not flat: ", height,
+                                    " off its plane, at most ", detail::flatness * size));
     }
     const auto pieces = facet_triangles(input.vertices, loop, normal, static_cast<int>(f), 2.0 * gap);
     if (!pieces)
-      detail::refuse_surface(
-          Reason::self_intersecting,
+      detail::refuse_surface(Reason::self_intersecting,
           message("the outline of facet ", f, " at ", detail::point_text(corner(0)), " crosses or touches itself"));
     triangles.insert(triangles.end(), pieces->begin(), pieces->end());
   }
@@ -2560,22 +2519,20 @@ inline SurfaceReport validate_surface(const ClosedSurface& input) {
     report.area += shell.area;
     report.volume += shell.volume;
     if (!(std::abs(shell.volume) > 1e-9 * shell.area * size))
-      detail::refuse_surface(
-          Reason::degenerate,
+      detail::refuse_surface(Reason::degenerate,
           message("the shell of facet ", triangles[static_cast<std::size_t>(shell.triangles[0])].facet,
-                  " encloses a volume of ", shell.volume, ", must be more than ", 1e-9 * shell.area * size));
+              " encloses a volume of ", shell.volume, ", must be more than ", 1e-9 * shell.area * size));
   }
   if (!(report.volume > 0.0))
-    detail::refuse_surface(Reason::not_manifold,
-                           message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
+    detail::refuse_surface(
+        Reason::not_manifold, message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
   if (const auto pair = SelfIntersection(input.vertices, triangles, detail::closeness * size).find()) {
     const SurfaceTriangle& a = triangles[static_cast<std::size_t>(pair->first)];
     const SurfaceTriangle& b = triangles[static_cast<std::size_t>(pair->second)];
-    detail::refuse_surface(
-        Reason::self_intersecting,
+    detail::refuse_surface(Reason::self_intersecting,
         message("facets ", std::min(a.facet, b.facet), " and ", std::max(a.facet, b.facet), " cross or touch near ",
-                detail::point_text(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
-                detail::closeness * size, " apart"));
+            detail::point_text(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
+            detail::closeness * size, " apart"));
   }
   check_inside(input, triangles, shells);
   report.cavities = cavity_points(input.vertices, triangles, shells);
@@ -2738,8 +2695,8 @@ inline auto FacetedSolid::surface() const -> TriangleSurface {
     for (const auto& hole : holes) local_holes.push_back(local(hole));
     const auto triangles = PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
     if (!triangles)
-      throw MeshError(MeshError::Reason::self_intersecting,
-                      "solid: a face's outline crosses or touches itself or its holes");
+      throw MeshError(
+          MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
     for (const auto& t : *triangles)
       s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
   }
@@ -2762,12 +2719,8 @@ namespace lumo {
 inline std::vector<std::array<double, 2>> core_outline(const HalfSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;
-  return {{-at.half_length, 0.0},
-          {at.mould_y, 0.0},
-          {at.mould_y, -o.rim},
-          {at.mould_y + handle, -o.rim},
-          {at.mould_y + handle, at.stem_height},
-          {-at.half_length, at.stem_height}};
+  return {{-at.half_length, 0.0}, {at.mould_y, 0.0}, {at.mould_y, -o.rim}, {at.mould_y + handle, -o.rim},
+      {at.mould_y + handle, at.stem_height}, {-at.half_length, at.stem_height}};
 }
 
 /// The core of the void at x > 0, as thick as the void is wide; the other one is the same, shifted. It comes out along
@@ -2921,24 +2874,18 @@ inline Drawing section_drawing(const HalfSection& s, const CastingOptions& o) {
       {"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
   if (voids) d.layers.push_back({"CORES", 1, "#d55e00"});
   std::vector<Drawing::Point> pad{{at.stem_x, at.stem_height}};
-  if (voids)
-    pad.insert(pad.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
-  else
-    pad.push_back({at.stem_x, 0.0});
+  if (voids) pad.insert(pad.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
+  else pad.push_back({at.stem_x, 0.0});
   pad.insert(pad.end(), outline.begin(), outline.end());
   d.lines.push_back({0, detail::mirrored(std::move(pad))});
-  d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor},
-                                          {at.pocket_x, at.stem_height},
-                                          {at.stem_x, at.stem_height},
-                                          {at.stem_x, 0.0},
-                                          {at.plate_x, 0.0},
-                                          {at.plate_x, -o.plate}})});
+  d.lines.push_back(
+      {1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, at.stem_height}, {at.stem_x, at.stem_height},
+              {at.stem_x, 0.0}, {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
   d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, at.stem_height));
   d.lines.push_back({2, {{-led, at.stem_height}, {led, at.stem_height}}, false});
   for (const double side : {1.0, -1.0}) {
-    std::vector<Drawing::Point> half{{at.half_width, 0.0},       {at.rim_x, 0.0},
-                                     {at.rim_x, -o.rim},         {at.mould_x, -o.rim},
-                                     {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
+    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim},
+        {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
     half.insert(half.end(), outline.rbegin(), outline.rend() - 1);
     for (auto& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
@@ -2947,10 +2894,8 @@ inline Drawing section_drawing(const HalfSection& s, const CastingOptions& o) {
   std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
   if (voids) legend.push_back("cores");
   for (int layer = 0; layer < int(legend.size()); ++layer)
-    d.labels.push_back({layer,
-                        {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3},
-                        detail::caption_height,
-                        legend[std::size_t(layer)]});
+    d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, detail::caption_height,
+        legend[std::size_t(layer)]});
   detail::add_caption(d, "Section at scale 1:1");
   return d;
 }
@@ -2963,11 +2908,11 @@ inline Drawing strip_drawing(const HalfSection& s, const CastingOptions& o) {
   d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
   for (int k = 0; k < o.leds.count; ++k) {
     const double y = (k - 0.5 * (o.leds.count - 1)) * o.leds.pitch;
-    d.lines.push_back(detail::box_line(1, y - 0.5 * o.leds.length_y, y + 0.5 * o.leds.length_y, -0.5 * o.leds.width_x,
-                                       0.5 * o.leds.width_x));
+    d.lines.push_back(detail::box_line(
+        1, y - 0.5 * o.leds.length_y, y + 0.5 * o.leds.length_y, -0.5 * o.leds.width_x, 0.5 * o.leds.width_x));
   }
   detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width,
-                                 " mm, LEDs every ", 1e3 * o.leds.pitch, " mm"));
+                             " mm, LEDs every ", 1e3 * o.leds.pitch, " mm"));
   return d;
 }
 
@@ -3025,8 +2970,8 @@ inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions&
     return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
   };
   const auto duct = [&](double z) {
-    return detail::rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y,
-                             CastingLayout::duct_length - at.strip_y, z);
+    return detail::rectangle(
+        -0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z);
   };
   const auto holes = [&](double z) {
     std::vector<std::vector<Vec3d>> loops;
@@ -3034,7 +2979,7 @@ inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions&
       for (const double y : {-1.0, 1.0})
         loops.push_back(reversed(
             detail::ring(Vec3d(x * (at.half_width - CastingLayout::hole_inset), y * (at.half_length + 0.5 * o.tab), z),
-                         Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
+                Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
     return loops;
   };
   auto below = holes(bottom), above = holes(0.0);
@@ -3102,10 +3047,8 @@ inline std::vector<Opening> pour_openings(const HalfSection& s, const CastingOpt
   const double corner_x = at.half_width - corner;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
   for (const double side : {-1.0, 1.0})
-    list.push_back({{side * corner_x, corner},
-                    {side * corner_x, corner},
-                    vent,
-                    std::min(vent + length * std::tan(3.0_deg), widest_vent)});
+    list.push_back({{side * corner_x, corner}, {side * corner_x, corner}, vent,
+        std::min(vent + length * std::tan(3.0_deg), widest_vent)});
   return list;
 }
 
@@ -3186,8 +3129,8 @@ class MouldHalf {
 inline void MouldHalf::cavity() {
   solid_.band(upright(outline_, near_), upright(outline_, end_), false);
   const Corners crown(outline_.rbegin(), outline_.rend());
-  Corners face{{at_.half_width, 0.0},        {at_.rim_x, 0.0},    {at_.rim_x, rim_}, {at_.mould_x, rim_},
-               {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
+  Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_},
+      {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
   face.insert(face.end(), crown.begin(), crown.end() - 1);
   solid_.face(upright(face, near_));
 
@@ -3211,7 +3154,7 @@ inline void MouldHalf::parting() {
     return ring(Vec3d(x, place, z), Vec3d::UnitZ(), Vec3d::UnitY(), r);
   };  // seen from −x
   solid_.face(lengthwise({{near_, at_.top}, {near_, at_.mould_top}, {end_, at_.mould_top}, {end_, at_.top}}, 0.0),
-              {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
+      {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
   solid_.band(around(0.0, y, radius), around(-height, y, tip));
   solid_.face(around(-height, y, tip));
   solid_.band(reversed(around(height + c, -y, tip + c)), reversed(around(0.0, -y, radius + c)));
@@ -3221,23 +3164,15 @@ inline void MouldHalf::parting() {
 /// The ledge that lies on the carrier's plate, and the rim round it.
 inline void MouldHalf::underside() {
   const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
-  solid_.face(reversed(level({{at_.half_width, near_},
-                              {at_.rim_x, near_},
-                              {at_.rim_x, at_.rim_y},
-                              {from, at_.rim_y},
-                              {from, end_},
-                              {at_.half_width, end_}},
-                             0.0)));
+  solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y},
+                                 {from, end_}, {at_.half_width, end_}},
+      0.0)));
   if (!notches_.empty())
     for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
       solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
-  solid_.face(reversed(level({{at_.rim_x, near_},
-                              {at_.mould_x, near_},
-                              {at_.mould_x, at_.mould_y},
-                              {left, at_.mould_y},
-                              {left, at_.rim_y},
-                              {at_.rim_x, at_.rim_y}},
-                             rim_)));
+  solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y},
+                                 {left, at_.rim_y}, {at_.rim_x, at_.rim_y}},
+      rim_)));
   solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, 0.0}, {near_, 0.0}}, at_.rim_x)));
   Corners inner = stepped(0.0, -o_.clearance);  // along its top
   std::reverse(inner.begin(), inner.end());
@@ -3364,10 +3299,10 @@ inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items
   const std::string xml = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
   return {
       {"[Content_Types].xml",
-       xml + "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">"
-             "<Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/>"
-             "<Default Extension=\"model\" "
-             "ContentType=\"application/vnd.ms-package.3dmanufacturing-3dmodel+xml\"/></Types>\n"},
+          xml + "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">"
+                "<Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/>"
+                "<Default Extension=\"model\" "
+                "ContentType=\"application/vnd.ms-package.3dmanufacturing-3dmodel+xml\"/></Types>\n"},
       {"_rels/.rels", xml +
                           "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">"
                           "<Relationship Target=\"/3D/3dmodel.model\" Id=\"rel0\" "
@@ -3453,9 +3388,9 @@ inline CastVolume cast_volume(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   CastVolume v{2.0 * s.exact_area_m2() * s.length_m(),
-               4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height +
-                   2.0 * at.stem_x * at.stem_height * o.clearance,
-               0.0};
+      4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height +
+          2.0 * at.stem_x * at.stem_height * o.clearance,
+      0.0};
   for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
   return v;
 }
@@ -3649,14 +3584,10 @@ class Svg {
   static std::string escaped(std::string_view s) {
     std::string out;
     for (const char c : s) {
-      if (c == '&')
-        out += "&amp;";
-      else if (c == '<')
-        out += "&lt;";
-      else if (c == '>')
-        out += "&gt;";
-      else
-        out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
+      if (c == '&') out += "&amp;";
+      else if (c == '<') out += "&lt;";
+      else if (c == '>') out += "&gt;";
+      else out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
     }
     return out;
   }
@@ -3718,8 +3649,7 @@ inline void write_svg(std::ostream& out, const Drawing& drawing) {
     }
     for (const Drawing::Label& label : drawing.labels)
       if (std::size_t(label.layer) == k)
-        svg.text(
-            at(label.at), label.words,
+        svg.text(at(label.at), label.words,
             {.size = 1e3 * (label.height / capitals), .anchor = Svg::left_out, .fill = layer.stroke, .stroke = "none"});
     svg.end_group();
   }
@@ -3751,8 +3681,7 @@ inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
   word(std::uint32_t(surface.triangles.size()));
   for (const auto& t : surface.triangles) {
     const std::array<Vec3d, 3> corner{1e3 * surface.vertices[std::size_t(t[0])],
-                                      1e3 * surface.vertices[std::size_t(t[1])],
-                                      1e3 * surface.vertices[std::size_t(t[2])]};
+        1e3 * surface.vertices[std::size_t(t[1])], 1e3 * surface.vertices[std::size_t(t[2])]};
     point((corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized());
     for (const Vec3d& p : corner) point(p);
     bytes.append(2, '\0');

@@ -705,7 +705,7 @@ class CsvReader {
   /// Throws the error of a field: file, line, column, text, reason.
   [[noreturn]] void fail(int column, std::string_view why) const {
     throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
-                             printable(text(column)), "' ", why));
+        printable(text(column)), "' ", why));
   }
 
  private:
@@ -812,7 +812,7 @@ inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.
           {(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
     }
     std::sort(grasp.touches.begin(), grasp.touches.end(),
-              [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
+        [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
     plan.grasps.push_back(std::move(grasp));
   }
   return plan;
@@ -995,20 +995,20 @@ inline void validate(const PadResponses& r, const std::string& name) {
                      tilts = r.tilt_place_m.size();
   const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
   require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m),
-          "there must be at least 3 bins, ascending, with unloaded power each");
+      "there must be at least 3 bins, ascending, with unloaded power each");
   const Eigen::VectorXd& position_m = r.position_m;
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads,
-          "there must be at least 2 loads, ascending");
+      "there must be at least 2 loads, ascending");
   require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places,
-          "there must be at least 2 places, ascending from 0");
+      "there must be at least 2 places, ascending from 0");
   require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts,
-          "there must be a tilted approach at least at one place");
+      "there must be a tilted approach at least at one place");
   require(
       r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0,
       "a depth is missing or not positive");
   require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0,
-          "unloaded power must be finite and not negative");
+      "unloaded power must be finite and not negative");
   for (const auto* list : {&r.change, &r.tilt})
     for (const Eigen::MatrixXd& m : *list)
       require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
@@ -1051,10 +1051,10 @@ class PadLight {
     if (tilt_rad != 0.0) {
       const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
       add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N),
-                std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
+          std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
       if (s > 0.0)
         add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N),
-                  std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
+            std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
     return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
   }
@@ -1267,8 +1267,7 @@ class Emitter {
                     { e.intensity(0.5) } -> std::convertible_to<double>;
                   })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
-    else
-      return nullptr;
+    else return nullptr;
   }
   template <class E> static const Calls calls;
 
@@ -1311,22 +1310,17 @@ template <class E> void validate_model(const E& model) {
 
 }  // namespace detail
 
-template <class E>
-const Emitter::Calls Emitter::calls = {
-    [](const void* e) -> Vec3d { return model<E>(e).center; },
+template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
     [](const void* e) -> double { return model<E>(e).power_W; },
-    [](const void* e) -> int { return model<E>(e).channel; },
-    [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+    [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
     [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
-    intensity_of<E>(),
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
     [](const void* e) -> bool {
       if constexpr (requires {
                       { model<E>(e).in_air } -> std::convertible_to<bool>;
                     })
         return model<E>(e).in_air;
-      else
-        return false;
+      else return false;
     },
     [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
     [](const void* e) { detail::validate_model(model<E>(e)); }};
@@ -1767,7 +1761,7 @@ struct Image {
     require_in_range("image width", width, 1, max_image_side, "px");
     require_in_range("image height", height, 1, max_image_side, "px");
     return {width, height, format,
-            std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+        std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
   }
   /// Copies the pixels. Throws InvalidArgument for an empty view.
   static Image copy(const ImageView& v) {
@@ -1815,16 +1809,16 @@ struct ClockMap {
   std::int64_t operator()(std::int64_t from_ns) const {
     constexpr double limit = double(stamp_limit_ns);
     const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
-    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns,
-                                    stamp_limit_ns);
+    return std::clamp<std::int64_t>(
+        from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
   }
 
   /// Least-squares fit to the stamps of the same events on both clocks; one event gives the offset alone. Throws
   /// InvalidArgument for none.
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
-      throw InvalidArgument(message("clocks have ", from_ns.size(), " and ", to_ns.size(),
-                                    " common events, must have as many, at least 1"));
+      throw InvalidArgument(message(
+          "clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
     for (std::size_t i = 0; i < from_ns.size(); ++i)
       for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
         if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns)
@@ -1860,8 +1854,8 @@ class TimeSeries {
       throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
       if (stamp_[i] <= stamp_[i - 1])
-        throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ",
-                                      stamp_[i - 1], " ns"));
+        throw InvalidArgument(message(
+            "time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
     if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
       throw InvalidArgument(
           message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
@@ -1928,8 +1922,8 @@ enum class SegmentKind {
   other  ///< a recording's own kind, see Segment::other_kind
 };
 
-inline constexpr std::array<std::string_view, 7> segment_kind_names{"unloaded", "dark",  "free",   "approach",
-                                                                    "hold",     "cycle", "retract"};
+inline constexpr std::array<std::string_view, 7> segment_kind_names{
+    "unloaded", "dark", "free", "approach", "hold", "cycle", "retract"};
 
 /// The kind as files name it; empty for `other`.
 constexpr std::string_view to_string(SegmentKind kind) {
@@ -1986,13 +1980,13 @@ inline void validate(const HandLink& l) {
     throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
   if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
     throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
-                                  " mounting holes, must have at least 2, at finite places"));
+        " mounting holes, must have at least 2, at finite places"));
   for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
     for (Eigen::Index j = 0; j < k; ++j)
       if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
           !(apart >= 1.0_mm && apart <= 10.0))
-        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart,
-                                      " mm apart, must be 1 to 10000 mm"));
+        throw InvalidArgument(message(
+            "link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
   require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
   require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
   require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
@@ -2046,35 +2040,34 @@ class SessionCheck {
   void view(const Session& s) const {
     require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
     require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0,
-            message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+        message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
     require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0,
-            message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+        message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
     require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
-            message("distance of the camera is ", 1e3 * s.camera_distance_m,
-                    " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+        message("distance of the camera is ", 1e3 * s.camera_distance_m,
+            " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
     require(led_parallax(s) >= 0.5,
-            message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
-                    " mm, must lie at most 1.41 times as deep as it is far"));
+        message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
+            " mm, must lie at most 1.41 times as deep as it is far"));
     require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   }
 
   void finger(const Session& s) const {
     require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
-            message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+        message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
     require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..",
-            "video must be a file name beside session.json");
+        "video must be a file name beside session.json");
     require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0,
-            message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+        message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
     require(std::abs(s.joint_to_origin_m) <= 10.0,
-            message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
-    require(
-        s.joint_to_joint_m.size() < std::size_t(max_joints),
+        message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+    require(s.joint_to_joint_m.size() < std::size_t(max_joints),
         message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
     for (const double l : s.joint_to_joint_m)
       require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
     for (const double k : s.torque_constant_Nm_per_A)
       require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
-              message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+          message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
     for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
   }
 
@@ -2083,11 +2076,11 @@ class SessionCheck {
       require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
     for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
       stamp(map.origin_ns);
-      require(std::abs(map.offset_s) <= 4e9,
-              message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+      require(
+          std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
       require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
       require(map.residual_s >= 0.0 && std::isfinite(map.residual_s),
-              message("residual of a clock is ", map.residual_s, " s, must not be negative"));
+          message("residual of a clock is ", map.residual_s, " s, must not be negative"));
     }
   }
 
@@ -2099,23 +2092,23 @@ class SessionCheck {
     }
     for (const int j : l.link.joints)
       require(j >= 0 && j < max_joints,
-              message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+          message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
     require(l.hole_px.cols() == l.link.hole_m.cols(),
-            message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
-                    " places of them in the picture, must have as many"));
+        message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
+            " places of them in the picture, must have as many"));
     require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5,
-            message("link ", i, ": places of holes must lie within 1e5 px"));
+        message("link ", i, ": places of holes must lie within 1e5 px"));
     const double px_per_mm =
         1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
-    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, message("link ", i, ": its first two holes are seen at ",
-                                                             px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0,
+        message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
   }
 
   void segment(const Segment& g, std::size_t i) const {
     stamp(g.from_ns);
     stamp(g.to_ns);
     require(g.to_ns >= g.from_ns,
-            message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+        message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
     for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm})
       require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
   }
@@ -2329,8 +2322,8 @@ class HoleFinder {
 
 /// Finds the link by its mounting holes, about where `guess` expects them; nullopt if one is not seen, or if they do
 /// not fit the link.
-inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess,
-                                            const HoleSearch& search = {}) {
+inline std::optional<LinkMap> register_link(
+    const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
   if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
   const double scale = guess.px_per_m();
   const Eigen::Index n = link.hole_m.cols();
@@ -2421,13 +2414,13 @@ class PhotodiodeArray {
     if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
     if (config_.dark_V.size() != n || config_.scale.size() != n)
       throw InvalidArgument(message("photodiode array has ", n, " positions, ", config_.dark_V.size(),
-                                    " dark values and ", config_.scale.size(), " scales, must be as many"));
+          " dark values and ", config_.scale.size(), " scales, must be as many"));
     if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite())
       throw InvalidArgument("photodiode array: numbers must be finite");
     for (Eigen::Index i = 1; i < n; ++i)
       if (!(config_.position_m[i] > config_.position_m[i - 1]))
         throw InvalidArgument(message("photodiode ", i, " is at ", config_.position_m[i],
-                                      " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
+            " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 
@@ -2527,8 +2520,8 @@ class StampColumn {
 
 /// A path below a log's frames/ that a table can hold.
 inline bool is_below_frames(std::string_view file) {
-  const bool plain = std::none_of(file.begin(), file.end(),
-                                  [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  const bool plain = std::none_of(
+      file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
   return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' &&
          file.find("..") == std::string_view::npos && file.find('\\') == std::string_view::npos;
 }
@@ -2537,7 +2530,7 @@ inline bool is_below_frames(std::string_view file) {
 inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
   if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
     throw InvalidArgument(message("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns",
-                                  last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
+        last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
   last = stamp_ns;
   return std::to_string(stamp_ns);
 }
@@ -2696,7 +2689,7 @@ inline std::string joint_header(int joints, Effort unit) {
   std::string t = "stamp_ns";
   for (int j = 0; j < joints; ++j)
     for (const char* column :
-         {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
+        {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
       t += ',' + numbered(column, j);
   return t + '\n';
 }
@@ -2847,7 +2840,7 @@ class HandLab {
           const auto p = map(l, joints).pixel(y, z);
           if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
             throw InvalidArgument(message("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ",
-                                          hand_.width, " x ", hand_.height));
+                hand_.width, " x ", hand_.height));
         }
   }
 
@@ -2868,7 +2861,7 @@ inline auto HandLab::map(int link, const HandJoints& joints) const -> sense::Lin
   const bool right = link >= 2;
   const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
   Eigen::Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px,
-                     0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
+      0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
   double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];  // image rows run down: −90° points up
   if (link % 2 == 1) {
     at += length * Eigen::Vector2d(std::cos(turn), std::sin(turn));
@@ -2990,7 +2983,7 @@ inline void HandLab::record_joints() {
   for (double t = 0.0; t < keys_.back().t_s; t += 1.0 / hand_.rig.motor.hz) {
     const HandTruth now = at(t);
     sense::JointSample s{lab_stamp(t), sense::JointVector(4), sense::JointVector(4), sense::JointVector::Zero(4),
-                         sense::Effort::current_A};
+        sense::Effort::current_A};
     for (int k = 0; k < 4; ++k) {
       s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
       s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * hand_.rig.motor.hz;
@@ -3317,10 +3310,8 @@ concept Indenter = requires(const T& tool, const Vec3d& p) {
 /// How strongly a tool is curved where it is meant to touch [m]: its own contact_radius_m(), or the whole tool's
 /// radius. Only a scale for first guesses.
 template <Indenter Tool> double contact_radius(const Tool& tool) {
-  if constexpr (requires { tool.contact_radius_m(); })
-    return tool.contact_radius_m();
-  else
-    return tool.radius_m();
+  if constexpr (requires { tool.contact_radius_m(); }) return tool.contact_radius_m();
+  else return tool.radius_m();
 }
 
 /// Is the tool its own mirror image in the plane across `axis` (0: x, 1: y, 2: z) of its frame? One that does not say
@@ -3330,8 +3321,7 @@ template <Indenter Tool> bool is_symmetric(const Tool& tool, int axis) {
                   { tool.symmetric(axis) } -> std::convertible_to<bool>;
                 })
     return tool.symmetric(axis);
-  else
-    return false;
+  else return false;
 }
 
 /// Rigid sphere.
@@ -3393,7 +3383,7 @@ template <Indenter Tool = Sphere> struct Scenario {
 template <Indenter Tool> Symmetry symmetry_of(const Scenario<Tool>& s) {
   const bool straight = s.angle_rad == 0.0;
   return {(straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0),
-          s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
+      s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
 }
 
 /// Mirror image of a contact with a symmetric tool in these planes.
@@ -3619,7 +3609,7 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
   }
   if (!std::isfinite(best))
     throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi,
-                                  " deg passes by the body"));
+        " deg passes by the body"));
   return {start + best * direction, point};
 }
 
@@ -3749,7 +3739,8 @@ namespace detail {
 inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) {
   const auto det = [](const Vec3d& u, const Vec3d& v, const Vec3d& w) { return u.dot(v.cross(w)); };
   return (det(a.col(0), b.col(1), c.col(2)) + det(a.col(0), c.col(1), b.col(2)) + det(b.col(0), a.col(1), c.col(2)) +
-          det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) + det(c.col(0), b.col(1), a.col(2))) /
+             det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) +
+             det(c.col(0), b.col(1), a.col(2))) /
          6.0;
 }
 
@@ -3808,7 +3799,7 @@ inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double vo
     for (double c : jacobian_coefficients(mesh, mesh.tets[e]))
       if (!(c > 0.0))
         throw MeshError(Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", c * 1e9,
-                                                  " mm3, must be > 0 over the whole element"));
+                                              " mm3, must be > 0 over the whole element"));
   std::map<std::pair<int, int>, int> edges;  // directed edges of the closed surface must pair up
   for (const BoundaryFace& f : mesh.faces)
     for (std::size_t k = 0; k < 3; ++k) ++edges[{f.nodes[k], f.nodes[(k + 1) % 3]}];
@@ -3816,13 +3807,13 @@ inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double vo
     const auto back = edges.find({edge.second, edge.first});
     if (count != 1 || back == edges.end() || back->second != 1)
       throw MeshError(count != 1 ? Reason::not_manifold : Reason::open,
-                      message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
+          message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
   }
   if (exact_volume_m3 > 0.0) {
     const double volume = measure(mesh).volume_m3;
     if (!(std::abs(volume / exact_volume_m3 - 1.0) <= volume_tolerance))
       throw MeshError(Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
-                                                  100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
+                                              100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
   }
 }
 
@@ -3855,8 +3846,8 @@ inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identi
   return p;
 }
 
-inline void make_quadratic(const Body& body, TetMesh& mesh,
-                           const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+inline void make_quadratic(
+    const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   std::map<std::pair<int, int>, int> middle;
   const auto middle_of = [&](int a, int b) {
     const std::pair<int, int> key = std::minmax(a, b);
@@ -3888,9 +3879,8 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   // from zero.
   for (const Vec3d& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
   if (body.sizing.edge)
-    input.edge = [&body, stretch](const Vec3d& p) {
-      return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z()));
-    };
+    input.edge = [&body, stretch](
+                     const Vec3d& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z())); };
   const auto filled = mesher.fill(input);
 
   TetMesh mesh;
@@ -3918,7 +3908,7 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   if (body.symmetry.x) mesh = mirrored(mesh, 0);
   if (body.symmetry.y) mesh = mirrored(mesh, 1);
   std::stable_sort(mesh.faces.begin(), mesh.faces.end(),
-                   [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
+      [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
   // The faces of a straight-sided mesh cut the curved profile short; only the quadratic one is held to the exact
   // volume.
   require_valid(mesh, order == 2 ? body.exact_volume_m3 : 0.0);
@@ -3977,9 +3967,8 @@ namespace lumo {
 /// A mesh of the body that is fine where the scenarios' indenters first touch it, and in the mirror images of those
 /// places. `coarse` is any mesh of the body. Throws InvalidArgument when an indenter passes by, MeshError when the body
 /// cannot be meshed.
-template <Mesher M, Indenter Tool>
-TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse, const std::vector<Scenario<Tool>>& scenarios,
-                         const M& mesher, const Focus& focus = {}, int order = 2) {
+template <Mesher M, Indenter Tool> TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse,
+    const std::vector<Scenario<Tool>>& scenarios, const M& mesher, const Focus& focus = {}, int order = 2) {
   std::vector<Vec3d> touches;
   for (const Scenario<Tool>& s : scenarios) touches.push_back(first_touch(body, coarse, s).point);
   return mesh_body(focused(body, touches, focus), mesher, order);
@@ -4126,24 +4115,19 @@ template <ContactHandler Contact> constexpr ContactPoints contact_points() {
                   { Contact::points } -> std::convertible_to<ContactPoints>;
                 })
     return Contact::points;
-  else
-    return ContactPoints::surface;
+  else return ContactPoints::surface;
 }
 
 /// Coulomb's coefficient of a law; 0 where it has none.
 template <ContactHandler Contact> double friction_coefficient(const Contact& contact) {
-  if constexpr (requires { contact.friction; })
-    return contact.friction;
-  else
-    return 0.0;
+  if constexpr (requires { contact.friction; }) return contact.friction;
+  else return 0.0;
 }
 
 /// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
 template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
-  if constexpr (requires { contact.area_per_vertex_m2; })
-    return contact.area_per_vertex_m2;
-  else
-    return 0.0;
+  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
+  else return 0.0;
 }
 
 /// Response of a spring of `stiffness` [N/m³] to a gap; 0 while it is open.
@@ -4510,7 +4494,7 @@ struct LinearPatchTet {
     const auto& part = parts[q];
     const auto edge = [&](int k) {
       return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1],
-                   place[part[k]][2] - place[part[0]][2]);
+          place[part[k]][2] - place[part[0]][2]);
     };
     for (int k = 1; k < 4; ++k) {
       const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1),
@@ -4532,12 +4516,12 @@ struct LinearPatchTet {
 
   /// Nodes of the eight: at the corners, and the octahedron between them cut along the line from node 4 to node 9,
   /// which mirrored() leaves in place.
-  static constexpr int parts[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3},
-                                      {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
+  static constexpr int parts[8][4] = {
+      {0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
 
  private:
-  static constexpr double place[10][3] = {{0, 0, 0},     {1, 0, 0},   {0, 1, 0},   {0, 0, 1},     {0.5, 0, 0},
-                                          {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
+  static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0},
+      {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
 };
 
 /// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of
@@ -4552,12 +4536,8 @@ template <class S> std::array<S, 6> face_shape(const S& u, const S& v, int order
 template <class S> std::array<std::array<S, 2>, 6> face_shape_derivatives(const S& u, const S& v, int order) {
   if (order == 1) return {{{-1, -1}, {1, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}}};
   const S w = 1.0 - u - v;
-  return {{{1 - 4 * w, 1 - 4 * w},
-           {4 * u - 1, 0},
-           {0, 4 * v - 1},
-           {4 * (w - u), -4 * u},
-           {4 * v, 4 * u},
-           {-4 * v, 4 * (w - v)}}};
+  return {{{1 - 4 * w, 1 - 4 * w}, {4 * u - 1, 0}, {0, 4 * v - 1}, {4 * (w - u), -4 * u}, {4 * v, 4 * u},
+      {-4 * v, 4 * (w - v)}}};
 }
 
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);
@@ -4685,8 +4665,8 @@ template <TetElement Element> class ElementPoints {
   /// no element, or be missing.
   explicit ElementPoints(const TetMesh& mesh) {
     if (mesh.order != Element::order)
-      throw InvalidArgument(message("elements are of order ", Element::order, ", the mesh is of order ", mesh.order,
-                                    ", must be the same"));
+      throw InvalidArgument(message(
+          "elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
     gradients_.reserve(mesh.tets.size() * Element::points);
     weights_.reserve(mesh.tets.size() * Element::points);
     for (const auto& t : mesh.tets)
@@ -4781,10 +4761,8 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     J.reserve(mesh_->tets.size() * cells());
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, x);
-      if (element_.mean_dilatation)
-        J.push_back(s.mean_J);
-      else
-        J.insert(J.end(), s.J.begin(), s.J.end());
+      if (element_.mean_dilatation) J.push_back(s.mean_J);
+      else J.insert(J.end(), s.J.begin(), s.J.end());
     }
     return J;
   }
@@ -4798,10 +4776,8 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
         const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
         double rate = 0.0;
         for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
-        if (element_.mean_dilatation)
-          J[e] += weight(e, q) / s.volume * rate;
-        else
-          J[e * cells() + std::size_t(q)] += rate;
+        if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
+        else J[e * cells() + std::size_t(q)] += rate;
       }
     }
     return J;
@@ -4827,7 +4803,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
 
   /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
   void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
-                   const std::vector<double>* about = nullptr) const {
+      const std::vector<double>* about = nullptr) const {
     constexpr int size = 3 * N;
     Eigen::Matrix<double, size, size> K;
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
@@ -4908,7 +4884,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
   }
 
   void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* about,
-                       Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
+      Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
     const ElementState s = state(e, x);
     Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
     K.setZero();
@@ -5127,9 +5103,8 @@ struct NoFriction {
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that
 // the rigid thing reaches, or whose given gaps are closed.
-template <class Tool, class Visit>
-void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid,
-                        const SurfaceGaps* gaps, Visit&& visit) {
+template <class Tool, class Visit> void for_contact_points(const ContactSurface& surface, const Positions& x,
+    const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
     const bool near = rigid.distance(middle) <= radius;
@@ -5153,8 +5128,7 @@ template <class Friction = detail::NoFriction> struct ContactHistory {
 /// meant then. Friction enters forces but not the energy.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
-                               const Positions& x, std::type_identity_t<Positions>* force,
-                               const ContactHistory<Friction>& history = {}) {
+    const Positions& x, std::type_identity_t<Positions>* force, const ContactHistory<Friction>& history = {}) {
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
@@ -5186,8 +5160,7 @@ struct TangentSums {
 /// Adds the contact stiffness.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
-                                const Positions& x, const TangentSums& tangent,
-                                const ContactHistory<Friction>& history = {}) {
+    const Positions& x, const TangentSums& tangent, const ContactHistory<Friction>& history = {}) {
   ContactSums sums;
   const Equations& eq = tangent.equations;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
@@ -5241,9 +5214,8 @@ template <class Tool> struct ContactPlace {
 
 /// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
 /// have at `linear`.
-template <class Tool>
-SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
-                           const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
+    const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
@@ -5306,14 +5278,14 @@ struct FrictionHistory {
     Vec3d stretch;
   };
   Answer answer(std::size_t face, std::size_t point, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal,
-                double pressure) const {
+      double pressure) const {
     const Mat3d along = Mat3d::Identity() - normal * normal.transpose();
     const Vec3d s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
     const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
     if (length <= most) return {-stiffness_N_per_m3 * s, stiffness_N_per_m3 * along, s};
     const Vec3d way = s / length;
     return {-stiffness_N_per_m3 * most * way,
-            stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
+        stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
   }
 
   /// Takes positions x, with the rigid thing as it is now, as the last equilibrium. Springs out of contact relax.
@@ -5335,9 +5307,9 @@ struct FrictionHistory {
   }
 
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
-  template <ContactHandler Contact, class Tool>
-  Vec3d add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid,
-                         const Positions& x, std::type_identity_t<std::vector<Vec3d>>& on_nodes) const {
+  template <ContactHandler Contact, class Tool> Vec3d add_nodal_forces(const ContactSurface& surface,
+      const Contact& law, const Moving<Tool>& rigid, const Positions& x,
+      std::type_identity_t<std::vector<Vec3d>>& on_nodes) const {
     Vec3d sum{0.0, 0.0, 0.0};
     for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
@@ -5385,9 +5357,8 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
 }
 
 constexpr std::string_view to_string(Status s) {
-  constexpr std::array<std::string_view, 8> names{"converged",   "held",      "max_iterations",
-                                                  "line_search", "inverted",  "not_positive_definite",
-                                                  "non_finite",  "time_limit"};
+  constexpr std::array<std::string_view, 8> names{"converged", "held", "max_iterations", "line_search", "inverted",
+      "not_positive_definite", "non_finite", "time_limit"};
   return names[std::size_t(s)];
 }
 
@@ -5441,19 +5412,18 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
   Element element;
 };
 
-template <class Material, class Contact, class Element>
-PressPhysics(Material, Contact, Element) -> PressPhysics<Material, Contact, Element>;
+template <class Material, class Contact, class Element> PressPhysics(Material, Contact, Element)
+    -> PressPhysics<Material, Contact, Element>;
 
 /// How the states under a scenario's loads are found. model() makes what scenarios on one mesh share, for a sector of
 /// it where the solver `uses_symmetry`; run() gives one state per load, displacements on the sector's nodes, up to the
 /// first that fails. Laws: same input, same bits, also side by side; a state is `converged` or `held` or says why not;
 /// run() changes nothing in the model.
 template <class S, class Material, class Contact, class Element>
-concept PressSolver = std::copyable<S> &&
-    requires(const S& solver, const Body& body, const TetMesh& mesh, Symmetry planes,
-             const PressPhysics<Material, Contact, Element>& physics,
-             const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario,
-             const Touch& touch) {
+concept PressSolver = std::copyable<S> && requires(const S& solver, const Body& body, const TetMesh& mesh,
+    Symmetry planes, const PressPhysics<Material, Contact, Element>& physics,
+    const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario,
+    const Touch& touch) {
   { S::uses_symmetry } -> std::convertible_to<bool>;
   {
     solver.model(body, mesh, planes, physics)
@@ -5485,7 +5455,7 @@ struct PressedState {
 /// ContactSurface: a fault in one of these is found only by the policies' own tests.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<Material, Contact, Element>& physics,
-                      const Moving<Tool>& indenter, const PressedState& state);
+    const Moving<Tool>& indenter, const PressedState& state);
 
 namespace detail {
 
@@ -5521,9 +5491,8 @@ template <class Columns> Columns solved_transposed(const Mat3d& A, Columns b) {
 }
 
 // Adds the internal forces of all tetrahedra.
-template <class Material, class Element>
-void add_internal_forces(const TetMesh& mesh, const Material& material, const Element& element,
-                         const std::vector<Vec3d>& displacement, std::vector<Vec3d>& force) {
+template <class Material, class Element> void add_internal_forces(const TetMesh& mesh, const Material& material,
+    const Element& element, const std::vector<Vec3d>& displacement, std::vector<Vec3d>& force) {
   constexpr std::size_t points = std::size_t(Element::points);
   for (const auto& t : mesh.tets) {
     std::array<Eigen::Matrix<double, 3, Element::nodes>, points> slope;
@@ -5555,9 +5524,8 @@ void add_internal_forces(const TetMesh& mesh, const Material& material, const El
 }
 
 // Takes the contact pressure off the nodes' forces, and adds it to the push on an indenter.
-template <class Contact, class Tool>
-void add_pressure(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x,
-                  std::vector<Vec3d>& force, double* push) {
+template <class Contact, class Tool> void add_pressure(const ContactSurface& surface, const Contact& contact,
+    const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3d>& force, double* push) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
       const DistanceSample d = rigid.sample(surface.position(f, p, x));
@@ -5572,7 +5540,7 @@ void add_pressure(const ContactSurface& surface, const Contact& contact, const M
 
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<Material, Contact, Element>& physics,
-                      const Moving<Tool>& indenter, const PressedState& state) {
+    const Moving<Tool>& indenter, const PressedState& state) {
   std::vector<Vec3d> force(mesh.nodes.size(), Vec3d::Zero());
   detail::add_internal_forces(mesh, physics.material, physics.element, state.displacement, force);
   Positions x(3, Eigen::Index(mesh.nodes.size()));
@@ -5581,10 +5549,10 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
   for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
   const Carrier carrier{body.carrier};
   const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
-  detail::add_pressure(surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force,
-                       &push);
+  detail::add_pressure(
+      surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force, &push);
   detail::add_pressure(surface([](const Patch& p) { return p.meets_carrier; }), physics.contact,
-                       Moving<Carrier>{&carrier, Vec3d::Zero(), indenter.direction}, x, force, nullptr);
+      Moving<Carrier>{&carrier, Vec3d::Zero(), indenter.direction}, x, force, nullptr);
   for (const BoundaryFace& f : mesh.faces)
     if (body.patches[std::size_t(f.patch)].bonded)
       for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();
@@ -5621,16 +5589,15 @@ struct SetOverlap {
 /// overlaps are no measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a
 /// smooth contact grows as the distance to its edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3),
 /// scaled by its own slope, *is* that distance; inside it is continued linearly.
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
-                           const Moving<Tool>& rigid, const Positions& x);
+template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
+    const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
 template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
-                                  const std::vector<double>& b, const Positions& x);
+inline SetOverlap contact_overlap(
+    const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
 
 namespace detail {
 
@@ -5654,9 +5621,8 @@ template <class S> struct ClipPolygon {
       if (a.field[k] > 0.0) kept.push_back(a);
       if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
         const S t = a.field[k] / (a.field[k] - b.field[k]);
-        kept.push_back({a.u + t * (b.u - a.u),
-                        a.v + t * (b.v - a.v),
-                        {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
+        kept.push_back({a.u + t * (b.u - a.u), a.v + t * (b.v - a.v),
+            {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
       }
     }
     corners = std::move(kept);
@@ -5706,8 +5672,8 @@ struct EdgeSample {
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of
 // contact. With G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the
 // distance is 2 G / (α + slope).
-inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x,
-                                               const std::vector<double>& gap, double tolerance) {
+inline std::vector<EdgeSample> edge_of_contact(
+    const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3d middle, outward;
     double power, slope, spacing;
@@ -5725,7 +5691,7 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
     const Vec3d gradient =
         ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
     const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
-                 std::sqrt(EdgeFit::triangle * area)};
+        std::sqrt(EdgeFit::triangle * area)};
     if (f.slope > 0.0 && f.power < EdgeFit::reach * f.spacing * f.slope) free.push_back(f);
   });
   std::vector<EdgeSample> samples;
@@ -5781,9 +5747,8 @@ inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& sam
 
 }  // namespace detail
 
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
-                           const Moving<Tool>& rigid, const Positions& x) {
+template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
+    const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
   std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
@@ -5821,8 +5786,8 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   return c;
 }
 
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
-                                  const std::vector<double>& b, const Positions& x) {
+inline SetOverlap contact_overlap(
+    const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x) {
   SetOverlap sum;
   detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
     const auto at = [&](std::size_t k) {
@@ -5885,8 +5850,8 @@ struct SectorModel {
   };
   std::vector<Block> blocks;  ///< first the even fields, then every other parity of the bounding planes
 
-  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes,
-              const PressPhysics<Material, Contact, Element>& physics)
+  SectorModel(
+      const Body& b, const TetMesh& mesh, Symmetry planes, const PressPhysics<Material, Contact, Element>& physics)
       : sector(sector_of(mesh, planes)),
         body(b),
         contact(physics.contact),
@@ -5953,14 +5918,14 @@ template <class Model, Indenter Tool> struct PressSystem {
     using Touching = ContactPlace<Tool>;
     using Resting = ContactPlace<Carrier>;
     return {model.solid.predicted_ratios(now.x, linear.x, dx),
-            predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
-                           Touching{indenter(linear.advance), linear.x}, dx, ds),
-            predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
+        predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
+            Touching{indenter(linear.advance), linear.x}, dx, ds),
+        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
   Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq,
-                           const LinearisationPoint* about = nullptr) const {
+      const LinearisationPoint* about = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, about ? &about->ratios : nullptr);
     const ContactSums touch =
@@ -5981,7 +5946,7 @@ template <class Model, Indenter Tool> struct PressSystem {
     double stiffness = 0.0;
   };
   void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t,
-               const LinearisationPoint* about = nullptr) const {
+      const LinearisationPoint* about = nullptr) const {
     t.matrix.resize(last - first);
     std::vector<const Equations*> systems;
     std::vector<double*> values;
@@ -5997,9 +5962,8 @@ template <class Model, Indenter Tool> struct PressSystem {
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
-      const ContactSums s =
-          add_contact_tangent(model.touchable, contact(), indenter(advance), x,
-                              {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
+      const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x,
+          {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
       add_contact_tangent(model.resting, contact(), support(), x, {*systems[k], values[k]}, rest_history(about));
     }
@@ -6108,8 +6072,7 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
   Config config = {};
 
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(
-      const Body& body, const TetMesh& mesh, Symmetry planes,
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
       const PressPhysics<Material, Contact, Element>& physics) const {
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
@@ -6122,8 +6085,8 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
 
 template <class Model, Indenter Tool> class QuasiStaticRun {
  public:
-  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch,
-                 const QuasiStaticConfig& config)
+  QuasiStaticRun(
+      const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config),
         model_(model),
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
@@ -6191,7 +6154,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     const double share = model_.sector.fraction(), whole = load / share;
     return share * pi *
            std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()),
-                    2.0 / 3.0);
+               2.0 / 3.0);
   }
 
   /// Where the next of equal strides from load_ to `load` ends.
@@ -6389,10 +6352,9 @@ template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>
   return out;
 }
 
-template <LinearSolver Linear>
-template <class SomeModel, Indenter Tool>
-std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario,
-                                                      const Touch& touch) const {
+template <LinearSolver Linear> template <class SomeModel, Indenter Tool>
+std::vector<MechanicalState> QuasiStatic<Linear>::run(
+    const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
   QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
   const double fraction = model.sector.fraction();
   std::vector<MechanicalState> states;
@@ -6432,7 +6394,7 @@ class PreparedBody;
 /// `Simulator sim{NeoHookean{.mu = 106.0_kPa, .lambda = 10.494_MPa}, SDFContact{}}`.
 /// `Solver` finds the states: `QuasiStatic<Cholmod>` with CHOLMOD's factors, VertexBlockDescent, or one's own.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element = QuadraticTet,
-          class Solver = QuasiStatic<>>
+    class Solver = QuasiStatic<>>
 requires PressSolver<Solver, Material, Contact, Element>
 struct Simulator {
   Material material = {};
@@ -6456,10 +6418,10 @@ struct Simulator {
 };
 
 template <class Material, class Contact> Simulator(Material, Contact) -> Simulator<Material, Contact>;
-template <class Material, class Contact, class Element>
-Simulator(Material, Contact, Element) -> Simulator<Material, Contact, Element>;
-template <class Material, class Contact, class Element, class Solver>
-Simulator(Material, Contact, Element, Solver) -> Simulator<Material, Contact, Element, Solver>;
+template <class Material, class Contact, class Element> Simulator(Material, Contact, Element)
+    -> Simulator<Material, Contact, Element>;
+template <class Material, class Contact, class Element, class Solver> Simulator(Material, Contact, Element, Solver)
+    -> Simulator<Material, Contact, Element, Solver>;
 
 /// A body ready to be pressed at many places.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Solver>
@@ -6607,9 +6569,8 @@ template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmet
 
 /// `symmetry`: of the body. `once`: planes in which one of two mirrored states stands for both if tool and body are
 /// symmetric.
-template <Indenter Tool>
-ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry,
-                                Symmetry once = {true, true}) {
+template <Indenter Tool> ContactPlan<Tool> plan_contacts(
+    const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry, Symmetry once = {true, true}) {
   ContactPlan<Tool> plan;
   for (const Scenario<Tool>& s : scenarios) {
     validate(s);
@@ -6622,9 +6583,9 @@ ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Sy
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
       std::size_t place = 0;
-      while (place < plan.places.size() &&
-             !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].y_m == home.y_m &&
-               plan.places[place].tilt == home.tilt))
+      while (
+          place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad &&
+                                            plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
         ++place;
       if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
       plan.places[place].solves.push_back(k);
@@ -6955,7 +6916,7 @@ class BvhScene {
     std::vector<Range> parts{range};
     for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
       std::sort(parts.begin(), parts.end(),
-                [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
+          [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
       std::array<Range, 2> halves;
       if (!split(parts[tried], halves)) {
         ++tried;
@@ -7059,8 +7020,8 @@ inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3
 /// decided on the polygon `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram
 /// becomes an even number of cells each way, of four triangles each, any other polygon a fan about its middle: mirror
 /// images of a polygon have mirror images of its triangles.
-inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, const std::vector<Vec3d>& like,
-                                                       double size_m) {
+inline std::vector<std::array<Vec3d, 3>> polygon_cells(
+    const std::vector<Vec3d>& c, const std::vector<Vec3d>& like, double size_m) {
   std::vector<std::array<Vec3d, 3>> cells;
   const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
   if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
@@ -7115,8 +7076,8 @@ namespace lumo {
 /// 01, 12, 20.
 inline std::array<double, 6> quadratic_shape(double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
-  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0),
-          4.0 * b0 * b1,         4.0 * b1 * b2,         4.0 * b2 * b0};
+  return {
+      b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0), 4.0 * b0 * b1, 4.0 * b1 * b2, 4.0 * b2 * b0};
 }
 
 /// Its point at (b1, b2).
@@ -7202,8 +7163,8 @@ inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<Boundar
 /// load turns them; the shape of the undeformed body is known. The exact normals are therefore turned as the faces
 /// turn, by the nearest field that is continuous and quadratic on each patch: it turns every node's surroundings as
 /// much as the faces do in the mean. Source: Hinton, Campbell 1974.
-inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces,
-                            const Body& body) {
+inline void recover_normals(
+    std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
   using Vector6d = Eigen::Matrix<double, 6, 1>;
   using Matrix6d = Eigen::Matrix<double, 6, 6>;
   using SparseMatrix = Eigen::SparseMatrix<double>;
@@ -7282,9 +7243,8 @@ template <class S> Vec3<S> reflect(const Vec3<S>& d, const Vec3<S>& n) { return 
 
 /// Refracted direction of the unit direction `d` by Snell's law; `n` is the unit normal on the side that light comes
 /// from.
-template <class S>
-Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std::type_identity_t<S>& index_ratio,
-                const std::type_identity_t<S>& cosine_behind) {
+template <class S> Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std::type_identity_t<S>& index_ratio,
+    const std::type_identity_t<S>& cosine_behind) {
   return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
 }
 
@@ -7385,7 +7345,7 @@ class OpticalScene {
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
   /// indices or optics.
   OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-               const std::vector<double>& contact_field, Symmetry images, const Config& config)
+      const std::vector<double>& contact_field, Symmetry images, const Config& config)
       : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
     require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
     require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
@@ -7457,8 +7417,8 @@ class OpticalScene {
     const int known = labels_[image][std::size_t(p.face)];
     if (known != mixed) return known;
     const Vec3d undeformed = reference(p);
-    return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed,
-                  image);
+    return region(
+        faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed, image);
   }
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
@@ -7535,8 +7495,8 @@ class OpticalScene {
   static constexpr int mixed = -2;
   static constexpr double largest_coordinate_m = 1e6;
   static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
-  void add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                 const std::vector<double>& contact_field) {
+  void add_faces(
+      const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field) {
     const std::size_t nodes = mesh.nodes.size();
     if (!displacement.empty() && displacement.size() != nodes)
       throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
@@ -7729,8 +7689,8 @@ class RayPattern {
     for (const Emitter& e : emitters) {
       Vec3d home;
       Beam beam{detail::fundamental(e, home)};
-      const auto known = std::find_if(orbits.begin(), orbits.end(),
-                                      [&](const auto& o) { return detail::radiate_alike(o, beam.source); });
+      const auto known = std::find_if(
+          orbits.begin(), orbits.end(), [&](const auto& o) { return detail::radiate_alike(o, beam.source); });
       beam.orbit = std::uint64_t(known - orbits.begin());
       if (known == orbits.end()) orbits.push_back(beam.source);
       beam.source = orbits[beam.orbit];  // the very same bits for all images
@@ -7773,8 +7733,8 @@ class RayPattern {
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
   }
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
-    return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed,
-               index);
+    return ray(
+        beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
   }
 
   /// Is the set of emitters its own mirror image in each plane?
@@ -7782,7 +7742,7 @@ class RayPattern {
     const auto closed = [&](const Vec3d& m) {
       return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
         return std::any_of(emitters.begin(), emitters.end(),
-                           [&](const auto& other) { return detail::radiate_alike(e.mirrored(m), other); });
+            [&](const auto& other) { return detail::radiate_alike(e.mirrored(m), other); });
       });
     };
     return {closed(detail::flip_x), closed(detail::flip_y)};
@@ -7864,8 +7824,8 @@ class FaceSet {
       if (fresh) {
         faces_.push_back(face);
         centers.push_back(folded(center, {true, sampling.focus.is_symmetric()}));
-        shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() *
-                         sampling.focus.density(center.y()));
+        shares.push_back(
+            0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() * sampling.focus.density(center.y()));
         images.push_back(0);
         in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
       } else if (fundamental) {
@@ -7939,7 +7899,7 @@ class FaceSet {
   }
   // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
   void number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images,
-              const Sampling& sampling) {
+      const Sampling& sampling) {
     struct Block {
       std::uint64_t code = 0;
       std::uint32_t first = 0, count = 0;
@@ -8093,19 +8053,17 @@ template <ExitReadout Readout> class LightAccounts {
       const int c = channel(e, image);
       book_exit(c, e.power);
       if (!seen(c)) continue;
-      if (is_gathered)
-        gathered_[std::size_t(c)] += e.power;
-      else if (is_direct)
-        direct_[std::size_t(c)] += e.power;
+      if (is_gathered) gathered_[std::size_t(c)] += e.power;
+      else if (is_direct) direct_[std::size_t(c)] += e.power;
     }
   }
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
     const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position),
-                             m.cwiseProduct(e.light.direction),
-                             e.at.face >= 0 ? surface_.region(e.at, image)
-                                            : surface_.region(e.patch, e.light.reference, e.light.position, image)});
+    return readout_.channel(
+        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
+            e.at.face >= 0 ? surface_.region(e.at, image)
+                           : surface_.region(e.patch, e.light.reference, e.light.position, image)});
   }
 
   /// All that was booked since the last call.
@@ -8421,11 +8379,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     const bool lone = b.scattered || b.spread || (b.direct && !start_->gathers_direct);
     const Escape light{body_.surface.reference(b.exit), b.exit_position, b.direction, -1};
     const Exit e{b.route, light, b.exit, body_.surface.flat_normal(b.exit_triangle), body_.surface.patch_number(b.exit),
-                 b.power};
-    if (start_->exits != nullptr && start_->from_emitter && !gathered && !lone)
-      start_->exits->push_back(e);
-    else
-      accounts_.book_exit(e, b.direct, gathered);
+        b.power};
+    if (start_->exits != nullptr && start_->from_emitter && !gathered && !lone) start_->exits->push_back(e);
+    else accounts_.book_exit(e, b.direct, gathered);
   }
 
   void follow(Branch b) {
@@ -8505,8 +8461,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     }
     b.carrier_last = !b.inside;
     return reflect_off(b, optics,
-                       b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
-                       accounts_.ledger.absorbed_at_surfaces);
+        b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
+        accounts_.ledger.absorbed_at_surfaces);
   }
 
   // Reflection off an opaque surface whose unit normal points back to where the light comes from.
@@ -8518,8 +8474,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
             const double kept = b.power * reflectance(s);
             accounts_.book(absorbed, b.power - kept);
             b.power = kept;
-            b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)),
-                                    start_->mirror);
+            b.direction = reflected(
+                s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), start_->mirror);
           }
         },
         optics);
@@ -8621,7 +8577,7 @@ namespace lumo {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
  public:
   NextEventGather(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
-                  PathTracer<Scene, Medium, Readout>& path)
+      PathTracer<Scene, Medium, Readout>& path)
       : body_(body), ratio_(body.index_ratio()), path_(path) {
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !body.symmetry.x) && !((image & 2u) && !body.symmetry.y)) images_.push_back(image);
@@ -8712,8 +8668,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
     }
   }
 
-  void gather_diffuse(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
-                      const std::vector<double>& sent) {
+  void gather_diffuse(
+      FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     const Vec3d out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
     double weight = 0.0;
     if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
@@ -8721,8 +8677,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   // Openings are not mirror images of each other: each image of the point has its own way out.
-  void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
-                        const std::vector<double>& sent) {
+  void gather_connected(
+      FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     for (unsigned image : images_)
       for (int k = 0; k < body_.readout.openings(); ++k) {
         const Connection way =
@@ -8803,10 +8759,10 @@ template <class Path> class Splatting {
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
           path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
-                     .mirror = beam.mirror,
-                     .power_W = beam.power_W,
-                     .gathers_direct = beam.source.has_intensity(),
-                     .exits = &exits_});
+              .mirror = beam.mirror,
+              .power_W = beam.power_W,
+              .gathers_direct = beam.source.has_intensity(),
+              .exits = &exits_});
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), triangles_about);
@@ -8819,8 +8775,8 @@ template <class Path> class Splatting {
       for (std::size_t e = 0; e < exits_.size(); ++e)
         for (unsigned image : path_.accounts().images())
           if (left_[e] > 0)
-            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image),
-                                       exits_[e].power * left_[e] / double(triangles_about));
+            path_.accounts().book_exit(
+                path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / double(triangles_about));
     }
   }
 
@@ -9027,7 +8983,7 @@ class Tracer {
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
   Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
-                 const RayFocus& focus = {}) const {
+      const RayFocus& focus = {}) const {
     return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
   }
 
@@ -9035,7 +8991,7 @@ class Tracer {
   /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
   /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                 const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+      const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
     check(body, symmetry, focus);
     const Medium medium{body.medium};
     const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
@@ -9043,19 +8999,17 @@ class Tracer {
     using Scene = std::remove_const_t<decltype(scene)>;
     const LightNodes nodes(surface, symmetry);
     const double replicates = config_.replicates;
-    const FaceSet lambertian(surface, symmetry, {.total = config_.carrier_rays / replicates},
-                             [&](int t) { return nodes.of(t)[0] >= 0; });
+    const FaceSet lambertian(
+        surface, symmetry, {.total = config_.carrier_rays / replicates}, [&](int t) { return nodes.of(t)[0] >= 0; });
     const FaceSet exits(surface, symmetry,
-                        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus},
-                        [&](int t) {
-                          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
-                                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
-                        });
+        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus}, [&](int t) {
+          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
+                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
+        });
     const int channels = readout_.channels(body), colors = color_count(body.emitters);
     require_in_range("readout channels", channels, 0, 1 << 24, "");
-    const LitBody<Scene, Medium, Readout> lit{
-        surface, scene, medium,  BeerLambert(body.surroundings).refractive_index(), readout_, channels,
-        nodes,   exits, symmetry};
+    const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
+        readout_, channels, nodes, exits, symmetry};
     PathTracer<Scene, Medium, Readout> path(lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
     struct Color {
       RayPattern pattern;
@@ -9065,7 +9019,7 @@ class Tracer {
     for (int c = 0; c < colors; ++c) {
       std::vector<Emitter> emitters;
       std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
-                   [&](const Emitter& e) { return e.channel() == c; });
+          [&](const Emitter& e) { return e.channel() == c; });
       const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
       light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
     }
@@ -9131,9 +9085,8 @@ class Tracer {
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
   }
-  template <class Scene>
-  void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern, const OwenSobol& sequence,
-                      PathTracer<Scene, Medium, Readout>& path) const {
+  template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
+      const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
     // A body may have been pressed onto an emitter that was in air.
     const auto covered = [&](const PrimaryRay& ray) {
       const RayHit in = body.scene.first_hit(ray.origin, ray.direction, true),
@@ -9151,17 +9104,16 @@ class Tracer {
       for (std::uint32_t i = 0; i < beam.rays; ++i) {
         const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
         path.run({.ray = ray,
-                  .mirror = beam.mirror,
-                  .power_W = beam.power_W,
-                  .inside = !air || covered(ray),
-                  // Few ways from a face and an emitter lead through an opening.
-                  .gathers_direct = !connected && beam.source.has_intensity() && !air});
+            .mirror = beam.mirror,
+            .power_W = beam.power_W,
+            .inside = !air || covered(ray),
+            // Few ways from a face and an emitter lead through an opening.
+            .gathers_direct = !connected && beam.source.has_intensity() && !air});
       }
     }
   }
-  template <class Scene>
-  RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body, const FaceSet& lambertian,
-                                 const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
+  template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,
+      const FaceSet& lambertian, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
     const double images = (body.symmetry.x ? 2.0 : 1.0) * (body.symmetry.y ? 2.0 : 1.0);
     RadiosityTransport transport(body.nodes.size(), body.channels);
     for (std::size_t k = 0; k < lambertian.size(); ++k)
@@ -9172,10 +9124,10 @@ class Tracer {
         x.ray.direction =
             reflected(Lambertian{}, -lit, lit, sequence(x.index, 0), sequence(x.index, 1), lambertian[k].mirror);
         path.run({.ray = x.ray,
-                  .mirror = lambertian[k].mirror,
-                  .power_W = 1.0 / images,
-                  .from_emitter = false,
-                  .inside = inside});
+            .mirror = lambertian[k].mirror,
+            .power_W = 1.0 / images,
+            .from_emitter = false,
+            .inside = inside});
         transport.add(path.accounts().take(), body.nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
       }
     return transport;
@@ -9274,18 +9226,18 @@ inline std::optional<Estimate> ContactTerms::score() const {
   };
   // Errors of the three terms are taken as independent; finite changes, because the cube root has no slope at zero.
   const double a = std::max(with(form->value + form->error, stable->value, stiff->value),
-                            with(form->value - form->error, stable->value, stiff->value));
+      with(form->value - form->error, stable->value, stiff->value));
   const double b = std::max(with(form->value, stable->value + stable->error, stiff->value),
-                            with(form->value, stable->value - stable->error, stiff->value));
+      with(form->value, stable->value - stable->error, stiff->value));
   const double c = std::max(with(form->value, stable->value, stiff->value + stiff->error),
-                            with(form->value, stable->value, stiff->value - stiff->error));
+      with(form->value, stable->value, stiff->value - stiff->error));
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
 /// count.
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
-                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
+    double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
   const auto at = [&](double load) -> const MechanicalState* {
     for (const MechanicalState& s : states)
       if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
@@ -9300,8 +9252,8 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(),
-                        error.overlap};
+    q.stable = Estimate{
+        contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
@@ -9398,8 +9350,8 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
-  const auto least = std::min_element(pairs.begin(), pairs.end(),
-                                      [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
+  const auto least = std::min_element(
+      pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
   std::set<std::size_t> wanted;
   for (const Separation& p : pairs) {
     const bool within_reach =
@@ -9410,12 +9362,11 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
 }
 
 /// nullopt if no two states can be compared. Cost: all pairs.
-inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
-                                                    const OpticalError& error = {}) {
+inline std::optional<Separation> optical_separation(
+    const std::vector<ObservedState>& states, const OpticalError& error = {}) {
   const std::vector<Separation> pairs = detail::separations(states);
-  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) {
-    return a.distance.value < b.distance.value;
-  });
+  const auto closest = std::min_element(pairs.begin(), pairs.end(),
+      [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;
   least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);
@@ -9471,9 +9422,8 @@ struct Observations {
 };
 
 /// The record of a scenario, before it is lit, from its states on `mesh`.
-template <Indenter Tool>
-ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
-                         const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
+template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
+    const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
   ScenarioRecord record;
   record.diameter_m = 2.0 * contact_radius(scenario.indenter);
   record.angle_rad = scenario.angle_rad;
@@ -9497,8 +9447,8 @@ ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<T
 
 /// Did all scenarios converge, or were held where that is accepted?
 inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
-  return std::all_of(scenarios.begin(), scenarios.end(),
-                     [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
+  return std::all_of(
+      scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
 /// All states that can be compared for J_obs.
@@ -9508,7 +9458,7 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
     for (const StateRecord& s : scenarios[k].states)
       if (s.change.size() > 0)
         states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change,
-                          scenarios[k].tilt});
+            scenarios[k].tilt});
   return states;
 }
 
@@ -9516,9 +9466,8 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
 using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 
 /// The record of a scenario from that of its mirror image.
-template <Indenter Tool>
-ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels,
-                        const ScenarioImage& image) {
+template <Indenter Tool> ScenarioRecord mirrored(
+    ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
@@ -9587,7 +9536,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
   Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m,
-           const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
+      const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k) {
       records_.push_back(solved[k].record);
@@ -9634,8 +9583,8 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     for (std::size_t i : undecided_states(observed, tolerance)) {
       const std::size_t solve = plan_.images[observed[i].scenario].solve;
       const auto& candidates = records_[solve].states;
-      const auto it = std::find_if(candidates.begin(), candidates.end(),
-                                   [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
+      const auto it = std::find_if(
+          candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
       states.push_back({solve, std::size_t(it - candidates.begin())});
     }
     std::sort(states.begin(), states.end());
@@ -9753,8 +9702,7 @@ template <class Pad, Indenter Tool> struct Pressed {
   Timing seconds;
 };
 
-template <class P>
-using PadOf =
+template <class P> using PadOf =
     decltype(std::declval<const P&>().simulator.prepare(std::declval<const Body&>(), std::declval<const TetMesh&>()));
 
 namespace detail {
@@ -9781,9 +9729,8 @@ template <Indenter Tool> std::vector<std::size_t> longest_first(const ContactPla
 }
 
 /// Records of all scenarios from those that were solved.
-template <Indenter Tool>
-std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels,
-                                     const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
+template <Indenter Tool> std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios,
+    const ChannelImages& channels, const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
   std::vector<ScenarioRecord> records;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
     records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
@@ -9793,8 +9740,8 @@ std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenario
 /// Meshes of different places give the same unloaded response up to their facets. That difference would hide small
 /// changes: changes are taken on one mesh and added to the common mean. `watts` names the mean power or its standard
 /// error.
-inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses,
-                                            const std::vector<double> Response::*watts, int channels) {
+inline std::vector<double> mean_per_emitted(
+    const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)
     for (std::size_t b = 0; b < mean.size(); ++b)
@@ -9811,7 +9758,7 @@ template <class Light> ChannelImages channel_images(const Body& body, const Ligh
 /// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
 template <Indenter Tool> bool images_known(const ContactPlan<Tool>& plan, const ChannelImages& images) {
   return std::none_of(plan.images.begin(), plan.images.end(),
-                      [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+      [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
 }
 
 /// Counts the steps of one stage, from any thread.
@@ -9837,9 +9784,9 @@ class StageReport {
 
 /// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
 /// that fails is a status in its record.
-template <class P, Indenter Tool, Executor E>
-Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                              const E& executor, const ProgressReport& progress = {}) {
+template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(const Body& body,
+    const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
+    const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   Pressed<PadOf<P>, Tool> out;
@@ -9892,9 +9839,8 @@ bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, con
 /// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
 /// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
 /// every executor. Throws InvalidArgument, also unless has_image_channels().
-template <class P, class Pad, Indenter Tool, Executor E>
-Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor,
-                     const ProgressReport& progress = {}) {
+template <class P, class Pad, Indenter Tool, Executor E> Observations observe(const Body& body,
+    const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   if (!detail::images_known(pressed.plan, images))
@@ -9941,9 +9887,9 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
 }
 
 /// Presses and lights a body in every scenario.
-template <class P, Indenter Tool, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                     const E& executor, const ProgressReport& progress = {}) {
+template <class P, Indenter Tool, Executor E> Observations observe(const Body& body,
+    const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
+    const ProgressReport& progress = {}) {
   return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
 }
 
@@ -9970,9 +9916,8 @@ struct PadGrid {
 /// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as
 /// `sight` says. The pipeline's tracer must have `sight` for its readout; `body` must be symmetric. Throws
 /// InvalidArgument, MeshError, and PressFailure when a press does not converge.
-template <class P, Executor E>
-PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline,
-                         const E& executor, const ProgressReport& progress = {}) {
+template <class P, Executor E> PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid,
+    const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
   require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
   require_positive("spacing of the virtual lab's places", grid.spacing_m, "m");
@@ -9986,7 +9931,7 @@ PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid
   for (const ScenarioRecord& s : seen.scenarios)
     if (s.status != Status::converged)
       throw PressFailure(message("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m,
-                                 " mm (", to_string(s.status), ")"));
+          " mm (", to_string(s.status), ")"));
 
   const Eigen::Index bins = sight.bins, loads = Eigen::Index(grid.load_N.size());
   PadResponses r;
@@ -10171,8 +10116,8 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
 
 /// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name`
 /// stands in the message.
-inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key,
-                                            const std::string& name) {
+inline PadResponses pad_responses_from_text(
+    std::string_view text, const std::optional<std::string>& key, const std::string& name) {
   BlockReader reader(text, name);
   if (!text.starts_with(pad_file_head)) reader.fail("holds no responses of a pad");
   const auto last = text.rfind("checksum ");
@@ -10203,8 +10148,8 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 }
 
 /// nullopt if there is no such file. Throws InputError for one that cannot be used.
-inline std::optional<PadResponses> read_pad_responses(const std::string& path,
-                                                      const std::optional<std::string>& key = {}) {
+inline std::optional<PadResponses> read_pad_responses(
+    const std::string& path, const std::optional<std::string>& key = {}) {
   if (std::error_code unseen; !std::filesystem::exists(path, unseen)) return std::nullopt;
   const auto text = read_whole(path);
   if (!text) throw InputError(message(path, ": cannot be read"));
@@ -10238,8 +10183,8 @@ class SidePainter {
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the
   /// window's middle.
-  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
-                     RandomStream draws) const;
+  sense::Image paint(
+      const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -10255,8 +10200,8 @@ class SidePainter {
   std::vector<Pixel> pixels_;
 };
 
-inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m,
-                                std::uint64_t seed)
+inline SidePainter::SidePainter(
+    const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed)
     : view_(view) {
   const CameraRig& camera = view_.camera();
   const SideGeometry& side = view_.side();
@@ -10265,7 +10210,7 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, c
       if (!view_.shows(y, z)) {
         const Eigen::Vector2d corner = view_.pixel(y, z);
         throw InvalidArgument(message("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(),
-                                      "), outside the window of ", camera.width, " x ", camera.height, " px"));
+            "), outside the window of ", camera.width, " x ", camera.height, " px"));
       }
   const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px,
                blur = camera.blur_px * scale;
@@ -10298,8 +10243,8 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, c
     }
 }
 
-inline sense::Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
-                                       RandomStream draws) const {
+inline sense::Image SidePainter::paint(
+    const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const {
   const CameraRig& camera = view_.camera();
   sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {
@@ -10405,8 +10350,8 @@ inline LabPlan cycle_plan(int runs = 3) {
 /// imaging variation).
 inline LabPlan imaging_plan() {
   LabPlan plan{"imaging variation", 0.0, {}, {}};
-  plan.views = {{},        {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}},
-                {{}, 4.0}, {{}, 1.0, 0.0}};
+  plan.views = {
+      {}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
   for (int v = 0; v < int(plan.views.size()); ++v)
     for (int p = 0; p < 3; ++p)
       plan.contacts.push_back(
@@ -10542,7 +10487,7 @@ class VirtualRig {
   /// `light` stays the caller's. Throws InvalidArgument for numbers out of range, or loads and places beyond
   /// those computed.
   VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {},
-             SideGeometry side = {});
+      SideGeometry side = {});
 
   const sense::Session& session() const { return session_; }
   const std::vector<sense::FrameRecord>& frames() const { return frames_; }
@@ -10631,8 +10576,8 @@ class VirtualCamera {
 
 static_assert(sense::Camera<VirtualCamera>);
 
-inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig,
-                              SideGeometry side)
+inline VirtualRig::VirtualRig(
+    const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -10674,7 +10619,7 @@ inline void VirtualRig::draw_contacts() {
     contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
     for (const LoadStep& s : c.steps)
       contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()),
-                                                 s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
+          s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
@@ -10695,9 +10640,9 @@ inline void VirtualRig::lay_out_time() {
       t += s.ramp_s;
       load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
-      session_.segments.push_back({lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place,
-                                   1e3 * c.y_m, c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi,
-                                   1e3 * light_->responses().diameter_m});
+      session_.segments.push_back(
+          {lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place, 1e3 * c.y_m,
+              c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi, 1e3 * light_->responses().diameter_m});
       t += s.hold_s;
     }
     phases_.push_back({t, t + release_s, load, 0.0, int(i)});
@@ -10733,8 +10678,8 @@ inline auto VirtualRig::at(double t_s) const -> Sampled {
   const Sampled &a = sampled_[i], &b = sampled_[j];
   const double share = index - double(i);
   if (a.contact != b.contact) return share < 0.5 ? a : b;
-  return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N),
-          a.contact};
+  return {
+      a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
 }
 
 /// Joint by joint: what sticks and errs is each one's own.
@@ -10743,7 +10688,7 @@ inline void VirtualRig::record_joints() {
   const double dt = 1.0 / m.hz;
   for (std::size_t i = 0; i < sampled_.size(); ++i)
     joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints),
-                       sense::JointVector(m.joints), sense::Effort::current_A});
+        sense::JointVector(m.joints), sense::Effort::current_A});
   for (int joint = 0; joint < m.joints; ++joint) {
     const bool last_joint = joint + 1 == m.joints;
     const std::uint64_t stream = last_joint ? 2 : 60;
@@ -10811,17 +10756,16 @@ inline void VirtualRig::record_frames() {
   std::vector<SideCamera> cameras;
   for (int trial = 0;
        trial == 0 || (trial < most_trials && !std::all_of(cameras.begin(), cameras.end(),
-                                                          [](const SideCamera& view) { return view.shows_side(); }));
+                                                 [](const SideCamera& view) { return view.shows_side(); }));
        ++trial) {
     const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(),
-                          noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
-                          noise_ * c.aim_sigma_m * once.normal()};
+        noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
+        noise_ * c.aim_sigma_m * once.normal()};
     cameras.clear();
     for (const LabView& v : plan_.views)
-      cameras.emplace_back(
-          c, side_,
+      cameras.emplace_back(c, side_,
           CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad,
-                      set.along_m + v.place.along_m, set.height_m + v.place.height_m});
+              set.along_m + v.place.along_m, set.height_m + v.place.height_m});
   }
   for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
   LampNoise lamps(l, seed_, 8);
@@ -10840,13 +10784,8 @@ inline void VirtualRig::record_frames() {
     TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
-      truth = {truth.stamp_ns,
-               s.contact,
-               now.y_m,
-               s.load_N,
-               now.tilt_rad,
-               s.equivalent_N,
-               light_->depth_m(now.y_m, s.equivalent_N)};
+      truth = {truth.stamp_ns, s.contact, now.y_m, s.load_N, now.tilt_rad, s.equivalent_N,
+          light_->depth_m(now.y_m, s.equivalent_N)};
     }
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
@@ -10854,7 +10793,7 @@ inline void VirtualRig::record_frames() {
     lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN *
                        (1.0 + noise_ * (l.ambient_drift * room.at(t) +
-                                        l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
+                                           l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
   }
 }
 

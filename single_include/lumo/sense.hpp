@@ -267,14 +267,8 @@ struct MiniCheetahProtocol {
                         v = range(velocity_rad_per_s, 12).pack(c.velocity_rad_per_s);
     const std::uint32_t kp = FixedRange{0.0, kp_max, 12}.pack(c.kp), kd = FixedRange{0.0, kd_max, 12}.pack(c.kd),
                         t = range(torque_Nm, 12).pack(c.torque_Nm);
-    return {std::uint8_t(p >> 8),
-            std::uint8_t(p & 0xff),
-            std::uint8_t(v >> 4),
-            std::uint8_t((v & 0xf) << 4 | kp >> 8),
-            std::uint8_t(kp & 0xff),
-            std::uint8_t(kd >> 4),
-            std::uint8_t((kd & 0xf) << 4 | t >> 8),
-            std::uint8_t(t & 0xff)};
+    return {std::uint8_t(p >> 8), std::uint8_t(p & 0xff), std::uint8_t(v >> 4), std::uint8_t((v & 0xf) << 4 | kp >> 8),
+        std::uint8_t(kp & 0xff), std::uint8_t(kd >> 4), std::uint8_t((kd & 0xf) << 4 | t >> 8), std::uint8_t(t & 0xff)};
   }
   /// nullopt for fewer than six bytes.
   std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
@@ -283,7 +277,7 @@ struct MiniCheetahProtocol {
                         t = std::uint32_t(b[4] & 0xf) << 8 | b[5];
     const bool full = p == 0 || p == 0xffff || v == 0 || v == 0xfff || t == 0 || t == 0xfff;
     return Reply{int(b[0]), range(position_rad, 16).unpack(p), range(velocity_rad_per_s, 12).unpack(v),
-                 range(effort, 12).unpack(t), full};
+        range(effort, 12).unpack(t), full};
   }
 
   static FixedRange range(double limit, int bits) { return {-limit, limit, bits}; }
@@ -413,7 +407,7 @@ struct Image {
     require_in_range("image width", width, 1, max_image_side, "px");
     require_in_range("image height", height, 1, max_image_side, "px");
     return {width, height, format,
-            std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+        std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
   }
   /// Copies the pixels. Throws InvalidArgument for an empty view.
   static Image copy(const ImageView& v) {
@@ -652,7 +646,7 @@ class CsvReader {
   /// Throws the error of a field: file, line, column, text, reason.
   [[noreturn]] void fail(int column, std::string_view why) const {
     throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
-                             printable(text(column)), "' ", why));
+        printable(text(column)), "' ", why));
   }
 
  private:
@@ -731,16 +725,16 @@ struct ClockMap {
   std::int64_t operator()(std::int64_t from_ns) const {
     constexpr double limit = double(stamp_limit_ns);
     const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
-    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns,
-                                    stamp_limit_ns);
+    return std::clamp<std::int64_t>(
+        from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
   }
 
   /// Least-squares fit to the stamps of the same events on both clocks; one event gives the offset alone. Throws
   /// InvalidArgument for none.
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
-      throw InvalidArgument(message("clocks have ", from_ns.size(), " and ", to_ns.size(),
-                                    " common events, must have as many, at least 1"));
+      throw InvalidArgument(message(
+          "clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
     for (std::size_t i = 0; i < from_ns.size(); ++i)
       for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
         if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns)
@@ -776,8 +770,8 @@ class TimeSeries {
       throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
       if (stamp_[i] <= stamp_[i - 1])
-        throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ",
-                                      stamp_[i - 1], " ns"));
+        throw InvalidArgument(message(
+            "time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
     if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
       throw InvalidArgument(
           message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
@@ -1010,13 +1004,13 @@ class PhotodiodeArray {
     if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
     if (config_.dark_V.size() != n || config_.scale.size() != n)
       throw InvalidArgument(message("photodiode array has ", n, " positions, ", config_.dark_V.size(),
-                                    " dark values and ", config_.scale.size(), " scales, must be as many"));
+          " dark values and ", config_.scale.size(), " scales, must be as many"));
     if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite())
       throw InvalidArgument("photodiode array: numbers must be finite");
     for (Eigen::Index i = 1; i < n; ++i)
       if (!(config_.position_m[i] > config_.position_m[i - 1]))
         throw InvalidArgument(message("photodiode ", i, " is at ", config_.position_m[i],
-                                      " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
+            " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 
@@ -1116,8 +1110,8 @@ class StampColumn {
 
 /// A path below a log's frames/ that a table can hold.
 inline bool is_below_frames(std::string_view file) {
-  const bool plain = std::none_of(file.begin(), file.end(),
-                                  [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  const bool plain = std::none_of(
+      file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
   return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' &&
          file.find("..") == std::string_view::npos && file.find('\\') == std::string_view::npos;
 }
@@ -1126,7 +1120,7 @@ inline bool is_below_frames(std::string_view file) {
 inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
   if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
     throw InvalidArgument(message("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns",
-                                  last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
+        last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
   last = stamp_ns;
   return std::to_string(stamp_ns);
 }
@@ -1285,7 +1279,7 @@ inline std::string joint_header(int joints, Effort unit) {
   std::string t = "stamp_ns";
   for (int j = 0; j < joints; ++j)
     for (const char* column :
-         {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
+        {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
       t += ',' + numbered(column, j);
   return t + '\n';
 }
@@ -1368,8 +1362,8 @@ namespace lumo::sense {
 
 /// Force that presses the finger over time: one channel [N], less `tare_N`. `clock` moves the stamps, for instance
 /// Session::wrench_clock onto the frames'. Throws InvalidArgument if that leaves two samples at the same time.
-inline TimeSeries normal_force(const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {},
-                               double tare_N = 0.0) {
+inline TimeSeries normal_force(
+    const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {}, double tare_N = 0.0) {
   std::vector<std::int64_t> stamp_ns;
   Eigen::MatrixXd force_N(1, Eigen::Index(wrenches.size()));
   for (const WrenchSample& w : wrenches) {
@@ -1401,8 +1395,8 @@ enum class SegmentKind {
   other  ///< a recording's own kind, see Segment::other_kind
 };
 
-inline constexpr std::array<std::string_view, 7> segment_kind_names{"unloaded", "dark",  "free",   "approach",
-                                                                    "hold",     "cycle", "retract"};
+inline constexpr std::array<std::string_view, 7> segment_kind_names{
+    "unloaded", "dark", "free", "approach", "hold", "cycle", "retract"};
 
 /// The kind as files name it; empty for `other`.
 constexpr std::string_view to_string(SegmentKind kind) {
@@ -1459,13 +1453,13 @@ inline void validate(const HandLink& l) {
     throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
   if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
     throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
-                                  " mounting holes, must have at least 2, at finite places"));
+        " mounting holes, must have at least 2, at finite places"));
   for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
     for (Eigen::Index j = 0; j < k; ++j)
       if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
           !(apart >= 1.0_mm && apart <= 10.0))
-        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart,
-                                      " mm apart, must be 1 to 10000 mm"));
+        throw InvalidArgument(message(
+            "link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
   require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
   require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
   require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
@@ -1519,35 +1513,34 @@ class SessionCheck {
   void view(const Session& s) const {
     require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
     require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0,
-            message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+        message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
     require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0,
-            message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+        message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
     require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
-            message("distance of the camera is ", 1e3 * s.camera_distance_m,
-                    " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+        message("distance of the camera is ", 1e3 * s.camera_distance_m,
+            " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
     require(led_parallax(s) >= 0.5,
-            message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
-                    " mm, must lie at most 1.41 times as deep as it is far"));
+        message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
+            " mm, must lie at most 1.41 times as deep as it is far"));
     require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   }
 
   void finger(const Session& s) const {
     require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
-            message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+        message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
     require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..",
-            "video must be a file name beside session.json");
+        "video must be a file name beside session.json");
     require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0,
-            message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+        message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
     require(std::abs(s.joint_to_origin_m) <= 10.0,
-            message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
-    require(
-        s.joint_to_joint_m.size() < std::size_t(max_joints),
+        message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+    require(s.joint_to_joint_m.size() < std::size_t(max_joints),
         message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
     for (const double l : s.joint_to_joint_m)
       require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
     for (const double k : s.torque_constant_Nm_per_A)
       require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
-              message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+          message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
     for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
   }
 
@@ -1556,11 +1549,11 @@ class SessionCheck {
       require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
     for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
       stamp(map.origin_ns);
-      require(std::abs(map.offset_s) <= 4e9,
-              message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+      require(
+          std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
       require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
       require(map.residual_s >= 0.0 && std::isfinite(map.residual_s),
-              message("residual of a clock is ", map.residual_s, " s, must not be negative"));
+          message("residual of a clock is ", map.residual_s, " s, must not be negative"));
     }
   }
 
@@ -1572,23 +1565,23 @@ class SessionCheck {
     }
     for (const int j : l.link.joints)
       require(j >= 0 && j < max_joints,
-              message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+          message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
     require(l.hole_px.cols() == l.link.hole_m.cols(),
-            message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
-                    " places of them in the picture, must have as many"));
+        message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
+            " places of them in the picture, must have as many"));
     require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5,
-            message("link ", i, ": places of holes must lie within 1e5 px"));
+        message("link ", i, ": places of holes must lie within 1e5 px"));
     const double px_per_mm =
         1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
-    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, message("link ", i, ": its first two holes are seen at ",
-                                                             px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0,
+        message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
   }
 
   void segment(const Segment& g, std::size_t i) const {
     stamp(g.from_ns);
     stamp(g.to_ns);
     require(g.to_ns >= g.from_ns,
-            message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+        message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
     for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm})
       require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
   }
@@ -1671,8 +1664,8 @@ class LogTruth {
   /// Place and force at a time; unknown values are empty. Without contact the place is empty and a known force is 0.
   Touch at(std::int64_t stamp_ns) const {
     if (!force_) {
-      const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns,
-                                        [](const auto& r, std::int64_t t) { return r.first < t; });
+      const auto row = std::lower_bound(
+          table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });
       return row != table_.end() && row->first == stamp_ns ? row->second : Touch{};
     }
     Touch touch;
@@ -2004,7 +1997,7 @@ class McapSource {
     if (h.opcode == McapOpcode(0)) fail(at, "a record has the opcode 0, which there is not");
     if (h.length > end - at - head_bytes)
       fail(at, message("a record of ", h.length, " bytes goes beyond the end of the file, ", end - at - head_bytes,
-                       " bytes on"));
+                   " bytes on"));
     return h;
   }
   /// A whole record with its head.
@@ -2073,8 +2066,8 @@ template <ChunkCodec... Codecs> class McapReader {
       if (whole) throw;
       fault_ = e.what();
     }
-    std::stable_sort(messages_.begin(), messages_.end(),
-                     [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; });
+    std::stable_sort(
+        messages_.begin(), messages_.end(), [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; });
   }
   /// Throws InputError.
   static McapReader open(const std::string& path, const McapLimits& limits = {}) {
@@ -2107,7 +2100,7 @@ template <ChunkCodec... Codecs> class McapReader {
     }
     const std::string where = entry.chunked ? chunk_place(entry.record) : source_.where();
     McapFields in(std::span<const std::uint8_t>(*m.owner).subspan(std::min(at, m.owner->size())), where,
-                  entry.chunked ? at : entry.record);
+        entry.chunked ? at : entry.record);
     const auto opcode = McapOpcode(in.number<std::uint8_t>());
     const auto length = in.number<std::uint64_t>();
     const std::uint64_t begin = in.offset();
@@ -2175,9 +2168,7 @@ template <ChunkCodec... Codecs> class McapReader {
   /// A record of the data or the summary. `place`: of a message.
   void take(McapOpcode opcode, McapFields& in, McapEntry place) {
     switch (opcode) {
-      case McapOpcode::header:
-        in.read(profile_, library_);
-        break;
+      case McapOpcode::header: in.read(profile_, library_); break;
       case McapOpcode::schema: {
         McapSchema s;
         in.read(s.id, s.name, s.encoding, s.data);
@@ -2209,8 +2200,7 @@ template <ChunkCodec... Codecs> class McapReader {
         metadata_.push_back(std::move(m));
         break;
       }
-      default:
-        break;  // indexes of what has been seen
+      default: break;  // indexes of what has been seen
     }
   }
   void fill(McapMessage& m, McapFields& in) const {
@@ -2234,8 +2224,7 @@ template <ChunkCodec... Codecs> class McapReader {
       McapFields record(in.bytes(length), where, inside);
       if (opcode == McapOpcode::schema || opcode == McapOpcode::channel || opcode == McapOpcode::message)
         take(opcode, record, {0, at, std::uint32_t(begin), 0, true});
-      else if (opcode <= McapOpcode::data_end)
-        record.fail(message("a chunk holds a record of opcode ", int(opcode)));
+      else if (opcode <= McapOpcode::data_end) record.fail(message("a chunk holds a record of opcode ", int(opcode)));
     }
   }
   /// Contents of the chunk at a place, from what is kept or from the file.
@@ -2309,7 +2298,7 @@ template <ChunkCodec... Codecs> class McapReader {
     const auto stated = footer.number<std::uint32_t>();
     if (start != 0 && (start < data_end || start > at))
       fail(at, message("the footer says that the summary begins at byte ", start, ", must lie in [", data_end, ", ", at,
-                       "]"));
+                   "]"));
     const std::uint64_t from = start == 0 ? at : start;
     Crc32 crc;
     if (stated != 0) source_.add(crc, from, at + head_bytes + 16 - from);
@@ -2352,9 +2341,7 @@ template <class T>
 concept CdrNumber = std::is_arithmetic_v<T> && sizeof(T) <= 8;
 
 /// The unsigned integer as large as a number.
-template <class T>
-using BitsOf = std::conditional_t<
-    sizeof(T) == 8, std::uint64_t,
+template <class T> using BitsOf = std::conditional_t<sizeof(T) == 8, std::uint64_t,
     std::conditional_t<sizeof(T) == 4, std::uint32_t, std::conditional_t<sizeof(T) == 2, std::uint16_t, std::uint8_t>>>;
 
 /// A message, or a part of one.
@@ -2371,7 +2358,7 @@ class CdrReader {
       throw InputError(lumo::message("CDR message has ", message.size(), " bytes, must have at least 4"));
     if (message[0] != 0 || message[1] > 1)
       throw InputError(lumo::message("CDR message is of representation ", message[0] * 256 + message[1],
-                                     ", read are 0 (big endian) and 1 (little endian)"));
+          ", read are 0 (big endian) and 1 (little endian)"));
     order_ = ByteOrder(message[1]);
     bytes_ = message.subspan(4);
   }
@@ -2486,8 +2473,8 @@ requires CdrStruct<Message, CdrReader> Message from_cdr(std::span<const std::uin
 }
 
 template <class Message>
-requires CdrStruct<const Message, CdrWriter> std::vector<std::uint8_t> to_cdr(const Message& m,
-                                                                              ByteOrder order = ByteOrder::little) {
+requires CdrStruct<const Message, CdrWriter> std::vector<std::uint8_t> to_cdr(
+    const Message& m, ByteOrder order = ByteOrder::little) {
   CdrWriter out(order);
   out(m);
   return out.bytes();
@@ -2633,10 +2620,9 @@ struct RosJointState {
 struct RosWrenchStamped {
   static constexpr std::string_view type = "geometry_msgs/msg/WrenchStamped";
   static std::string definition() {
-    return detail::ros_definition(
-        "geometry_msgs/Wrench wrench\n",
+    return detail::ros_definition("geometry_msgs/Wrench wrench\n",
         {"MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
-         "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"});
+            "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"});
   }
   RosHeader header;
   std::array<double, 3> force{}, torque{};
@@ -2728,7 +2714,7 @@ inline void validate(const Recording& log) {
   const auto joints = std::size_t(log.joints.front().effort.size());
   if (log.session.torque_constant_Nm_per_A.size() != joints)
     throw InputError(message(log.path, ": has currents of ", joints, " joints, its session ",
-                             log.session.torque_constant_Nm_per_A.size(), " torque constants"));
+        log.session.torque_constant_Nm_per_A.size(), " torque constants"));
 }
 
 }  // namespace lumo::sense
@@ -2831,11 +2817,11 @@ class McapTables {
       throw InputError(message("has ", n, " joints, must have 1 to ", max_joints));
     if (m.position.size() != n || m.velocity.size() != n || (m.effort.size() != n && !m.effort.empty()))
       throw InputError(message("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(),
-                               " velocities and ", m.effort.size(), " efforts, must have as many"));
+          " velocities and ", m.effort.size(), " efforts, must have as many"));
     if (names_.empty()) names_ = m.name;
     if (m.name != names_) throw InputError("names other joints than the messages before it");
     found.log.joints.push_back({ascending(m.header, at, topic), joint_vector(m.position), joint_vector(m.velocity),
-                                joint_vector(m.effort), Effort::torque_Nm});
+        joint_vector(m.effort), Effort::torque_Nm});
   }
   void add(const JointCurrents& m, const McapEntry& at, std::string_view) {
     if (m.current_A.size() > std::size_t(max_joints))
@@ -2910,7 +2896,7 @@ class McapTables {
     return last->second = t;
   }
   void add_frame(const RosHeader& h, const McapEntry& at, std::string_view topic, const McapPicture& picture,
-                 std::string_view ending) {
+      std::string_view ending) {
     found.log.frames.push_back({ascending(h, at, topic), frame_file(found.pictures.size(), ending), 0.0, 0.0});
     found.pictures.push_back(picture);
   }
@@ -2924,14 +2910,14 @@ class McapTables {
 
 /// The channels of one kind, all of one topic: the wanted one, or the only one. Throws InputError.
 inline std::set<std::uint16_t> choose_topic(const std::map<std::string, std::set<std::uint16_t>>& topics,
-                                            const std::string& wanted, const char* what, const std::string& name) {
+    const std::string& wanted, const char* what, const std::string& name) {
   std::string all;
   for (const auto& t : topics) all += (all.empty() ? "" : ", ") + printable(t.first);
   if (!wanted.empty()) {
     const auto t = topics.find(wanted);
     if (t == topics.end())
-      throw InputError(message(name, ": has no ", what, " on topic '", printable(wanted), "'",
-                               all.empty() ? "" : ", but on " + all));
+      throw InputError(message(
+          name, ": has no ", what, " on topic '", printable(wanted), "'", all.empty() ? "" : ", but on " + all));
     return t->second;
   }
   if (topics.size() > 1)
@@ -3004,8 +2990,8 @@ template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& fil
         throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
       const McapMessage m = file.read(e);
       tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents,
-                     RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(detail::schema_of(file, e.channel),
-                                                                              m.data, e, channel.topic);
+          RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(
+          detail::schema_of(file, e.channel), m.data, e, channel.topic);
     } catch (const InputError& error) {
       throw InputError(
           message(file.name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: ", error.what()));
@@ -3037,8 +3023,8 @@ namespace lumo::sense {
 template <ChunkCodec Codec = Uncompressed> class McapWriter {
  public:
   /// `out` outlives the writer. A chunk ends with the message that brings it to `chunk_bytes`.
-  explicit McapWriter(std::ostream& out, std::string_view profile = "ros2", Codec codec = {},
-                      std::size_t chunk_bytes = 1u << 20)
+  explicit McapWriter(
+      std::ostream& out, std::string_view profile = "ros2", Codec codec = {}, std::size_t chunk_bytes = 1u << 20)
       : out_(out), codec_(std::move(codec)), chunk_bytes_(chunk_bytes) {
     put(mcap_magic);
     McapBytes b;
@@ -3054,11 +3040,11 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
   }
   /// `schema`: of add_schema, or 0 for none.
   std::uint16_t add_channel(std::uint16_t schema, std::string_view topic, std::string_view encoding,
-                            std::map<std::string, std::string> metadata = {}) {
+      std::map<std::string, std::string> metadata = {}) {
     if (schema > schemas_.size())
       throw InvalidArgument(message("channel is of schema ", schema, ", there are ", schemas_.size()));
     channels_.push_back({next_number(channels_.size(), "channels"), schema, std::string(topic), std::string(encoding),
-                         std::move(metadata)});
+        std::move(metadata)});
     record(chunk_, channels_.back());
     return channels_.back().id;
   }
@@ -3076,8 +3062,8 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     chunk_times_.add(log_ns);
     if (chunk_.size() >= chunk_bytes_) end_chunk();
   }
-  void attach(std::string_view name, std::string_view media_type, std::uint64_t log_ns,
-              std::span<const std::uint8_t> data) {
+  void attach(
+      std::string_view name, std::string_view media_type, std::uint64_t log_ns, std::span<const std::uint8_t> data) {
     end_chunk();
     McapBytes b;
     b.record(McapOpcode::attachment, [&] {
@@ -3105,7 +3091,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       for (const auto& item : items) add(item);
       if (items.empty()) return;
       offsets.record(McapOpcode::summary_offset,
-                     [&] { offsets.fields(std::uint8_t(opcode), start + at, std::uint64_t(summary.size() - at)); });
+          [&] { offsets.fields(std::uint8_t(opcode), start + at, std::uint64_t(summary.size() - at)); });
     };
     group(McapOpcode::schema, schemas_, [&](const McapSchema& s) { record(summary, s); });
     group(McapOpcode::channel, channels_, [&](const McapChannel& c) { record(summary, c); });
@@ -3176,7 +3162,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
   static void record(McapBytes& to, const Attached& a) {
     to.record(McapOpcode::attachment_index, [&] {
       to.fields(a.attachment.offset, a.length, a.attachment.log_ns, std::uint64_t(0), a.attachment.size,
-                a.attachment.name, a.attachment.media_type);
+          a.attachment.name, a.attachment.media_type);
     });
   }
   void record_statistics(McapBytes& to) const {
@@ -3190,8 +3176,8 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     for (const auto& [channel, count] : counts_) messages += count;
     to.record(McapOpcode::statistics, [&] {
       to.fields(messages, std::uint16_t(schemas_.size()), std::uint32_t(channels_.size()),
-                std::uint32_t(attachments_.size()), std::uint32_t(0), std::uint32_t(chunks_.size()), times.begin(),
-                times.last);
+          std::uint32_t(attachments_.size()), std::uint32_t(0), std::uint32_t(chunks_.size()), times.begin(),
+          times.last);
       const std::size_t at = to.begin_length<std::uint32_t>();
       for (const auto& [channel, count] : counts_) to.fields(channel, count);
       to.end_length<std::uint32_t>(at);
@@ -3304,7 +3290,7 @@ inline std::vector<LogRow> rows_in_time(const Recording& log) {
       const std::int64_t at = clock(samples[k].stamp_ns);
       if (at < 0)
         throw InvalidArgument(message("stamp ", samples[k].stamp_ns, " ns is ", at,
-                                      " ns on the frames' clock, in an MCAP file it must not lie before 0"));
+            " ns on the frames' clock, in an MCAP file it must not lie before 0"));
       rows.push_back({at, table, k});
     }
   };
@@ -3326,15 +3312,13 @@ template <ChunkCodec Codec> class LogMessages {
     const FrameRecord& f = log_.frames[row.index];
     const RosHeader header{f.stamp_ns, "camera"};
     require(std::isfinite(f.exposure_s) && std::isfinite(f.gain) && f.exposure_s >= 0.0 && f.gain >= 0.0,
-            "frame log: exposure and gain must be finite and not negative");
+        "frame log: exposure and gain must be finite and not negative");
     const McapPictureData p = picture(row.index);
     const bool is_file = !p.format.empty();
     require(files_.value_or(is_file) == is_file, "pictures of a log must be all files or all pixels");
     files_ = is_file;
-    if (is_file)
-      to_.write("/camera/image/compressed", row.log_ns, RosCompressedImage{header, p.format, p.file});
-    else
-      pixels(row.log_ns, header, p.pixels);
+    if (is_file) to_.write("/camera/image/compressed", row.log_ns, RosCompressedImage{header, p.format, p.file});
+    else pixels(row.log_ns, header, p.pixels);
     RosCameraInfo info;
     info.header = header;
     info.height = std::uint32_t(p.height);
@@ -3349,15 +3333,12 @@ template <ChunkCodec Codec> class LogMessages {
     const Eigen::Index n = s.position_rad.size();
     require(n > 0 && s.velocity_rad_per_s.size() == n && s.effort.size() == n &&
                 log_.joints.front().effort.size() == n && s.unit == log_.joints.front().unit,
-            "joint log: samples must have the same number of joints and the same kind of effort");
+        "joint log: samples must have the same number of joints and the same kind of effort");
     require(s.position_rad.allFinite() && s.velocity_rad_per_s.allFinite() && s.effort.allFinite(),
-            "a joint sample's numbers must be finite");
+        "a joint sample's numbers must be finite");
     const bool torque = s.unit == Effort::torque_Nm;
-    RosJointState m{{s.stamp_ns, ""},
-                    {},
-                    list_of(s.position_rad),
-                    list_of(s.velocity_rad_per_s),
-                    torque ? list_of(s.effort) : std::vector<double>()};
+    RosJointState m{{s.stamp_ns, ""}, {}, list_of(s.position_rad), list_of(s.velocity_rad_per_s),
+        torque ? list_of(s.effort) : std::vector<double>()};
     for (int j = 0; j < int(n); ++j) m.name.push_back(numbered("joint", j));
     to_.write("/joint_states", row.log_ns, m);
     if (!torque) to_.write("/joint_currents", row.log_ns, JointCurrents{{s.stamp_ns, ""}, list_of(s.effort)});
@@ -3366,8 +3347,8 @@ template <ChunkCodec Codec> class LogMessages {
   void wrench(const LogRow& row) {
     const WrenchSample& w = log_.wrenches[row.index];
     require(w.force_N.allFinite() && w.torque_Nm.allFinite(), "a wrench's numbers must be finite");
-    to_.write("/wrench", row.log_ns,
-              RosWrenchStamped{{w.stamp_ns, "finger"}, list_of(w.force_N), list_of(w.torque_Nm)});
+    to_.write(
+        "/wrench", row.log_ns, RosWrenchStamped{{w.stamp_ns, "finger"}, list_of(w.force_N), list_of(w.torque_Nm)});
   }
 
   void marker(const LogRow& row) {
@@ -3380,9 +3361,9 @@ template <ChunkCodec Codec> class LogMessages {
     const PhotodiodeSample& s = log_.photodiodes[row.index];
     require(s.signal_V.size() > 0 && s.signal_V.size() == log_.photodiodes.front().signal_V.size() &&
                 s.signal_V.allFinite(),
-            "photodiode log: samples must have the same number of diodes, and finite signals");
+        "photodiode log: samples must have the same number of diodes, and finite signals");
     to_.write("/photodiodes", row.log_ns,
-              PhotodiodeSignals{{s.stamp_ns, ""}, {s.signal_V.data(), s.signal_V.data() + s.signal_V.size()}});
+        PhotodiodeSignals{{s.stamp_ns, ""}, {s.signal_V.data(), s.signal_V.data() + s.signal_V.size()}});
   }
 
  private:
@@ -3415,14 +3396,13 @@ template <ChunkCodec Codec> class LogMessages {
 /// stamps are the samples' own. The session comes first, so that a cut file has it. Throws InvalidArgument for what
 /// could not be read again: stamps that do not ascend, that lie before 0 or beyond 2038, numbers that are not finite;
 /// InputError if `out` fails.
-template <ChunkCodec Codec = Uncompressed, class Picture>
-void write_mcap_log(std::ostream& out, const Recording& log, std::string_view session_json, Picture picture,
-                    Codec codec = {}) {
+template <ChunkCodec Codec = Uncompressed, class Picture> void write_mcap_log(
+    std::ostream& out, const Recording& log, std::string_view session_json, Picture picture, Codec codec = {}) {
   using Table = detail::LogRow::Table;
   const std::vector<detail::LogRow> rows = detail::rows_in_time(log);
   detail::RosMessageWriter<Codec> to(out, std::move(codec));
   to.file.attach("session.json", "application/json", rows.empty() ? 0 : std::uint64_t(rows.front().log_ns),
-                 {reinterpret_cast<const std::uint8_t*>(session_json.data()), session_json.size()});
+      {reinterpret_cast<const std::uint8_t*>(session_json.data()), session_json.size()});
   detail::LogMessages<Codec> messages(to, log);
   for (const detail::LogRow& row : rows) {
     if (row.table == Table::frames) messages.frame(row, picture);
@@ -3654,8 +3634,8 @@ class SpotContrast {
         for (int j = -far; j <= far; j += far)
           for (int i = -far; i <= far; i += far)
             if (i != 0 || j != 0)
-              around = std::max(around,
-                                sums.mean(std::clamp(x + i, 0, width_ - 1), std::clamp(y + j, 0, height_ - 1), radius));
+              around = std::max(
+                  around, sums.mean(std::clamp(x + i, 0, width_ - 1), std::clamp(y + j, 0, height_ - 1), radius));
         contrast_[std::size_t(y) * std::size_t(width_) + std::size_t(x)] = float(sums.mean(x, y, radius) - around);
       }
   }
@@ -3719,8 +3699,8 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
 }
 
 /// The row with these ends, without its map; nullopt if a spot is missing, out of order or too dim.
-inline std::optional<LedDetection> LedDetector::row_between(const std::vector<Spot>& all, const Spot& first,
-                                                            const Spot& last) const {
+inline std::optional<LedDetection> LedDetector::row_between(
+    const std::vector<Spot>& all, const Spot& first, const Spot& last) const {
   const Eigen::Vector2d &from = first.place, &to = last.place, step = (to - from) / double(count - 1);
   LedDetection row{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
   for (int k = 0; k < count; ++k) {
@@ -3729,7 +3709,7 @@ inline std::optional<LedDetection> LedDetector::row_between(const std::vector<Sp
     const auto near =
         std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
     if (!((near->place - expected).norm() < max_off * step.norm() &&
-          (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)))))
+            (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)))))
       return std::nullopt;
     row.centroid_px.col(k) = near->place;
     row.contrast[k] = near->contrast;
@@ -3801,7 +3781,7 @@ inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
     require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
     if (i > 0 && !(position_m[i] > position_m[i - 1]))
       throw InvalidArgument(message("position ", i, " of a profile is ", position_m[i],
-                                    " m, must exceed its predecessor, ", position_m[i - 1], " m"));
+          " m, must exceed its predecessor, ", position_m[i - 1], " m"));
   }
 }
 
@@ -3964,7 +3944,7 @@ inline void BayesLocalizer::require_valid(const Config& c) {
   const Eigen::Index n = c.position_m.size();
   if (n < 3 || c.noise.size() != n || (c.unloaded.size() != 0 && c.unloaded.size() != n))
     throw InvalidArgument(message("localiser has ", n, " positions, ", c.noise.size(), " noises and ",
-                                  c.unloaded.size(), " unloaded values, must have as many, at least 3"));
+        c.unloaded.size(), " unloaded values, must have as many, at least 3"));
   for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", c.noise[i], "");
   require_ascending_positions(c.position_m);
   if (c.unloaded.size() && !c.unloaded.allFinite()) throw InvalidArgument("localiser: unloaded values must be finite");
@@ -4263,8 +4243,8 @@ class PeakLocalizer {
   explicit PeakLocalizer(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 3 || config_.noise.size() != n)
-      throw InvalidArgument(message("localiser has ", n, " positions and ", config_.noise.size(),
-                                    " noises, must have at least 3 of each"));
+      throw InvalidArgument(message(
+          "localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
     require_ascending_positions(config_.position_m);
     require_positive("time constant of the localiser", config_.time_constant_s, "s");
@@ -4672,7 +4652,7 @@ template <ContactJacobian Jacobian> class ContactFilter {
   bool add_torque(std::int64_t stamp_ns, const JointVector& torque_Nm, const JointVector& variance) {
     if (torque_Nm.size() != jacobian_.joints() || variance.size() != jacobian_.joints())
       throw InvalidArgument(message("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(),
-                                    " torques and ", variance.size(), " variances"));
+          " torques and ", variance.size(), " variances"));
     for (Eigen::Index j = 0; j < torque_Nm.size(); ++j) {
       require_in_range("contact torque", torque_Nm[j], -1e9, 1e9, "N·m");
       require_in_range("variance of a contact torque", variance[j], 1e-18, 1e12, "N²·m²");
@@ -4747,10 +4727,10 @@ template <ContactJacobian Jacobian> class ContactFilter {
     s.stamp_ns = stamp_ns;
     const auto square = [](double v) { return v * v; };
     s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m),
-                    config_.location_bias_s);
+        config_.location_bias_s);
     for (int j = 0; j < jacobian_.joints(); ++j)
       s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm),
-                                       square(config_.torque_bias_Nm), config_.torque_bias_s);
+          square(config_.torque_bias_Nm), config_.torque_bias_s);
   }
   void apply(Seen& s, const Event& e) const {
     if (e.kind == Kind::location) {
@@ -4784,26 +4764,25 @@ template <ContactJacobian Jacobian> class ContactFilter {
   bool started_ = false;
 };
 
-template <ContactJacobian Jacobian>
-ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config)
+template <ContactJacobian Jacobian> ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config)
     : jacobian_(std::move(jacobian)), config_(config) {
   require_in_range("pad's end", config.to_m, config.from_m, 10.0, "m");
   require_in_range("joints of the Jacobian", jacobian_.joints(), 1, max_joints, "");
   using Row = std::tuple<const char*, double, const char*>;
-  for (const auto& [what, value, unit] :
-       {Row{"creep of the contact", config.creep_m_per_sqrt_s, "m/sqrt(s)"},
-        Row{"random walk of the torque", config.torque_Nm_per_sqrt_s, "N·m/sqrt(s)"},
-        Row{"prior of the torque", config.torque_prior_Nm, "N·m"}, Row{"prior of the force", config.force_prior_N, "N"},
-        Row{"time of the localiser's offset", config.location_bias_s, "s"},
-        Row{"time of the torque's offset", config.torque_bias_s, "s"},
-        Row{"torque without contact", config.no_contact_Nm, "N·m"}, Row{"jump gate", config.jump_gate, ""}})
+  for (const auto& [what, value, unit] : {Row{"creep of the contact", config.creep_m_per_sqrt_s, "m/sqrt(s)"},
+           Row{"random walk of the torque", config.torque_Nm_per_sqrt_s, "N·m/sqrt(s)"},
+           Row{"prior of the torque", config.torque_prior_Nm, "N·m"},
+           Row{"prior of the force", config.force_prior_N, "N"},
+           Row{"time of the localiser's offset", config.location_bias_s, "s"},
+           Row{"time of the torque's offset", config.torque_bias_s, "s"},
+           Row{"torque without contact", config.no_contact_Nm, "N·m"}, Row{"jump gate", config.jump_gate, ""}})
     require_positive(what, value, unit);
   require_in_range("offset of the localiser", config.location_bias_m, 0.0, 1.0, "m");
   require_in_range("offset of the torque", config.torque_bias_Nm, 0.0, 1e3, "N·m");
   require_in_range("history of the filter", double(config.history), 2.0, 1e6, "measurements");
   events_.resize(config.history);
-  prior_.place = {0.5 * (config.from_m + config.to_m), 0.0, pad_variance(), 0.0,
-                  config.location_bias_m * config.location_bias_m};
+  prior_.place = {
+      0.5 * (config.from_m + config.to_m), 0.0, pad_variance(), 0.0, config.location_bias_m * config.location_bias_m};
   prior_.torque.fill(
       {0.0, 0.0, config.torque_prior_Nm * config.torque_prior_Nm, 0.0, config.torque_bias_Nm * config.torque_bias_Nm});
 }
@@ -4905,11 +4884,10 @@ class Faults {
 
 /// Names, separated by spaces.
 inline std::string to_string(Faults faults) {
-  static constexpr std::array<const char*, std::size_t(Fault::count)> names{
-      "frame_dropped", "frames_missing", "frame_repeated",   "frame_late",    "frame_time",
-      "frame_corrupt", "frame_black",    "frame_saturated",  "led_dead",      "exposure_changed",
-      "camera_lost",   "joint_dropped",  "joint_missing",    "joint_time",    "joint_not_finite",
-      "torque_stuck",  "torque_spike",   "torque_saturated", "position_jump", "actuator_lost"};
+  static constexpr std::array<const char*, std::size_t(Fault::count)> names{"frame_dropped", "frames_missing",
+      "frame_repeated", "frame_late", "frame_time", "frame_corrupt", "frame_black", "frame_saturated", "led_dead",
+      "exposure_changed", "camera_lost", "joint_dropped", "joint_missing", "joint_time", "joint_not_finite",
+      "torque_stuck", "torque_spike", "torque_saturated", "position_jump", "actuator_lost"};
   std::string text;
   for (std::size_t i = 0; i < names.size(); ++i)
     if (faults.has(Fault(i))) text += (text.empty() ? "" : " ") + std::string(names[i]);
@@ -4959,10 +4937,10 @@ struct ForceEstimate {
   /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or
   /// combinations) are.
   int rank = 0;
-  Eigen::Matrix2d null_directions{{0.0, 0.0},
-                                  {0.0, 0.0}};  ///< the last 2 − rank columns: unit directions that the data leave open
-  std::int64_t frame_stamp_ns = 0;              ///< of the newest usable frame
-  std::int64_t joint_stamp_ns = 0;              ///< of the newest usable joint sample
+  Eigen::Matrix2d null_directions{
+      {0.0, 0.0}, {0.0, 0.0}};      ///< the last 2 − rank columns: unit directions that the data leave open
+  std::int64_t frame_stamp_ns = 0;  ///< of the newest usable frame
+  std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
 };
 
 }  // namespace lumo::sense
@@ -4981,10 +4959,8 @@ template <class Function> double golden_section(Function function, double a, dou
   constexpr double golden = 0.61803398874989484820;
   for (int k = 0; k < steps; ++k) {
     const double c = b - golden * (b - a), d = a + golden * (b - a);
-    if (function(c) <= function(d))
-      b = d;
-    else
-      a = c;
+    if (function(c) <= function(d)) b = d;
+    else a = c;
   }
   return 0.5 * (a + b);
 }
@@ -5018,11 +4994,11 @@ struct Identification {
 /// that many scales, for which the data add nothing to what was known before. Throws InvalidArgument for shapes that do
 /// not fit or numbers that are not finite.
 inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale,
-                               double sigma = 0.0, double tolerance = 1e-6, double known = 0.0) {
+    double sigma = 0.0, double tolerance = 1e-6, double known = 0.0) {
   const Eigen::Index n = a.cols();
   if (n < 1 || a.rows() != b.size() || scale.size() != n)
     throw InvalidArgument(message("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(),
-                                  " observations and ", scale.size(), " scales"));
+        " observations and ", scale.size(), " scales"));
   if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all())
     throw InvalidArgument("identification: numbers must be finite, scales positive");
   Identification r;
@@ -5068,9 +5044,8 @@ namespace lumo::sense {
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
 /// separate come back as null directions: three contacts on two joints, two on one link of one joint, any at a
 /// joint's axis.
-template <ContactJacobian J>
-Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
-                            std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+template <ContactJacobian J> Identification solve_forces(const J& jacobian, const JointVector& q,
+    const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
   const auto m = Eigen::Index(contacts.size());
   // A contact within a tenth of a millimetre of all axes counts as on them.
   const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
@@ -5092,9 +5067,8 @@ struct TorqueOnlySolution {
 /// Within `range`: two joints before the contact give the place by the ratio of their torques
 /// (paper's torque-only baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the
 /// range's middle.
-template <ContactJacobian J>
-TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
-                                     const PadRange& range, double torque_sigma_Nm) {
+template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q,
+    const JointVector& contact_torque_Nm, const PadRange& range, double torque_sigma_Nm) {
   const int link = range.link;
   const double from_m = range.from_m, to_m = range.to_m;
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
@@ -5230,8 +5204,7 @@ class JointMonitor {
 
     for (Eigen::Index j = 0; j < n; ++j) {
       Sameness& same = same_[std::size_t(j)];
-      if (!filled_ || s.effort[j] != last_[j])
-        same = {0, s.stamp_ns};
+      if (!filled_ || s.effort[j] != last_[j]) same = {0, s.stamp_ns};
       else if (++same.samples >= least_same_ && 1e-9 * double(s.stamp_ns - same.since_ns) > config_.stuck_s)
         reject(Fault::torque_stuck);
     }
@@ -5319,7 +5292,7 @@ struct TorqueModel {
 inline void validate(const TorqueModel& m) {
   if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
     throw InvalidArgument(message("torque constant is ", m.torque_constant_Nm_per_A,
-                                  " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+        " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
   for (const double v : {m.coulomb_Nm, m.stribeck_Nm, m.bias_Nm, m.gravity_sin_Nm, m.gravity_cos_Nm})
     require_in_range("friction, offset or weight of a torque model", v, -1e3, 1e3, "N·m");
   require_in_range("viscous friction", m.viscous_Nm_s_per_rad, -1e3, 1e3, "N·m·s/rad");
@@ -5330,8 +5303,8 @@ inline void validate(const TorqueModel& m) {
 
 /// A torque model from an unloaded run, and what that run left open.
 struct TorqueIdentification {
-  static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm",    "viscous_Nm_s_per_rad",
-                                                    "bias_Nm",    "gravity_sin_Nm", "gravity_cos_Nm"};
+  static constexpr std::array<const char*, 6> names{
+      "coulomb_Nm", "stribeck_Nm", "viscous_Nm_s_per_rad", "bias_Nm", "gravity_sin_Nm", "gravity_cos_Nm"};
   TorqueModel model;      ///< what is not identified stays 0 along the null directions
   Identification linear;  ///< of `names`, in this order
 };
@@ -5339,8 +5312,8 @@ struct TorqueIdentification {
 /// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a
 /// run leaves open. The Stribeck velocity is searched for by sections; all else is linear. Throws InvalidArgument for
 /// no samples or numbers that are not finite.
-inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint,
-                                              const TorqueModel& start = {}) {
+inline TorqueIdentification identify_unloaded(
+    std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
   std::vector<double> q, v, t;
   for (const JointSample& s : samples) {
     if (joint < 0 || joint >= s.effort.size() || joint >= s.position_rad.size() || joint >= s.velocity_rad_per_s.size())
@@ -5428,8 +5401,8 @@ class FrameMonitor {
   explicit FrameMonitor(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 1 || config_.unloaded.size() != n)
-      throw InvalidArgument(message("frame monitor has ", n, " positions and ", config_.unloaded.size(),
-                                    " unloaded values, must have as many"));
+      throw InvalidArgument(message(
+          "frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("unloaded light at every position", config_.unloaded[i], "");
     require_positive("period of the frames", config_.period_s, "s");
     require_positive("greatest age of a frame", config_.max_age_s, "s");
@@ -5476,9 +5449,8 @@ class FrameMonitor {
     const double median = sorted_[n / 2];
     if (!v.faults.any()) {
       const bool dead = std::any_of(config_.led_m.begin(), config_.led_m.end(),
-                                    [&](double y) { return led_ratio(y) < config_.led_dark * median; });
-      if (dead)
-        v.faults.add(Fault::led_dead);
+          [&](double y) { return led_ratio(y) < config_.led_dark * median; });
+      if (dead) v.faults.add(Fault::led_dead);
       else if (ratio_.minCoeff() < config_.corrupt_low || ratio_.maxCoeff() > config_.corrupt_high)
         v.faults.add(Fault::frame_corrupt);
       if (std::abs(median - 1.0) > config_.exposure) v.faults.add(Fault::exposure_changed);
@@ -5547,7 +5519,7 @@ struct LongitudinalBins {
     for (Eigen::Index i = 1; i < b.edges_m.size(); ++i)
       if (!(b.edges_m[i] > b.edges_m[i - 1]))
         throw InvalidArgument(message("edge ", i, " of the longitudinal bins is ", b.edges_m[i],
-                                      " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
+            " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
   }
 };
 
@@ -5709,10 +5681,8 @@ inline void Strip::lay_out(const Places& places, const Config& c, std::vector<in
       ++count[std::size_t(*place)];
       const bool joins = !runs_.empty() && runs_.back().row == y && runs_.back().first + runs_.back().count == x &&
                          *place == runs_.back().place + (along_ ? runs_.back().count : 0);
-      if (joins)
-        ++runs_.back().count;
-      else
-        runs_.push_back({y, x, 1, *place});
+      if (joins) ++runs_.back().count;
+      else runs_.push_back({y, x, 1, *place});
     }
 }
 
@@ -5722,9 +5692,8 @@ inline void Strip::flush() {
 }
 
 /// Sum over a run across the axis of the measured channel.
-template <class Value>
-std::uint32_t Strip::sum_across(const std::uint8_t* __restrict p, const std::uint8_t* __restrict q, std::size_t bytes,
-                                Value value) const {
+template <class Value> std::uint32_t Strip::sum_across(
+    const std::uint8_t* __restrict p, const std::uint8_t* __restrict q, std::size_t bytes, Value value) const {
   std::uint16_t lane[lanes] = {};
   std::uint32_t total = 0;
   const auto collect = [&] {
@@ -5964,12 +5933,12 @@ struct ForceEstimatorConfig {
 /// checks it; it waits no longer than the camera's `next` does. The estimate is always finite and states which streams
 /// it rests on. Faulty frames and samples are left out; `fault_hold_s` after the last fault the state is ok again.
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile,
-          ContactJacobian Jacobian = MomentArm>
+    ContactJacobian Jacobian = MomentArm>
 requires std::same_as<typename Readout_::Sample, Frame>
 class ForceEstimator {
   static_assert(!std::same_as<Readout_, PositiveGreenProfile>,
-                "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as "
-                "GreenProfile is");
+      "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as "
+      "GreenProfile is");
 
  public:
   using Config = ForceEstimatorConfig;
@@ -5980,8 +5949,8 @@ class ForceEstimator {
 
   /// Camera and actuator stay the caller's and must outlive the estimator. Throws InvalidArgument for parts that do not
   /// fit.
-  ForceEstimator(Camera_& camera, Actuator_& actuator, Light light, Localizer localizer, Jacobian jacobian,
-                 Config config)
+  ForceEstimator(
+      Camera_& camera, Actuator_& actuator, Light light, Localizer localizer, Jacobian jacobian, Config config)
       : camera_(&camera),
         actuator_(&actuator),
         readout_(std::move(light.readout)),
@@ -5994,10 +5963,10 @@ class ForceEstimator {
     const int n = filter_.jacobian().joints();
     if (int(config_.torque.size()) != n || config_.joints.joints != n)
       throw InvalidArgument(message("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(),
-                                    " torque models and ", config_.joints.joints, " joints to watch"));
+          " torque models and ", config_.joints.joints, " joints to watch"));
     if (unloaded_.mean().size() != readout_.positions_m().size())
-      throw InvalidArgument(message("unloaded reference has ", unloaded_.mean().size(), " values, the readout ",
-                                    readout_.positions_m().size()));
+      throw InvalidArgument(message(
+          "unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
     joint_q_ = joint_torque_ = joint_variance_ = JointVector::Zero(n);
     for (const TorqueModel& m : config_.torque) validate(m);
     require_in_range("delay of the frames", config_.frame_delay_s, -10.0, 10.0, "s");
@@ -6049,10 +6018,8 @@ class ForceEstimator {
               : frames         ? vision_only
                                : invalid;
     e.contacts = location_.contacts;
-    if (e.contacts == 2 && frames)
-      describe_two(e, joints);
-    else
-      describe_one(e);
+    if (e.contacts == 2 && frames) describe_two(e, joints);
+    else describe_one(e);
     return e;
   }
 
@@ -6101,8 +6068,7 @@ class ForceEstimator {
     if (location_.contacts == 1) {
       // The filter has the localiser's offset as a state, and takes noises as independent.
       const ContactLocation& c = location_.contact[0];
-      filter_.add_location(
-          taken, c.y_m,
+      filter_.add_location(taken, c.y_m,
           std::clamp(c.noise_variance_m2 > 0.0 ? c.noise_variance_m2 : c.variance_m2 - c.bias_variance_m2, 1e-10, 1.0));
     }
     frame_ns_ = f.stamp_ns;
@@ -6214,8 +6180,8 @@ class ForceEstimator {
   std::int64_t begin_ns_ = 0, now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
   bool begun_ = false, frame_seen_ = false, joint_seen_ = false;
 
-  static FrameMonitor::Config completed(FrameMonitor::Config c, const Readout_& readout,
-                                        const UnloadedReference& unloaded) {
+  static FrameMonitor::Config completed(
+      FrameMonitor::Config c, const Readout_& readout, const UnloadedReference& unloaded) {
     if (c.position_m.size() == 0) c.position_m = readout.positions_m();
     if (c.unloaded.size() == 0) c.unloaded = unloaded.mean();
     return c;
@@ -6254,8 +6220,8 @@ struct JointIdentification {
 
 /// How far the torque of an unloaded joint at rest is off the model: RMS over the rests of a run of each rest's mean
 /// [N·m]. What sticks differs from rest to rest, and adds unseen to the torque of a contact. nullopt for too few rests.
-inline std::optional<double> standstill_scatter(std::span<const JointSample> samples, int joint,
-                                                const TorqueModel& model, const JointIdentification& limits = {}) {
+inline std::optional<double> standstill_scatter(
+    std::span<const JointSample> samples, int joint, const TorqueModel& model, const JointIdentification& limits = {}) {
   double squares = 0.0, sum = 0.0;
   int rests = 0, count = 0;
   std::int64_t from = 0, last = 0;
@@ -6303,8 +6269,7 @@ inline double effort_step(std::span<const JointSample> samples, int joint, const
 /// samples show friction, resting ones what sticks. `torque_constant_Nm_per_A`: of each joint, which such a run does
 /// not show; joints that give torques need none. Throws InvalidArgument for numbers that are not finite.
 inline JointReference identify_joints(std::span<const JointSample> samples,
-                                      std::span<const double> torque_constant_Nm_per_A, std::int64_t until_ns,
-                                      const JointIdentification& limits = {}) {
+    std::span<const double> torque_constant_Nm_per_A, std::int64_t until_ns, const JointIdentification& limits = {}) {
   JointReference reference;
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)
@@ -6565,8 +6530,8 @@ struct UnloadedStretch {
   std::int64_t from_ns = 0, to_ns = 0;
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
-    const auto known = std::find_if(s.segments.begin(), s.segments.end(),
-                                    [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
+    const auto known = std::find_if(
+        s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
     return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns}
                                      : UnloadedStretch{known->from_ns, known->to_ns};
   }
@@ -6617,8 +6582,8 @@ struct FingerView {
 
 /// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest
 /// surroundings. Across: positive clockwise of the tip's direction in the image, in m at the map's scale.
-inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map,
-                                          double half_range_m = 22.0e-3) {
+inline std::pair<double, double> lit_band(
+    const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
   constexpr double half = 0.5;    // of the row's light; and of a line's pixels, that it counts
   constexpr int row_half_px = 8;  // what counts as beside the row
   const double scale = map.scale_m_per_px(map.u_px(0.0));
@@ -6687,8 +6652,8 @@ template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& 
 }
 
 /// Of the profiles in the unloaded stretch. Throws InputError when there are none.
-inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
-                                            const std::string& name) {
+inline UnloadedReference unloaded_reference(
+    const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
   UnloadedReference reference;
   for (const Profile& p : profiles)
     if (stretch.holds(p.stamp_ns)) reference.add(p);
@@ -6878,7 +6843,7 @@ class ContactTorques {
  public:
   /// Throws InvalidArgument for no samples, or models that do not fit the joints.
   ContactTorques(std::span<const JointSample> samples, const std::vector<TorqueModel>& models,
-                 const ClockMap& clock = {}, double delay_s = 0.0)
+      const ClockMap& clock = {}, double delay_s = 0.0)
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 
   /// Positions, then torques.
@@ -6891,7 +6856,7 @@ class ContactTorques {
 
  private:
   static TimeSeries series(std::span<const JointSample> samples, const std::vector<TorqueModel>& models,
-                           const ClockMap& clock, double delay_s) {
+      const ClockMap& clock, double delay_s) {
     const auto n = Eigen::Index(models.size());
     std::vector<std::int64_t> stamp;
     Eigen::MatrixXd value(2 * n, Eigen::Index(samples.size()));
@@ -6918,9 +6883,8 @@ class ContactTorques {
 
 /// Compares the ways to a force on the same samples. The middle of the `tested` range is the fixed arm. All ways alike
 /// give forces of at least 0.
-template <ContactJacobian J>
-ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples, const PadRange& tested,
-                         double torque_sigma_Nm) {
+template <ContactJacobian J> ForceErrors force_errors(
+    const J& jacobian, std::span<const ForceSample> samples, const PadRange& tested, double torque_sigma_Nm) {
   require_in_range("end of the tested range", tested.to_m, tested.from_m, 10.0, "m");
   ForceErrors e;
   const auto count = [](ForceErrors::Error& error, double force, double truth) {
@@ -7015,9 +6979,8 @@ struct ForceScore {
 
 /// Over the frames with a true force of at least `from_N`. Where the localiser saw no single contact the optical way
 /// takes the middle of the tested range, so that all ways stand on the same samples.
-template <ContactJacobian J>
-ForceScore force_score(std::span<const FrameEstimate> estimates, const LogTruth& truth, const J& jacobian,
-                       const PadRange& tested, double torque_sigma_Nm, double from_N = 0.5) {
+template <ContactJacobian J> ForceScore force_score(std::span<const FrameEstimate> estimates, const LogTruth& truth,
+    const J& jacobian, const PadRange& tested, double torque_sigma_Nm, double from_N = 0.5) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
   for (const FrameEstimate& e : estimates) {
@@ -7077,9 +7040,8 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
 
 /// Profile → unloaded reference → location. Pictures that cannot be read have no profile and no estimate. Throws
 /// InvalidArgument for profiles of other bins.
-template <class MakeLocalizer>
-std::vector<FrameEstimate> locate(const std::vector<Profile>& profiles, const FingerOptics& finger,
-                                  MakeLocalizer make_localizer) {
+template <class MakeLocalizer> std::vector<FrameEstimate> locate(
+    const std::vector<Profile>& profiles, const FingerOptics& finger, MakeLocalizer make_localizer) {
   auto localizer = make_localizer(finger);
   std::vector<FrameEstimate> list;
   for (Profile p : profiles) {
@@ -7096,7 +7058,7 @@ std::vector<FrameEstimate> locate(const std::vector<Profile>& profiles, const Fi
 /// each frame. Throws InputError without joint samples, InvalidArgument for parts that do not fit.
 template <class MakeCamera, ContactJacobian J, class MakeLocalizer = BayesLocalizer (*)(const FingerOptics&)>
 std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_camera, const FingerModel<J>& finger,
-                                    MakeLocalizer make_localizer = bayes_localizer) {
+    MakeLocalizer make_localizer = bayes_localizer) {
   const std::vector<JointSample> samples = on_frames_clock(recording);
   if (samples.size() < 2 || finger.joints.torque.empty())
     throw InputError("the log has no joint samples to estimate a force from");
@@ -7106,7 +7068,7 @@ std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_
   auto localizer = make_localizer(finger.optics);
   using Estimator = ForceEstimator<decltype(camera), decltype(motors), decltype(localizer), GreenProfile, J>;
   Estimator estimator(camera, motors, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
-                      finger.jacobian, force_config(finger, rates));
+      finger.jacobian, force_config(finger, rates));
   const ContactTorques torques(samples, finger.joints.torque);
   const StreamAssumptions& assumed = finger.assumptions;
   const double gap_s = std::max(assumed.joint_gap_s, assumed.joint_gap_periods * rates.joint_period_s);
@@ -7151,7 +7113,7 @@ struct StiffnessFit {
 /// are not independent (the silicone creeps, the servo swings), so that the interval counts `independent` of them (0:
 /// all). Throws InvalidArgument for fewer than three samples in contact, or ones that do not determine both.
 inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N,
-                                  const std::function<double(double)>& nominal_N, int independent = 0) {
+    const std::function<double(double)>& nominal_N, int independent = 0) {
   if (depth_m.size() != force_N.size())
     throw InvalidArgument(
         message("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
@@ -7264,7 +7226,7 @@ class PhotonTransfer {
     }
     const double sigma = std::sqrt(covariance(1, 1));
     return {{line[1], line[1] - sigmas_of_95_percent * sigma, line[1] + sigmas_of_95_percent * sigma},
-            std::sqrt(std::max(line[0], 0.0))};
+        std::sqrt(std::max(line[0], 0.0))};
   }
   int pairs() const { return std::max(0, frames_ - 1); }
 
@@ -7299,8 +7261,8 @@ inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const I
   if (!(half > 0.5) || count == 0)
     throw InvalidArgument("lamp level: the lit picture is no brighter than the dark one");
   const double level = sum / count;
-  return {level,
-          {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
+  return {
+      level, {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
 }
 
 }  // namespace lumo::sense
@@ -7325,13 +7287,13 @@ struct LabelledResponses {
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
     throw InvalidArgument(message("labelled responses: ", d.response.rows(), " features × ", d.response.cols(),
-                                  " observations, ", d.place.size(), " labels, ", d.places(), " places"));
+        " observations, ", d.place.size(), " labels, ", d.places(), " places"));
   if (!d.response.allFinite() || !d.place_m.allFinite())
     throw InvalidArgument("labelled responses: numbers must be finite");
   for (Eigen::Index i = 1; i < d.place_m.size(); ++i)
     if (!(d.place_m[i] > d.place_m[i - 1]))
       throw InvalidArgument(message("labelled responses: place ", i, " lies at ", d.place_m[i],
-                                    " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
+          " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
   std::vector<bool> seen(std::size_t(d.places()), false);
   for (const int p : d.place) {
     if (p < 0 || p >= d.places())
@@ -7391,8 +7353,8 @@ namespace lumo::sense {
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk
 /// towards a multiple of the identity; a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`:
 /// the least mean variance that is believed.
-inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage,
-                                         double floor = 1e-300) {
+inline Eigen::MatrixXd shrunk_covariance(
+    const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
   const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
   const double level = std::max(s.trace() / double(d), floor);
@@ -7606,7 +7568,7 @@ struct OnsetDetector {
 /// `force_N`, interpolated linearly [m]. nullopt if there is no onset or the force is not reached. Both series at the
 /// same times.
 inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m,
-                                                     double force_N, const OnsetDetector& detector = {}) {
+    double force_N, const OnsetDetector& detector = {}) {
   if (force.size() != marker_m.size())
     throw InvalidArgument(
         message("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));
@@ -7910,9 +7872,9 @@ struct QuasiNewton {
   /// `function(x, gradient)` returns the value and fills the gradient. The search steps back from values that are not
   /// finite. `start` is moved between the bounds. `hessian`, positive definite, from the search for a like minimum
   /// saves steps. Throws InvalidArgument if sizes differ or the value at the start is not finite.
-  template <class Function>
-  Minimum minimize(Function&& function, const Eigen::VectorXd& start, const Eigen::VectorXd& lower,
-                   const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
+  template <class Function> Minimum minimize(Function&& function, const Eigen::VectorXd& start,
+      const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+      const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
 
  private:
   struct Point {
@@ -7928,8 +7890,8 @@ struct QuasiNewton {
 namespace detail {
 
 /// Variables that may move: one at a bound that the gradient pushes it against stays there.
-inline std::vector<Eigen::Index> free_variables(const Minimum& at, const Eigen::VectorXd& lower,
-                                                const Eigen::VectorXd& upper) {
+inline std::vector<Eigen::Index> free_variables(
+    const Minimum& at, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
   std::vector<Eigen::Index> free;
   for (Eigen::Index i = 0; i < at.x.size(); ++i)
     if (!((at.x[i] <= lower[i] && at.gradient[i] >= 0.0) || (at.x[i] >= upper[i] && at.gradient[i] <= 0.0)))
@@ -7966,9 +7928,8 @@ inline void QuasiNewton::update(Eigen::MatrixXd& hessian, const Eigen::VectorXd&
   hessian += y * y.transpose() / s.dot(y) - hs * hs.transpose() / curvature;
 }
 
-template <class Function>
-Minimum QuasiNewton::minimize(Function&& function, const Eigen::VectorXd& start, const Eigen::VectorXd& lower,
-                              const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& known) const {
+template <class Function> Minimum QuasiNewton::minimize(Function&& function, const Eigen::VectorXd& start,
+    const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(
@@ -8118,8 +8079,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
       : GaussianProcess(data, config) {
     if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
       throw InvalidArgument(message("Gaussian process: needs ", x_.rows(),
-                                    " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(),
-                                    " and ", h.noise));
+          " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
     condition(h);
   }
 
@@ -8170,7 +8130,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
     const Eigen::ArrayXd variance = inverse.diagonal().array().inverse();
     return {(output_mean_ + output_scale_ * (y_.array() - alpha.array() * variance)).matrix(),
-            (output_scale_ * output_scale_ * variance).matrix()};
+        (output_scale_ * output_scale_ * variance).matrix()};
   }
 
   /// K(X, x) after forward substitution: V with posterior covariance k(a, b) − V(a)ᵀV(b), in standardised units.
@@ -8214,8 +8174,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
           message("Gaussian process has ", n, " observations of ", d, " inputs, must have at least 1 of each"));
     if (data.y.size() != n || data.lower.size() != d || data.upper.size() != d)
       throw InvalidArgument(message("Gaussian process has ", n, " observations of ", d, " inputs, but ", data.y.size(),
-                                    " outputs, ", data.lower.size(), " lower and ", data.upper.size(),
-                                    " upper bounds"));
+          " outputs, ", data.lower.size(), " lower and ", data.upper.size(), " upper bounds"));
     if (!data.x.allFinite() || !data.y.allFinite() || !data.lower.allFinite() || !data.upper.allFinite())
       throw InvalidArgument("Gaussian process: observations and bounds must be finite numbers");
     inverse_width_ = (data.upper - data.lower).unaryExpr([](double w) { return w > 0.0 ? 1.0 / w : 0.0; });
@@ -8252,7 +8211,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return {u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0};
   }
   static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u,
-                         Eigen::VectorXd* gradient) {
+      Eigen::VectorXd* gradient) {
     const auto value = likelihood(unpack(u), gradient != nullptr);
     if (!std::isfinite(value.log_likelihood)) return std::numeric_limits<double>::infinity();
     if (gradient) *gradient = -value.posterior_gradient / double(n);
@@ -8264,7 +8223,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return u;
   }
   Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start,
-                  const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const {
+      const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const {
     const Eigen::Index d = x_.rows();
     const HyperparameterPrior p = prior();
     Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(p.min_length_scale)),
@@ -8359,9 +8318,8 @@ struct GaussianProcessDecoder {
     Factor factor(const Eigen::VectorXd& variance) const {
       return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal()));
     }
-    template <class Some>
-    static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean,
-                          const std::vector<Some>& factors) {
+    template <class Some> static Decoding weigh(
+        const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Some>& factors) {
       if (response.size() != mean.rows())
         throw InvalidArgument(message("response has ", response.size(), " features, the decoder ", mean.rows()));
       Eigen::VectorXd log_likelihood(mean.cols());
@@ -8451,7 +8409,7 @@ namespace lumo::sense {
 inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
   if (force_N.size() < 2 || response.cols() != force_N.size())
     throw InvalidArgument(message("slope over force: ", response.cols(), " responses and ", force_N.size(),
-                                  " loads, must be as many, at least 2"));
+        " loads, must be as many, at least 2"));
   if (!response.allFinite() || !force_N.allFinite()) throw InvalidArgument("slope over force: numbers must be finite");
   const Eigen::VectorXd centred = force_N.array() - force_N.mean();
   const double spread = centred.squaredNorm();
@@ -8486,7 +8444,7 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
   for (const Eigen::MatrixXd& p : slope) {
     if (p.cols() < 1 || p.rows() != slope.front().rows() || p.rows() < 1)
       throw InvalidArgument(message("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ",
-                                    p.cols(), " re-contacts, the first ", slope.front().rows(), " channels"));
+          p.cols(), " re-contacts, the first ", slope.front().rows(), " channels"));
     if (!p.allFinite())
       throw InvalidArgument(message("re-contact metrics: slopes at place ", middle.size(), " must be finite"));
     middle.push_back(pointwise_median(p));
@@ -8504,8 +8462,8 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
 /// the errors of log Q against that known model are taken off. Re-contacts are not drawn anew: so few of
 /// them would repeat, and W would be too small. `confidence` of the interval. Source: Efron & Tibshirani
 /// 1993, §6.5 and §13. Throws InvalidArgument where Q is not defined.
-inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000,
-                                          std::uint64_t seed = 1, double confidence = 0.95) {
+inline RecontactQuality recontact_quality(
+    const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95) {
   require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");
   RecontactQuality q;
@@ -8513,8 +8471,8 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
   const Eigen::Index repeats = slope.front().cols();
   for (const Eigen::MatrixXd& p : slope)
     if (p.cols() != repeats || repeats < 3)
-      throw InvalidArgument(message("re-contact quality needs as many re-contacts everywhere, at least 3; has ",
-                                    p.cols(), " and ", repeats));
+      throw InvalidArgument(message(
+          "re-contact quality needs as many re-contacts everywhere, at least 3; has ", p.cols(), " and ", repeats));
   if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
   if (!(*q.metrics.Q > 0.0)) throw InvalidArgument("re-contact quality is not defined: all places are the same");
   q.Q_low = q.Q_high = *q.metrics.Q;
@@ -8575,8 +8533,8 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
   for (const CycleRun& run : runs)
     for (const Eigen::MatrixXd& cycles : run.load) {
       if (cycles.cols() < 2 || cycles.rows() < 1)
-        throw InvalidArgument(message("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(),
-                                      " cycles, must have at least 1 × 2"));
+        throw InvalidArgument(message(
+            "cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
       if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
       const Eigen::VectorXd middle = pointwise_median(cycles);
       for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
@@ -8590,7 +8548,7 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
 inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
     throw InvalidArgument(message("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ",
-                                  high.cols(), " responses, must be the same, at least one re-contact"));
+        high.cols(), " responses, must be the same, at least one re-contact"));
   if (!low.allFinite() || !high.allFinite()) throw InvalidArgument("regional change: responses must be finite");
   return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();
 }
@@ -8625,8 +8583,8 @@ struct HoldResponse {
 /// Responses of all segments of kind `hold` or `cycle` that have profiles. Each is taken against the mean over the last
 /// segment of kind `unloaded` that ended before it, because lamps drift between re-contacts; a session without any is
 /// an error. Throws InvalidArgument.
-inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& profiles,
-                                                const std::vector<Segment>& segments) {
+inline std::vector<HoldResponse> hold_responses(
+    const std::span<const Profile>& profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
     std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
     for (const Profile& p : profiles) {
@@ -8661,8 +8619,8 @@ inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& 
 }
 
 /// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
-inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm,
-                                              double angle_deg) {
+inline std::vector<HoldResponse> responses_of(
+    const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
     if (h.segment.diameter_mm == diameter_mm && h.segment.angle_deg == angle_deg) list.push_back(h);
@@ -8683,8 +8641,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
     if (!first) first = &s;
     if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
       throw InvalidArgument(message("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg,
-                                    "° and of ", s.diameter_mm, " mm at ", s.angle_deg,
-                                    "°, must be of one: take each by itself"));
+          "° and of ", s.diameter_mm, " mm at ", s.angle_deg, "°, must be of one: take each by itself"));
     if (!by_place[s.place][s.repetition].emplace(s.load_N, &h).second)
       throw InvalidArgument(
           message("place ", s.place, ", re-contact ", s.repetition, " has two holds at ", s.load_N, " N"));
@@ -8699,7 +8656,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
               message("place ", s.place, " lies at y = ", s.y_mm, " and at ", hold.second->segment.y_mm, " mm"));
     if (before && !(s.y_mm > before->y_mm))
       throw InvalidArgument(message("place ", s.place, " lies at y = ", s.y_mm, " mm, must exceed that of place ",
-                                    before->place, ", ", before->y_mm, " mm"));
+          before->place, ", ", before->y_mm, " mm"));
     before = &s;
   }
   return by_place;
@@ -9004,8 +8961,8 @@ class HoleFinder {
 
 /// Finds the link by its mounting holes, about where `guess` expects them; nullopt if one is not seen, or if they do
 /// not fit the link.
-inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess,
-                                            const HoleSearch& search = {}) {
+inline std::optional<LinkMap> register_link(
+    const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
   if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
   const double scale = guess.px_per_m();
   const Eigen::Index n = link.hole_m.cols();
@@ -9081,8 +9038,8 @@ class HandObserver {
   HandObserver(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
       : links_(std::move(links)), last_(std::move(first)), config_(std::move(config)) {
     if (links_.empty() || last_.size() != links_.size())
-      throw InvalidArgument(message("hand has ", links_.size(), " links and ", last_.size(),
-                                    " first places, must have as many, at least 1"));
+      throw InvalidArgument(message(
+          "hand has ", links_.size(), " links and ", last_.size(), " first places, must have as many, at least 1"));
     for (const HandLink& l : links_) validate(l);
     require_in_range("cell of the hand's grid", 1e3 * config_.cell_m, 0.1, 10.0, "mm");
     require_in_range("edge of a region", config_.edge, 0.0, config_.threshold, "noises");
@@ -9142,8 +9099,8 @@ class HandObserver {
   Grid read(int link, const LinkMap& map, const ImageView& image) const;
   Grid levelled(const Grid& difference) const;
   const Grid& noise(int link);
-  void regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map,
-               std::vector<HandContact>& contacts) const;
+  void regions(
+      int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const;
 
   std::vector<HandLink> links_;
   std::vector<LinkMap> last_;
@@ -9159,8 +9116,8 @@ inline std::vector<double> HandObserver::joints_of(int link, const JointVector& 
   std::vector<double> own;
   for (const int j : links_[std::size_t(link)].joints) {
     if (j < 0 || j >= all.size())
-      throw InvalidArgument(message("link '", printable(links_[std::size_t(link)].name), "' needs joint ", j,
-                                    ", samples have ", all.size()));
+      throw InvalidArgument(message(
+          "link '", printable(links_[std::size_t(link)].name), "' needs joint ", j, ", samples have ", all.size()));
     if (!std::isfinite(all[j])) throw InvalidArgument("positions of joints must be finite");
     own.push_back(all[j]);
   }
@@ -9316,13 +9273,13 @@ inline auto HandObserver::observe(std::int64_t stamp_ns, const JointVector& join
     e.map.push_back(last_[std::size_t(l)]);
     if (known)
       regions(l, levelled(read(l, *map, image) - library_[std::size_t(l)][std::size_t(near.first)].green), noise(l),
-              *map, e.contacts);
+          *map, e.contacts);
   }
   return e;
 }
 
-inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map,
-                                  std::vector<HandContact>& contacts) const {
+inline void HandObserver::regions(
+    int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
   const auto [along, across] = grid_[std::size_t(link)];
   const auto [cell_length, cell_height] = cell_m(link);
   std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);
@@ -9417,26 +9374,22 @@ inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
 /// Plays a log to a hand's observer, frame by frame. `each(estimate, image)` gets a std::optional<HandEstimate>:
 /// nullopt if the frame lies in a segment of kind `free` or `unloaded` and becomes a reference. No link is seen while
 /// the joints are unknown, between samples more than `max_gap_s` apart. Returns the number of references.
-template <Camera C, class Each>
-int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, Each each,
-                 double max_gap_s = 0.1) {
+template <Camera C, class Each> int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions,
+    const Session& session, Each each, double max_gap_s = 0.1) {
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next()) {
     const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s);
     std::optional<HandEstimate> estimate;
-    if (is_unloaded(session, frame->stamp_ns))
-      references += joints && hand.add_reference(*joints, frame->image) > 0;
-    else
-      estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
+    if (is_unloaded(session, frame->stamp_ns)) references += joints && hand.add_reference(*joints, frame->image) > 0;
+    else estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
     each(estimate, frame->image);
   }
   return references;
 }
 
 /// Shows a hand's observer only a log's pictures of the unloaded hand. Returns the number of references.
-template <Camera C>
-int add_references(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session,
-                   double max_gap_s = 0.1) {
+template <Camera C> int add_references(
+    C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, double max_gap_s = 0.1) {
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next())
     if (is_unloaded(session, frame->stamp_ns))
@@ -9472,8 +9425,8 @@ class HandTouches {
   }
   std::vector<Touch> at(std::int64_t stamp_ns) const {
     std::vector<Touch> touches;
-    for (auto row = std::lower_bound(rows_.begin(), rows_.end(), stamp_ns,
-                                     [](const auto&r, std::int64_t t) { return r.first < t; });
+    for (auto row = std::lower_bound(
+             rows_.begin(), rows_.end(), stamp_ns, [](const auto&r, std::int64_t t) { return r.first < t; });
          row != rows_.end() && row->first == stamp_ns; ++row)
       touches.push_back(row->second);
     return touches;
@@ -9510,7 +9463,7 @@ struct HandScore {
     for (const HandContact& c : e.contacts) {
       ++contacts;
       unfounded += std::none_of(truth.begin(), truth.end(),
-                                [&](const auto& t) { return t.link == c.link && std::abs(c.y_m - t.y_m) <= near_m; });
+          [&](const auto& t) { return t.link == c.link && std::abs(c.y_m - t.y_m) <= near_m; });
     }
   }
 };
@@ -9581,9 +9534,8 @@ struct LiveRest {
 
 /// Looks at the finger for `wait.rest_s`; `meanwhile()` is called while no picture is there. View and light of `finger`
 /// are replaced by what is seen. Throws InputError where no finger is seen or no picture comes for `wait.patience_s`.
-template <Camera C, class Meanwhile>
-LiveRest look_at_rest(C& camera, const Session& session, const FingerOptics& finger, const LiveWait& wait,
-                      Meanwhile meanwhile) {
+template <Camera C, class Meanwhile> LiveRest look_at_rest(
+    C& camera, const Session& session, const FingerOptics& finger, const LiveWait& wait, Meanwhile meanwhile) {
   validate(wait);
   MeanImage mean;
   std::vector<Image> kept;  // a camera's own pixels are gone with its next picture
@@ -9616,9 +9568,8 @@ LiveRest look_at_rest(C& camera, const Session& session, const FingerOptics& fin
   seen.trusted.position_m = readout.positions_m();
   seen.trusted.unloaded = unloaded.mean();
   if (rest.size() > 1)
-    seen.trusted.period_s =
-        std::max(detail::shortest_period_s,
-                 1e-9 * double(rest.back().stamp_ns - rest.front().stamp_ns) / double(rest.size() - 1));
+    seen.trusted.period_s = std::max(detail::shortest_period_s,
+        1e-9 * double(rest.back().stamp_ns - rest.front().stamp_ns) / double(rest.size() - 1));
   seen.trusted.exposure_s = rest.front().exposure_s;
   seen.trusted.gain = rest.front().gain;
   seen.trusted.led_m.clear();
@@ -9631,9 +9582,8 @@ LiveRest look_at_rest(C& camera, const Session& session, const FingerOptics& fin
 /// it unloaded. `make(optics)` gives the localiser. `report(stamp_ns, estimate, faults)` is called for each later
 /// picture, without an estimate where FrameMonitor does not trust it, and returns whether to go on. Ends with the
 /// camera. Throws as look_at_rest, and where no picture comes for `wait.patience_s`.
-template <Camera C, ContactJacobian J, class MakeLocalizer, class Report>
-void locate_live(C& camera, const FingerModel<J>& finger, MakeLocalizer make, Report report,
-                 const LiveWait& wait = {}) {
+template <Camera C, ContactJacobian J, class MakeLocalizer, class Report> void locate_live(
+    C& camera, const FingerModel<J>& finger, MakeLocalizer make, Report report, const LiveWait& wait = {}) {
   LiveRest rest = look_at_rest(camera, finger.session, finger.optics, wait, [] {});
   GreenProfile readout = rest.optics.readout();
   FrameMonitor monitor(rest.trusted);
@@ -9644,10 +9594,8 @@ void locate_live(C& camera, const FingerModel<J>& finger, MakeLocalizer make, Re
     auto verdict = monitor.check_time(frame->stamp_ns, frame->stamp_ns);
     if (verdict.usable) {
       const Faults time = verdict.faults;
-      if (!readout.read(*frame, p))
-        verdict = FrameMonitor::reject(Fault::frame_corrupt);
-      else
-        verdict = monitor.check_light(p, frame->exposure_s, frame->gain);
+      if (!readout.read(*frame, p)) verdict = FrameMonitor::reject(Fault::frame_corrupt);
+      else verdict = monitor.check_light(p, frame->exposure_s, frame->gain);
       verdict.faults |= time;
     }
     if (verdict.usable) {
@@ -9664,16 +9612,15 @@ void locate_live(C& camera, const FingerModel<J>& finger, MakeLocalizer make, Re
 /// usable picture, and every tenth of `wait.patience_s` where none comes, and returns whether to go on: lost pictures
 /// and samples are states of the estimate, not the end. Ends when camera and motors have. Throws as look_at_rest, and
 /// InputError where the motors are silent during the rest.
-template <Camera C, Actuator A, ContactJacobian J, class MakeLocalizer, class Report>
-void estimate_live(C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer make, Report report,
-                   const LiveWait& wait = {}) {
+template <Camera C, Actuator A, ContactJacobian J, class MakeLocalizer, class Report> void estimate_live(
+    C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer make, Report report, const LiveWait& wait = {}) {
   std::int64_t samples = 0, first = 0, last = 0;
   StreamRates rates;
   const auto drain = [&] {
     for (auto s = actuator.next(); s; s = actuator.next()) {
       if (s->effort.size() != Eigen::Index(finger.joints.torque.size()))
         throw InputError(message("the motors give ", s->effort.size(), " joints, the run without contact has ",
-                                 finger.joints.torque.size()));
+            finger.joints.torque.size()));
       if (samples++ == 0) first = s->stamp_ns;
       last = s->stamp_ns;
       rates.unit = s->unit;
@@ -9693,7 +9640,7 @@ void estimate_live(C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer 
   config.frames = std::move(rest.trusted);
   using Estimator = ForceEstimator<C, A, decltype(localizer), GreenProfile, J>;
   Estimator estimator(camera, actuator, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
-                      finger.jacobian, std::move(config));
+      finger.jacobian, std::move(config));
   std::int64_t picture = estimator.step(wait.now_ns()).frame_stamp_ns, reported = wait.now_ns();
   while (camera.state() == StreamState::open || actuator.state() == StreamState::open) {
     const ForceEstimate e = estimator.step(wait.now_ns());
@@ -9713,9 +9660,8 @@ void estimate_live(C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer 
 /// (add_references). `report(estimate, image)` is called for each picture and returns whether to go on; no link is seen
 /// in pictures for which the joints are not known. Ends with the camera. Throws InputError where no picture comes for
 /// `wait.patience_s`.
-template <Camera C, Actuator A, class Report>
-void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session& session, Report report,
-                       const LiveWait& wait = {}) {
+template <Camera C, Actuator A, class Report> void observe_hand_live(
+    C& camera, A& actuator, HandObserver& hand, const Session& session, Report report, const LiveWait& wait = {}) {
   validate(wait);
   Session one_clock = session;
   one_clock.joint_clock = {};
@@ -9737,8 +9683,8 @@ void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session
       if (const double age_s = 1e-9 * double(at - recent.back().stamp_ns) + session.joint_delay_s;
           age_s >= 0.0 && age_s <= wait.max_gap_s)
         joints = recent.back().position_rad;
-    if (!report(joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns),
-                frame->image))
+    if (!report(
+            joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns), frame->image))
       return;
   }
 }

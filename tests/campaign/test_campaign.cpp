@@ -34,7 +34,7 @@ Problem cheap_problem(int evaluations) {
 
 std::vector<double> cheap_outputs(const Design& x) {
   return {std::exp(-0.05 * ((x[0] - 7.0) * (x[0] - 7.0) + (x[1] - 3.0) * (x[1] - 3.0))) + 0.1 * x[2],
-          std::exp(-0.05 * ((x[0] - 2.0) * (x[0] - 2.0) + (x[1] - 8.0) * (x[1] - 8.0))) + 1.0 / x[2]};
+      std::exp(-0.05 * ((x[0] - 2.0) * (x[0] - 2.0) + (x[1] - 8.0) * (x[1] - 8.0))) + 1.0 / x[2]};
 }
 
 TrialResult cheap(const Design& x) { return {cheap_outputs(x), false, "", std::string(500, 'r'), "took some time"}; }
@@ -54,13 +54,13 @@ TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result"
   Cheap alone(cheap_problem(20));
   while (const auto t = alone.ask()) alone.tell(t->id, cheap_outputs(t->x));
   int watched = 0;
-  const OptimizerStatus end = run_campaign(log, Cheap(cheap_problem(20)), cheap,
-                                           [&](const CampaignState<Cheap>& s, int id, const TrialResult& v) {
-                                             ++watched;
-                                             CHECK(s.optimizer().observed() == watched);
-                                             CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
-                                             CHECK(log.record(*s.answered(id)) == v.record);
-                                           });
+  const OptimizerStatus end = run_campaign(
+      log, Cheap(cheap_problem(20)), cheap, [&](const CampaignState<Cheap>& s, int id, const TrialResult& v) {
+        ++watched;
+        CHECK(s.optimizer().observed() == watched);
+        CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
+        CHECK(log.record(*s.answered(id)) == v.record);
+      });
   CHECK(end == OptimizerStatus::finished);
   CHECK(watched == 20);
   const auto state = state_of(log, 20);
@@ -113,7 +113,7 @@ TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried
   CHECK_THROWS_AS(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched), CampaignError);
   CHECK(calls == 7);  // 5 of 7 failed
   CHECK_THROWS_WITH(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched),
-                    Catch::Contains("5 of 7 evaluations failed") && Catch::Contains("press: inverted"));
+      Catch::Contains("5 of 7 evaluations failed") && Catch::Contains("press: inverted"));
   CHECK(calls == 7);
 }
 
@@ -128,7 +128,7 @@ TEST_CASE("Outputs that no optimiser takes are a failure of the design, and the 
     };
     std::string seen;
     CHECK(run_campaign(log, Cheap(cheap_problem(12)), once_bad,
-                       [&](const auto&, int, const TrialResult& v) { seen += v.why; }) == OptimizerStatus::finished);
+              [&](const auto&, int, const TrialResult& v) { seen += v.why; }) == OptimizerStatus::finished);
     log.verify();
     const auto state = state_of(log, 12);
     const Trial& bad = state.optimizer().trials()[2];
@@ -146,7 +146,7 @@ TEST_CASE("A campaign that the machine's failures stopped goes on where they hav
   const auto no_memory = [](const Design&) { return TrialResult{{}, true, "mesh: out of memory", "", ""}; };
   for (int run = 1; run <= 6; ++run) {  // ten designs use up their tries
     CHECK_THROWS_WITH(run_campaign(log, Cheap(cheap_problem(12)), no_memory, unwatched),
-                      Catch::Contains("5 of 5 evaluations failed"));
+        Catch::Contains("5 of 5 evaluations failed"));
     CHECK(log.entries().size() == std::size_t(1 + 2 * 5 * run));
   }
   CHECK(run_campaign(log, Cheap(cheap_problem(12)), cheap, unwatched) == OptimizerStatus::finished);
@@ -194,15 +194,9 @@ TEST_CASE("What another process answered in the meantime is neither evaluated ag
 }
 
 TEST_CASE("Entries that no campaign wrote are refused") {
-  for (const auto& entry : std::vector<std::pair<std::string, std::string>>{{"ask", "0 1 1"},
-                                                                            {"tell", "0 1 1"},
-                                                                            {"fail", "0 maybe x"},
-                                                                            {"fail", "x final y"},
-                                                                            {"problem", "0 1"},
-                                                                            {"ask", "7 1 1 1"},
-                                                                            {"ask", "0 1 1 nan"},
-                                                                            {"ask", "-1 1 1 1"},
-                                                                            {"ask", ""}}) {
+  for (const auto& entry : std::vector<std::pair<std::string, std::string>>{{"ask", "0 1 1"}, {"tell", "0 1 1"},
+           {"fail", "0 maybe x"}, {"fail", "x final y"}, {"problem", "0 1"}, {"ask", "7 1 1 1"}, {"ask", "0 1 1 nan"},
+           {"ask", "-1 1 1 1"}, {"ask", ""}}) {
     MemoryJournal log("p");
     log.append([&](const auto&) {
       return std::optional(JournalEntry{0, journal_kind(entry.first).value(), entry.second, "", ""});

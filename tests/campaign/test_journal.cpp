@@ -21,7 +21,7 @@ namespace {
 /// What entry k of the test campaign must be.
 JournalEntry entry(std::size_t k) {
   return {std::int64_t(k), JournalEntry::Kind::tell, "x = " + std::to_string(k * k),
-          std::string(700, char('a' + k % 26)), "took " + std::string(60, char('0' + k % 10)) + " s"};
+      std::string(700, char('a' + k % 26)), "took " + std::string(60, char('0' + k % 10)) + " s"};
 }
 
 /// Adds entries until there are `count` after the problem.
@@ -57,10 +57,8 @@ int in_child(const std::function<void()>& work) {
 TEMPLATE_TEST_CASE("A journal gives back what was put in, in order", "", MemoryJournal, SqliteJournal) {
   const TemporaryFolder folder;
   TestType log = [&] {
-    if constexpr (std::is_same_v<TestType, MemoryJournal>)
-      return MemoryJournal("problem 1");
-    else
-      return SqliteJournal(folder / "store", "problem 1");
+    if constexpr (std::is_same_v<TestType, MemoryJournal>) return MemoryJournal("problem 1");
+    else return SqliteJournal(folder / "store", "problem 1");
   }();
   fill(log, 5);
   const auto list = log.entries();
@@ -109,8 +107,8 @@ TEST_CASE("A store refuses another problem and says what differs, and what is no
   CHECK(reason_of([&] { SqliteJournal log(folder / "missing"); }) == StoreError::Reason::unusable);
   CHECK(reason_of([&] { SqliteJournal log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
   folder.write("text",
-               "this is a diary and no store, and long enough to look like a file with a header of some kind, which it "
-               "does not have");
+      "this is a diary and no store, and long enough to look like a file with a header of some kind, which it "
+      "does not have");
   CHECK(reason_of([&] { SqliteJournal log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
   CHECK(folder.read("text").starts_with("this is a diary"));
 }
@@ -126,10 +124,8 @@ TEST_CASE("Flipped bits and cut files are found, or do no harm") {
   int found = 0;
   for (int trial = 0; trial < 1000; ++trial) {
     std::string bad = good;
-    if (trial % 10 == 0)
-      bad.resize(random() % good.size());
-    else
-      bad[random() % bad.size()] ^= char(1 << random() % 8);
+    if (trial % 10 == 0) bad.resize(random() % good.size());
+    else bad[random() % bad.size()] ^= char(1 << random() % 8);
     folder.write("bad", bad);
     try {
       const SqliteJournal log(folder / "bad");
@@ -238,10 +234,10 @@ TEST_CASE("A store is read although its writer was killed in the middle of a wri
   sqlite3* writer = nullptr;
   REQUIRE(sqlite3_open(std::string(folder / "store").c_str(), &writer) == SQLITE_OK);
   REQUIRE(sqlite3_exec(writer, "PRAGMA cache_size=1; BEGIN; UPDATE entry SET record = hex(zeroblob(100000))", nullptr,
-                       nullptr, nullptr) == SQLITE_OK);
+              nullptr, nullptr) == SQLITE_OK);
   for (const char* suffix : {"", "-journal"})
     fs::copy_file(std::string(folder / "store") + suffix,
-                  std::string(folder / "killed") + suffix);  // as a kill leaves them
+        std::string(folder / "killed") + suffix);  // as a kill leaves them
   CHECK(fs::file_size(folder / "killed") > 200'000);
   sqlite3_close(writer);
   const auto list = SqliteJournal(folder / "killed").entries();
@@ -275,10 +271,10 @@ TEST_CASE("Three processes on one store add each entry once, and living ones kee
   CHECK(log.entries().size() == 51);
   CHECK(log.claim(1));
   CHECK(in_child([&] {
-          SqliteJournal other(folder / "store", "p");
-          if (other.claim(1)) throw 1;  // this process lives
-          if (!other.claim(2)) throw 2;
-        }) == 0);
+    SqliteJournal other(folder / "store", "p");
+    if (other.claim(1)) throw 1;  // this process lives
+    if (!other.claim(2)) throw 2;
+  }) == 0);
   CHECK(log.claim(2));  // the child is dead
 }
 
@@ -311,15 +307,15 @@ TEST_CASE("A full disk is an error, and the store stays valid") {
     fill(log, 3);
   }
   CHECK(in_child([&] {
-          sqlite3_auto_extension(reinterpret_cast<void (*)()>(little_room));
-          fails_for(StoreError::Reason::full);
-        }) == 0);
+    sqlite3_auto_extension(reinterpret_cast<void (*)()>(little_room));
+    fails_for(StoreError::Reason::full);
+  }) == 0);
   CHECK(in_child([&] {  // a limit on the file's size: the operating system refuses to write
-          signal(SIGXFSZ, SIG_IGN);
-          const rlimit limit{fs::file_size(folder / "store") + 1, RLIM_INFINITY};
-          if (setrlimit(RLIMIT_FSIZE, &limit) != 0) throw 1;
-          fails_for(StoreError::Reason::unusable);
-        }) == 0);
+    signal(SIGXFSZ, SIG_IGN);
+    const rlimit limit{fs::file_size(folder / "store") + 1, RLIM_INFINITY};
+    if (setrlimit(RLIMIT_FSIZE, &limit) != 0) throw 1;
+    fails_for(StoreError::Reason::unusable);
+  }) == 0);
   SqliteJournal again(folder / "store");
   again.verify();
   const std::size_t kept = again.entries().size();
@@ -336,17 +332,16 @@ TEST_CASE("A store is not used after a fork") {
   SqliteJournal log(folder / "store", "p");
   fill(log, 2);
   const std::vector<std::function<void()>> members = {[&] { log.entries(); }, [&] { log.record(1); },
-                                                      [&] { log.claim(1); },  [&] { log.digest(); },
-                                                      [&] { log.verify(); },  [&] { fill(log, 3); }};
+      [&] { log.claim(1); }, [&] { log.digest(); }, [&] { log.verify(); }, [&] { fill(log, 3); }};
   for (const auto& use : members)
     CHECK(in_child([&] {
-            try {
-              use();
-            } catch (const StoreError& e) {
-              if (e.reason() == StoreError::Reason::unusable) return;
-            }
-            throw 1;
-          }) == 0);
+      try {
+        use();
+      } catch (const StoreError& e) {
+        if (e.reason() == StoreError::Reason::unusable) return;
+      }
+      throw 1;
+    }) == 0);
   fill(log, 3);
   log.verify();
 }

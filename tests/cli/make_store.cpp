@@ -80,24 +80,17 @@ TrialResult verdict(const Design& x, const CampaignProblem& problem, bool fails)
   // What a page must show as it stands, and not obey.
   if (fails)
     v.why = "press: inverted at 15 N, </script><img src=x onerror=alert(1)> & \"quotes\", {{script}}, no UTF-8: \xff";
-  if (fails)
-    record["why"] = "see the entry";
+  if (fails) record["why"] = "see the entry";
   else {
     const Evaluation e = made_up(x, contacts(problem.ensemble));
     v.outputs = {e.J_contact->value, e.J_obs->value};
     append(record, json(e));
   }
   v.record = record.dump();
-  v.notes = Json{{"lumo", "0.1.0"},
-                 {"threads", 2},
-                 {"machine",
-                  {{"processor", "an abacus"},
-                   {"system", "Linux 0"},
-                   {"compiler", "g++ 12"},
-                   {"TetGen", "1.5.0"},
-                   {"Embree", "3.13.5"},
-                   {"CHOLMOD", "3.0.14"}}},
-                 {"seconds", json(Timing{1.0, 90.0, 60.0, 151.0})}}
+  v.notes = Json{{"lumo", "0.1.0"}, {"threads", 2},
+      {"machine", {{"processor", "an abacus"}, {"system", "Linux 0"}, {"compiler", "g++ 12"}, {"TetGen", "1.5.0"},
+                      {"Embree", "3.13.5"}, {"CHOLMOD", "3.0.14"}}},
+      {"seconds", json(Timing{1.0, 90.0, 60.0, 151.0})}}
                 .dump();
   return v;
 }
@@ -110,9 +103,8 @@ void run(SqliteJournal& log, const CampaignProblem& problem, int evaluations) {
     return verdict(x, problem, fails);
   };
   try {
-    with_optimizer(problem, std::max(1, evaluations), [&](const auto& optimizer) {
-      return run_campaign(log, optimizer, evaluate, [](const auto&...) {});
-    });
+    with_optimizer(problem, std::max(1, evaluations),
+        [&](const auto& optimizer) { return run_campaign(log, optimizer, evaluate, [](const auto&...) {}); });
   } catch (const CampaignError&) {  // all fail, as asked for
     if (evaluations > 0) throw;
   }

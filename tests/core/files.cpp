@@ -41,8 +41,8 @@ TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
 TEST_CASE("a file that cannot be written is reported in one line, and what was there stays") {
   const TemporaryFolder folder;
   std::filesystem::create_directories(folder.path / "folder" / "full");
-  CHECK_THROWS_WITH(write_whole(folder / "none/file", "x"),
-                    Catch::Contains("none/file: cannot be written: No such file"));
+  CHECK_THROWS_WITH(
+      write_whole(folder / "none/file", "x"), Catch::Contains("none/file: cannot be written: No such file"));
   CHECK_THROWS_AS(write_whole(folder / "folder", "x"), InputError);  // written beside it, but not renamed
   CHECK(folder.entries() == 1);
 

@@ -7,9 +7,9 @@
 
 /// Designs at the ends of the space: lowest and highest domes, narrowest and widest stems and voids, thinnest silicone.
 inline std::vector<lumo::FingerDesign> extreme_designs() {
-  return {{2, 5.5, 4, 2, 0},  {19, 1, 15, 2, 2},    {19, 1, 4, 14.5, 7.5},    {2, 18, 4, 2, 7.5},
-          {2, 18, 15, 2, 0},  {10, 8, 4.5, 4, 7.5}, {8, 1, 4, 2, 0.5},        {2, 18, 4, 6.5, 0.5},
-          {19, 1, 15, 14, 2}, {18.5, 1, 4, 2, 7.5}, {6.5, 12.5, 15, 12, 0.5}, {6, 6, 8, 5, 0}};
+  return {{2, 5.5, 4, 2, 0}, {19, 1, 15, 2, 2}, {19, 1, 4, 14.5, 7.5}, {2, 18, 4, 2, 7.5}, {2, 18, 15, 2, 0},
+      {10, 8, 4.5, 4, 7.5}, {8, 1, 4, 2, 0.5}, {2, 18, 4, 6.5, 0.5}, {19, 1, 15, 14, 2}, {18.5, 1, 4, 2, 7.5},
+      {6.5, 12.5, 15, 12, 0.5}, {6, 6, 8, 5, 0}};
 }
 
 /// Feasible designs drawn from the lattice, each as likely as any other.

@@ -111,7 +111,7 @@ TEST_CASE("the closed mould's cavity is the pad with its voids", "[fabrication]"
   std::mt19937 random(5);
   std::uniform_real_distribution<double> u(-1.0, 1.0);
   for (const FingerDesign& d :
-       {FingerDesign{5, 10, 10, 6, 3}, {6, 6, 8, 5, 0}, {10, 8, 4.5, 4, 7.5}, {19, 1, 15, 14, 2}, {8, 1, 4, 2, 0.5}}) {
+      {FingerDesign{5, 10, 10, 6, 3}, {6, 6, 8, 5, 0}, {10, 8, 4.5, 4, 7.5}, {19, 1, 15, 14, 2}, {8, 1, 4, 2, 0.5}}) {
     const auto kit = casting_kit(casting_section(d));
     int in_pad = 0, in_void = 0, elsewhere = 0;
     for (int k = 0; k < 400; ++k) {
@@ -119,7 +119,7 @@ TEST_CASE("the closed mould's cavity is the pad with its voids", "[fabrication]"
       Vec3d p(22.0 * u(random), 34.0 * u(random), 0.5 * z_top * (1.0 + u(random)));  // mm
       if (k % 4 == 0)
         p = {p.x() > 0 ? 0.5 * (d.w_s + d.w_v * (1.0 + u(random))) : p.x() * 0.6, p.y(),
-             0.5 * d.h_s * (1.0 + u(random))};
+            0.5 * d.h_s * (1.0 + u(random))};
       const double x = std::abs(p.x()), up = std::max(0.0, p.z() - d.h_fp) / d.h_ep,
                    side = up < 1.0 ? 14.75 * std::sqrt(1.0 - up * up) : -1.0;
       const double stem = 0.5 * d.w_s, outer = stem + d.w_v;
@@ -202,7 +202,7 @@ TEST_CASE("options that cannot be made are refused by name", "[fabrication]") {
 TEST_CASE("every option at its ends makes solids", "[fabrication]") {
   namespace limits = casting_limits;
   for (const FingerDesign& d :
-       {FingerDesign{2, 5.5, 4, 2, 0}, {19, 1, 4, 14.5, 7.5}, {5, 10, 10, 6, 3}, {8, 1, 4, 2, 0.5}})
+      {FingerDesign{2, 5.5, 4, 2, 0}, {19, 1, 4, 14.5, 7.5}, {5, 10, 10, 6, 3}, {8, 1, 4, 2, 0.5}})
     for (const bool low : {true, false}) {
       const auto end = [low](const Limits& mm) { return 1e-3 * (low ? mm.low : mm.high); };
       CastingOptions o;

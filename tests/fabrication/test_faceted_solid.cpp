@@ -109,21 +109,21 @@ TEST_CASE("faces meet edge to edge where their neighbours have more corners", "[
 TEST_CASE("what bounds no solid is refused for its reason", "[fabrication]") {
   const Loop low = square(1.0), high = raised(low, 1.0);
   CHECK(reason([&] {
-          FacetedSolid solid;
-          solid.band(low, high);
-          solid.face(high);
-          solid.surface();
-        }) == MeshError::Reason::open);
+    FacetedSolid solid;
+    solid.band(low, high);
+    solid.face(high);
+    solid.surface();
+  }) == MeshError::Reason::open);
   CHECK(reason([&] {
-          FacetedSolid solid;
-          solid.band(low, high);
-          solid.face(high);
-          solid.face(low);  // looks inwards
-          solid.surface();
-        }) == MeshError::Reason::not_manifold);
+    FacetedSolid solid;
+    solid.band(low, high);
+    solid.face(high);
+    solid.face(low);  // looks inwards
+    solid.surface();
+  }) == MeshError::Reason::not_manifold);
   CHECK(reason([&] { prism(square(1.0), {square(0.5, 0.8)}); }) ==
         MeshError::Reason::self_intersecting);  // a hole over the edge
   CHECK(reason([&] {
-          prism(square(2.0), {square(0.5, 0.2), square(0.5, -0.2)});
-        }) == MeshError::Reason::self_intersecting);  // holes over each other
+    prism(square(2.0), {square(0.5, 0.2), square(0.5, -0.2)});
+  }) == MeshError::Reason::self_intersecting);  // holes over each other
 }

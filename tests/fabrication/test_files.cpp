@@ -42,14 +42,10 @@ std::multimap<std::string, std::vector<std::array<double, 2>>> loops(const std::
       if (value == "SEQEND" && closed) found.emplace(layer, points);
       if (value == "VERTEX") points.emplace_back();
       entity = value;
-    } else if (code == "8")
-      layer = value;
-    else if (code == "70" && entity == "POLYLINE")
-      closed = value == "1";
-    else if (code == "10" && entity == "VERTEX")
-      points.back()[0] = std::stod(value);
-    else if (code == "20" && entity == "VERTEX")
-      points.back()[1] = std::stod(value);
+    } else if (code == "8") layer = value;
+    else if (code == "70" && entity == "POLYLINE") closed = value == "1";
+    else if (code == "10" && entity == "VERTEX") points.back()[0] = std::stod(value);
+    else if (code == "20" && entity == "VERTEX") points.back()[1] = std::stod(value);
   }
   return found;
 }

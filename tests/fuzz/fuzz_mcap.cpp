@@ -18,8 +18,8 @@ namespace {
 
 void read_file(const std::string& bytes) {
   using Reader = McapReader<Zstd, Lz4>;
-  Reader file(std::make_unique<std::istringstream>(bytes), "fuzzed",
-              {.record_bytes = 1u << 20, .kept_bytes = 1u << 20});
+  Reader file(
+      std::make_unique<std::istringstream>(bytes), "fuzzed", {.record_bytes = 1u << 20, .kept_bytes = 1u << 20});
   std::uint64_t before = 0;
   for (const McapEntry& e : file.messages()) {
     if (e.log_ns < before) fuzz::finding("messages are not in order");

@@ -74,10 +74,8 @@ void parse(std::uint8_t which, const std::string& text) {
       return check_table(
           text, [](auto& in, const char* n) { return read_photodiode_log(in, n); },
           [](const auto& rows) { return photodiode_log_text(rows); });
-    case 'o':
-      return check_surface(".obj", text);
-    case 't':
-      return check_surface(".stl", text);
+    case 'o': return check_surface(".obj", text);
+    case 't': return check_surface(".stl", text);
     default: {
       // The fuzzer cannot guess a checksum: it is put right, so that what is behind it is reached.
       const auto last = std::min(text.rfind("checksum "), text.size());

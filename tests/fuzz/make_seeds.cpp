@@ -33,8 +33,8 @@ template <class Codec> std::string mcap_of(const Recording& log, bool raw, Codec
           return p;
         }
         p.format = "png";
-        p.file = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I',
-                  'H',  'D', 'R', 0,   0,    0,    4,    0,    0, 0, 3, 8,  2};
+        p.file = {
+            0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D', 'R', 0, 0, 0, 4, 0, 0, 0, 3, 8, 2};
         return p;
       },
       codec);
@@ -71,14 +71,14 @@ int main(int count, char** words) {
   write("text/frames", 'f', frame_log_text(log.frames));
   write("text/joints", 'j', joint_log_text(log.joints));
   write("text/torques", 'j',
-        "time_s, position_rad_0, velocity_rad_per_s_0, torque_Nm_0\r\n-1.5, 0, 1e-3, 2\r\n0, 1, 2, 3\r\n");
+      "time_s, position_rad_0, velocity_rad_per_s_0, torque_Nm_0\r\n-1.5, 0, 1e-3, 2\r\n0, 1, 2, 3\r\n");
   write("text/wrench", 'w', wrench_log_text(log.wrenches));
   write("text/marker", 'm', marker_log_text(log.markers));
   write("text/diodes", 'p', photodiode_log_text(log.photodiodes));
   write("text/touches", 'h', "stamp_ns,link,y_mm,force_N\n0,0,-9.5,8\n0,3,12,1e-3\n33333333,15,0,5\n");
   write("text/obj", 'o',
-        "# a tetrahedron\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1 3 2\nf 1/1 2/2 4/4\nf 1//1 4//1 -2//1\nf 2 "
-        "3 4\n");
+      "# a tetrahedron\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1 3 2\nf 1/1 2/2 4/4\nf 1//1 4//1 -2//1\nf 2 "
+      "3 4\n");
   std::string stl = "solid seed\n", binary(80, ' ');
   binary += std::string("\4\0\0\0", 4);
   for (const char* corners : {"000010100", "000100001", "000001010", "100010001"}) {

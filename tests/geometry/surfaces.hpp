@@ -28,8 +28,8 @@ inline MeshInput box(const Vec3d& low, const Vec3d& high) {
   MeshInput input;
   for (int i = 0; i < 8; ++i)
     input.vertices.emplace_back((i & 1 ? high : low).x(), (i & 2 ? high : low).y(), (i & 4 ? high : low).z());
-  input.facets = {{{0, 2, 3, 1}, 0}, {{4, 5, 7, 6}, 1}, {{0, 1, 5, 4}, 2},
-                  {{2, 6, 7, 3}, 3}, {{0, 4, 6, 2}, 4}, {{1, 3, 7, 5}, 5}};
+  input.facets = {
+      {{0, 2, 3, 1}, 0}, {{4, 5, 7, 6}, 1}, {{0, 1, 5, 4}, 2}, {{2, 6, 7, 3}, 3}, {{0, 4, 6, 2}, 4}, {{1, 3, 7, 5}, 5}};
   return input;
 }
 
@@ -72,19 +72,18 @@ inline MeshInput notched_finger(int n) {
 /// A sphere of 20 · 4^level triangles, patch 7.
 inline MeshInput sphere(int level, double radius = 1.0, const Vec3d& center = Vec3d::Zero()) {
   const double g = std::numbers::phi;
-  std::vector<Vec3d> points{{-1, g, 0},  {1, g, 0},  {-1, -g, 0}, {1, -g, 0}, {0, -1, g},  {0, 1, g},
-                            {0, -1, -g}, {0, 1, -g}, {g, 0, -1},  {g, 0, 1},  {-g, 0, -1}, {-g, 0, 1}};
-  std::vector<std::array<int, 3>> triangles{{0, 11, 5}, {0, 5, 1},  {0, 1, 7},   {0, 7, 10}, {0, 10, 11},
-                                            {1, 5, 9},  {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
-                                            {3, 9, 4},  {3, 4, 2},  {3, 2, 6},   {3, 6, 8},  {3, 8, 9},
-                                            {4, 9, 5},  {2, 4, 11}, {6, 2, 10},  {8, 6, 7},  {9, 8, 1}};
+  std::vector<Vec3d> points{{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0}, {0, -1, g}, {0, 1, g}, {0, -1, -g},
+      {0, 1, -g}, {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
+  std::vector<std::array<int, 3>> triangles{{0, 11, 5}, {0, 5, 1}, {0, 1, 7}, {0, 7, 10}, {0, 10, 11}, {1, 5, 9},
+      {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8}, {3, 9, 4}, {3, 4, 2}, {3, 2, 6}, {3, 6, 8}, {3, 8, 9}, {4, 9, 5},
+      {2, 4, 11}, {6, 2, 10}, {8, 6, 7}, {9, 8, 1}};
   for (int step = 0; step < level; ++step) {
     std::map<std::pair<int, int>, int> middles;
     const auto middle = [&](int a, int b) {
       const auto [entry, fresh] = middles.try_emplace(std::minmax(a, b), static_cast<int>(points.size()));
       if (fresh)
-        points.push_back(points[static_cast<std::size_t>(a)].normalized() +
-                         points[static_cast<std::size_t>(b)].normalized());
+        points.push_back(
+            points[static_cast<std::size_t>(a)].normalized() + points[static_cast<std::size_t>(b)].normalized());
       return entry->second;
     };
     std::vector<std::array<int, 3>> finer;
@@ -162,19 +161,12 @@ enum class Fault {
   empty
 };
 inline constexpr std::array<std::pair<Fault, const char*>, 13> all_faults{
-    {{Fault::hole, "hole"},
-     {Fault::crossing, "self-intersecting"},
-     {Fault::degenerate_facet, "degenerate facet"},
-     {Fault::bad_index, "index out of range"},
-     {Fault::nan_vertex, "NaN vertex"},
-     {Fault::infinite_vertex, "infinite vertex"},
-     {Fault::huge_vertex, "1e308 vertex"},
-     {Fault::duplicate_vertices, "duplicate vertices"},
-     {Fault::touching_sheets, "touching sheets"},
-     {Fault::soup, "random soup"},
-     {Fault::coplanar, "all coplanar"},
-     {Fault::inverted, "inverted"},
-     {Fault::empty, "empty"}}};
+    {{Fault::hole, "hole"}, {Fault::crossing, "self-intersecting"}, {Fault::degenerate_facet, "degenerate facet"},
+        {Fault::bad_index, "index out of range"}, {Fault::nan_vertex, "NaN vertex"},
+        {Fault::infinite_vertex, "infinite vertex"}, {Fault::huge_vertex, "1e308 vertex"},
+        {Fault::duplicate_vertices, "duplicate vertices"}, {Fault::touching_sheets, "touching sheets"},
+        {Fault::soup, "random soup"}, {Fault::coplanar, "all coplanar"}, {Fault::inverted, "inverted"},
+        {Fault::empty, "empty"}}};
 
 /// Spoils a good block in one way; the same seed gives the same surface.
 class Spoiler {
@@ -211,36 +203,22 @@ class Spoiler {
 
 inline void Spoiler::spoil(Fault fault) {
   switch (fault) {
-    case Fault::hole:
-      return make_hole();
-    case Fault::crossing:
-      return cross();
-    case Fault::degenerate_facet:
-      return make_degenerate();
+    case Fault::hole: return make_hole();
+    case Fault::crossing: return cross();
+    case Fault::degenerate_facet: return make_degenerate();
     case Fault::bad_index:
       any_facet().loop[pick(3)] = seed_ % 3 == 0   ? -1
                                   : seed_ % 3 == 1 ? static_cast<int>(input_.vertices.size())
                                                    : std::numeric_limits<int>::max() - static_cast<int>(pick(100));
       return;
-    case Fault::nan_vertex:
-      any_vertex()[static_cast<int>(pick(3))] = std::numeric_limits<double>::quiet_NaN();
-      return;
-    case Fault::infinite_vertex:
-      any_vertex()[static_cast<int>(pick(3))] = seed_ % 2 ? HUGE_VAL : -HUGE_VAL;
-      return;
-    case Fault::huge_vertex:
-      any_vertex()[static_cast<int>(pick(3))] = seed_ % 2 ? 1e308 : -1e308;
-      return;
-    case Fault::duplicate_vertices:
-      return duplicate();
-    case Fault::touching_sheets:
-      return touch();
-    case Fault::soup:
-      return mix();
-    case Fault::coplanar:
-      return flatten();
-    case Fault::inverted:
-      return invert(input_);
+    case Fault::nan_vertex: any_vertex()[static_cast<int>(pick(3))] = std::numeric_limits<double>::quiet_NaN(); return;
+    case Fault::infinite_vertex: any_vertex()[static_cast<int>(pick(3))] = seed_ % 2 ? HUGE_VAL : -HUGE_VAL; return;
+    case Fault::huge_vertex: any_vertex()[static_cast<int>(pick(3))] = seed_ % 2 ? 1e308 : -1e308; return;
+    case Fault::duplicate_vertices: return duplicate();
+    case Fault::touching_sheets: return touch();
+    case Fault::soup: return mix();
+    case Fault::coplanar: return flatten();
+    case Fault::inverted: return invert(input_);
     case Fault::empty:
       if (seed_ % 3 != 1) input_.facets.clear();
       if (seed_ % 3 != 0) input_.vertices.clear();
@@ -269,12 +247,9 @@ inline void Spoiler::cross() {
 
 inline void Spoiler::make_degenerate() {
   Facet& facet = any_facet();
-  if (seed_ % 3 == 0)
-    facet.loop[2] = facet.loop[1];
-  else if (seed_ % 3 == 1)
-    facet.loop.pop_back();
-  else
-    corner(facet, 2) = 0.5 * (corner(facet, 0) + corner(facet, 1));
+  if (seed_ % 3 == 0) facet.loop[2] = facet.loop[1];
+  else if (seed_ % 3 == 1) facet.loop.pop_back();
+  else corner(facet, 2) = 0.5 * (corner(facet, 0) + corner(facet, 1));
 }
 
 /// A facet gets a corner of its own at the same place.

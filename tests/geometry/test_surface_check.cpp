@@ -34,30 +34,19 @@ std::optional<Reason> verdict(const MeshInput& input) {
 /// Reasons that are right for a fault: random changes may break more than one rule.
 std::set<Reason> right_reasons(surfaces::Fault fault) {
   switch (fault) {
-    case surfaces::Fault::hole:
-      return {Reason::open};
-    case surfaces::Fault::crossing:
-      return {Reason::self_intersecting};
-    case surfaces::Fault::degenerate_facet:
-      return {Reason::degenerate, Reason::duplicate};
-    case surfaces::Fault::bad_index:
-      return {Reason::bad_index};
+    case surfaces::Fault::hole: return {Reason::open};
+    case surfaces::Fault::crossing: return {Reason::self_intersecting};
+    case surfaces::Fault::degenerate_facet: return {Reason::degenerate, Reason::duplicate};
+    case surfaces::Fault::bad_index: return {Reason::bad_index};
     case surfaces::Fault::nan_vertex:
     case surfaces::Fault::infinite_vertex:
-    case surfaces::Fault::huge_vertex:
-      return {Reason::not_finite};
-    case surfaces::Fault::duplicate_vertices:
-      return {Reason::duplicate};
-    case surfaces::Fault::touching_sheets:
-      return {Reason::self_intersecting};
-    case surfaces::Fault::soup:
-      return {Reason::degenerate, Reason::open, Reason::not_manifold};
-    case surfaces::Fault::coplanar:
-      return {Reason::degenerate, Reason::duplicate};
-    case surfaces::Fault::inverted:
-      return {Reason::not_manifold};
-    case surfaces::Fault::empty:
-      return {Reason::degenerate};
+    case surfaces::Fault::huge_vertex: return {Reason::not_finite};
+    case surfaces::Fault::duplicate_vertices: return {Reason::duplicate};
+    case surfaces::Fault::touching_sheets: return {Reason::self_intersecting};
+    case surfaces::Fault::soup: return {Reason::degenerate, Reason::open, Reason::not_manifold};
+    case surfaces::Fault::coplanar: return {Reason::degenerate, Reason::duplicate};
+    case surfaces::Fault::inverted: return {Reason::not_manifold};
+    case surfaces::Fault::empty: return {Reason::degenerate};
   }
   return {};
 }
@@ -171,8 +160,7 @@ TEST_CASE("neighbours may be coplanar but not folded onto each other", "[mesh][s
     const auto reason = verdict(tent);
     if (lift > 1e-6)
       CHECK((!reason || *reason == Reason::degenerate));  // the flap's four-corner facets are not flat then
-    else
-      CHECK(reason == Reason::self_intersecting);
+    else CHECK(reason == Reason::self_intersecting);
   }
 }
 
@@ -182,10 +170,8 @@ TEST_CASE("thin gaps are legal, closed ones are not", "[mesh][surface]") {
     append(pair, box(Vec3d(1 + gap, 0.2, 0.3), Vec3d(2, 1.2, 1.3)));
     std::mt19937_64 random(5);
     turn(pair, random);
-    if (gap > 1e-7)
-      CHECK(!verdict(pair));
-    else
-      CHECK(verdict(pair) == Reason::self_intersecting);
+    if (gap > 1e-7) CHECK(!verdict(pair));
+    else CHECK(verdict(pair) == Reason::self_intersecting);
   }
 }
 

@@ -75,8 +75,7 @@ TEST_CASE("camera gain and lamp level come back from unloaded pictures", "[lab]"
         if (t < 2.9) {
           transfer.add(image.view());
           lit.add(image.view());
-        } else
-          dark.add(image.view());
+        } else dark.add(image.view());
       }
     }
     const auto r = transfer.result(rig.camera.black_DN);

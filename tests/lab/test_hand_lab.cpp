@@ -62,9 +62,8 @@ TEST_CASE("grasps of a virtual hand: what presses is found on its link and place
     for (const HandTouch& t : truth.touches) {
       if (t.load_N < 5.0) continue;
       ++touched;
-      const auto hit = std::find_if(e.contacts.begin(), e.contacts.end(), [&](const HandContact& c) {
-        return c.link == t.link && std::abs(c.y_m - t.y_m) < 8.0_mm;
-      });
+      const auto hit = std::find_if(e.contacts.begin(), e.contacts.end(),
+          [&](const HandContact& c) { return c.link == t.link && std::abs(c.y_m - t.y_m) < 8.0_mm; });
       if (hit != e.contacts.end()) {
         ++found;
         worst = std::max(worst, std::abs(hit->y_m - t.y_m));

@@ -82,8 +82,8 @@ TEST_CASE("responses as a file: read back to the bit, and every damage is report
   refused(flipped, "a key", "damaged");
   // Whole, but not a column where one belongs.
   std::string wide = text.substr(0, text.rfind("checksum "));
-  wide.replace(wide.find("theta_mm 5 1\n"), wide.find("diameter_m") - wide.find("theta_mm 5 1\n"),
-               "theta_mm 1 5\n6 6 8 5 0\n");
+  wide.replace(
+      wide.find("theta_mm 5 1\n"), wide.find("diameter_m") - wide.find("theta_mm 5 1\n"), "theta_mm 1 5\n6 6 8 5 0\n");
   refused(wide + message("checksum ", checksum(wide), '\n'), "a key", "more than one column");
   CHECK_FALSE(read_pad_responses(path, "a key"));
   write_pad_responses(path, r, "a key");

@@ -109,7 +109,7 @@ TEST_CASE("a camera is placed so that the pad lies in its picture, however badly
 }
 
 TEST_CASE("the five LEDs are found in the unloaded picture, and their map gives places on the side to its parallax",
-          "[lab]") {
+    "[lab]") {
   const PadLight light(plain_pad());
   for (const std::uint64_t seed : {1u, 2u, 3u, 4u, 5u}) {
     const VirtualRig rig(light, short_plan(), seed);

@@ -15,8 +15,8 @@ inline Body block_body(const Vec3d& size) {
   Body b;
   b.name = "block";
   b.patches = {{"bottom", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, true, false, false, Lambertian{}},
-               {"top", Plane{{0, 0, size.z()}, Vec3d::UnitZ()}, false, true, false, Dielectric{}},
-               {"side", Plane{{size.x(), 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}}};
+      {"top", Plane{{0, 0, size.z()}, Vec3d::UnitZ()}, false, true, false, Dielectric{}},
+      {"side", Plane{{size.x(), 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}}};
   b.exact_volume_m3 = size.prod();
   b.pivot = {0, 0, size.z()};
   return b;
@@ -70,7 +70,7 @@ inline void add_middles(TetMesh& m) {
 
 /// Quadratic (or linear) tetrahedra on a grid. Faces in the planes x = 0 and y = 0 are left out when `quarter`.
 inline TetMesh block_mesh(const Vec3d& size, const std::vector<double>& gx, const std::vector<double>& gy,
-                          const std::vector<double>& gz, int order, bool quarter) {
+    const std::vector<double>& gz, int order, bool quarter) {
   TetMesh m;
   m.order = 1;
   const int nx = int(gx.size()) - 1, ny = int(gy.size()) - 1, nz = int(gz.size()) - 1;
@@ -78,8 +78,8 @@ inline TetMesh block_mesh(const Vec3d& size, const std::vector<double>& gx, cons
   for (int k = 0; k <= nz; ++k)
     for (int j = 0; j <= ny; ++j)
       for (int i = 0; i <= nx; ++i)
-        m.nodes.emplace_back(size.x() * gx[std::size_t(i)], size.y() * gy[std::size_t(j)],
-                             size.z() * gz[std::size_t(k)]);
+        m.nodes.emplace_back(
+            size.x() * gx[std::size_t(i)], size.y() * gy[std::size_t(j)], size.z() * gz[std::size_t(k)]);
   static constexpr int paths[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
   for (int k = 0; k < nz; ++k)
     for (int j = 0; j < ny; ++j)
@@ -112,8 +112,7 @@ template <class Element> TetMesh small_mesh() {
 
 /// A block 2a × 2b × h about the z axis as the mirrored quarter a × b × h, and its body.
 inline std::pair<Body, TetMesh> symmetric_block(const Vec3d& half, const std::vector<double>& gx,
-                                                const std::vector<double>& gy, const std::vector<double>& gz,
-                                                int order = 2) {
+    const std::vector<double>& gy, const std::vector<double>& gz, int order = 2) {
   Body b = block_body(half);
   b.symmetry = {true, true};
   b.exact_volume_m3 = 4.0 * half.prod();
@@ -129,12 +128,8 @@ inline Body block_to_mesh(const Vec3d& half, double finest, double growth, doubl
     b.vertices.emplace_back(k & 1 ? half.x() : 0.0, k & 2 ? half.y() : 0.0, k & 4 ? half.z() : 0.0);
   b.patches[2].shape = Plane{{half.x(), 0, 0}, Vec3d::UnitX()};
   b.patches.push_back({"end", Plane{{0, half.y(), 0}, Vec3d::UnitY()}, false, false, false, Dielectric{}});
-  b.facets = {{{0, 2, 3, 1}, 0},
-              {{4, 5, 7, 6}, 1},
-              {{1, 3, 7, 5}, 2},
-              {{2, 6, 7, 3}, 3},
-              {{0, 4, 6, 2}, Body::mirror_patch},
-              {{0, 1, 5, 4}, Body::mirror_patch}};
+  b.facets = {{{0, 2, 3, 1}, 0}, {{4, 5, 7, 6}, 1}, {{1, 3, 7, 5}, 2}, {{2, 6, 7, 3}, 3},
+      {{0, 4, 6, 2}, Body::mirror_patch}, {{0, 1, 5, 4}, Body::mirror_patch}};
   const Vec3d top(0, 0, half.z());
   b.sizing.edge = [=](const Vec3d& p) {
     return std::min(coarsest, finest + growth * (p - top).norm() + 0.5 * (top - p).z());
@@ -146,7 +141,7 @@ inline Body block_to_mesh(const Vec3d& half, double finest, double growth, doubl
 inline Vec3d wavy(const Vec3d& x, double size) {
   return 0.03 * size *
          Vec3d(std::sin(3 * x.y() / size + x.z() / size), std::cos(2 * x.x() / size) - 1.0 + x.z() / size,
-               std::sin(2 * x.x() / size + x.y() / size));
+             std::sin(2 * x.x() / size + x.y() / size));
 }
 
 }  // namespace lumo::test

@@ -24,8 +24,8 @@ TriangleSurface round_mesh(double radius, int around) {  // rings of latitude be
   for (int i = 1; i <= rings; ++i)
     for (int j = 0; j < around; ++j) {
       const double a = pi * i / (rings + 1), b = 2 * pi * j / around;
-      s.vertices.emplace_back(radius * std::sin(a) * std::cos(b), radius * std::sin(a) * std::sin(b),
-                              radius * std::cos(a));
+      s.vertices.emplace_back(
+          radius * std::sin(a) * std::cos(b), radius * std::sin(a) * std::sin(b), radius * std::cos(a));
     }
   s.vertices.emplace_back(0, 0, -radius);
   const auto id = [&](int i, int j) { return 1 + (i - 1) * around + j % around; };
@@ -79,8 +79,8 @@ TEST_CASE("a long bar on a block meets Hertz's line contact in width and in peak
   for (bool bar : {true, false}) {
     std::vector<MechanicalState> states;
     if (bar)
-      states = sim.press(body, mesh,
-                         Scenario<Oriented<Cylinder>>{lying_along_y(Cylinder{2 * R, 10e-3, 0.5e-3}), 0.0, 0.0, {load}});
+      states = sim.press(
+          body, mesh, Scenario<Oriented<Cylinder>>{lying_along_y(Cylinder{2 * R, 10e-3, 0.5e-3}), 0.0, 0.0, {load}});
     else
       states =
           sim.press(body, mesh, Scenario<Oriented<Capsule>>{lying_along_y(Capsule{2 * R, 10e-3}), 0.0, 0.0, {load}});
@@ -112,7 +112,7 @@ TEST_CASE("a sphere as a mesh presses like the sphere, and a rounded box comes d
     }
   };
   compare(sim.press(body, mesh, Scenario<MeshIndenter>{MeshIndenter(round_mesh(5e-3, 96), 64), 0.0, 0.0, loads}),
-          sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, loads}), 4e-6);  // the sag of its facets
+      sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, loads}), 4e-6);  // the sag of its facets
   const auto box = sim.press(body, mesh, Scenario<Box>{Box{{6e-3, 6e-3, 6e-3}, 1e-3}, 0.0, 0.0, loads});
   for (const MechanicalState& s : box) {
     CHECK(s.status == Status::converged);

@@ -135,8 +135,8 @@ TEST_CASE("what is pressed onto the carrier comes to rest there, and the indepen
   const Touch touch = first_touch(body, mesh, s);
   const auto residual = [&, &mesh = mesh](const Body& with) {
     const Moving<Sphere> tool{&s.indenter, touch.origin + resting.depth_m * s.direction(), s.direction()};
-    return out_of_balance(with, mesh, PressPhysics{sim.material, sim.contact, sim.element}, tool,
-                          {2.0, resting.displacement});
+    return out_of_balance(
+        with, mesh, PressPhysics{sim.material, sim.contact, sim.element}, tool, {2.0, resting.displacement});
   };
   CHECK(residual(body) < 2e-6);
   CHECK(residual(floating) > 0.01);  // without the floor its push is missing

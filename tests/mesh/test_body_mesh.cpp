@@ -59,14 +59,8 @@ TEST_CASE("300 random feasible designs mesh", "[long]") {
 TEST_CASE("2000 random designs are valid fingers or typed errors") {
   std::mt19937 random(5);
   const DesignSpace space = finger_space();
-  const double odd[] = {std::numeric_limits<double>::quiet_NaN(),
-                        std::numeric_limits<double>::infinity(),
-                        -std::numeric_limits<double>::infinity(),
-                        1e308,
-                        -1e308,
-                        1e-310,
-                        0.0,
-                        -0.0};
+  const double odd[] = {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(),
+      -std::numeric_limits<double>::infinity(), 1e308, -1e308, 1e-310, 0.0, -0.0};
   int valid = 0, refused = 0;
   for (int k = 0; k < 2000; ++k) {
     std::array<double, 5> x;
@@ -77,17 +71,10 @@ TEST_CASE("2000 random designs are valid fingers or typed errors") {
           0.5 * double(std::uniform_int_distribution<int>(int(2 * v.lower), int(2 * v.upper))(random));
       const double corner = random() % 2 ? v.lower : v.upper;
       switch (k % 4) {
-        case 0:
-          x[i] = lattice;
-          break;
-        case 1:
-          x[i] = uniform;
-          break;
-        case 2:
-          x[i] = random() % 2 ? corner : lattice;
-          break;
-        default:
-          x[i] = random() % 3 ? lattice : odd[random() % 8];
+        case 0: x[i] = lattice; break;
+        case 1: x[i] = uniform; break;
+        case 2: x[i] = random() % 2 ? corner : lattice; break;
+        default: x[i] = random() % 3 ? lattice : odd[random() % 8];
       }
     }
     try {
@@ -127,8 +114,8 @@ TEST_CASE("a sector and its mirror images are the whole") {
 
 TEST_CASE("the Jacobian bound sees an element that is only bent inside out between its corners") {
   TetMesh m;
-  m.nodes = {{0, 0, 0},   {1, 0, 0},  {0, 1, 0},  {0, 0, 1},   {.5, 0, 0},
-             {.5, .5, 0}, {0, .5, 0}, {0, 0, .5}, {.5, 0, .5}, {0, .5, .5}};
+  m.nodes = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, 0, 0}, {.5, .5, 0}, {0, .5, 0}, {0, 0, .5}, {.5, 0, .5},
+      {0, .5, .5}};
   m.tets = {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9}};
   CHECK(measure(m).volume_m3 == Approx(1.0 / 6.0));
   CHECK(measure(m).min_jacobian_ratio == Approx(1.0));

@@ -39,14 +39,13 @@ double check_triangulation(const PolygonRefinement& r, const std::vector<Point2>
       CHECK(orient2d(a, b, c) > 0);
       sum += turned_area(a, b, c) / 6.0;
       ++edges[{t.corners[k], t.corners[(k + 1) % 3]}];
-      least = std::min(
-          least,
+      least = std::min(least,
           std::atan2(turned_area(a, b, c), (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1])) * 180.0 / pi);
       // Neighbours know each other, and share the edge.
       if (const int other = t.across[k]; other >= 0) {
         const auto& n = r.triangles()[std::size_t(other)];
         const auto self = std::find_if(n.across.begin(), n.across.end(),
-                                       [&](int back) { return back >= 0 && &r.triangles()[std::size_t(back)] == &t; });
+            [&](int back) { return back >= 0 && &r.triangles()[std::size_t(back)] == &t; });
         REQUIRE(self != n.across.end());
         const auto j = std::size_t(self - n.across.begin());
         CHECK((n.corners[(j + 1) % 3] == t.corners[(k + 2) % 3] && n.corners[(j + 2) % 3] == t.corners[(k + 1) % 3]));
@@ -82,10 +81,8 @@ MeshError::Reason refusal(const MeshInput& input) {
 }  // namespace
 
 TEST_CASE("a polygon without sharp corners is filled with triangles of more than 20 degrees and of the wanted size") {
-  const std::vector<std::vector<Point2>> polygons{
-      {{0, 0}, {1, 0}, {1, 1}, {0, 1}},
-      {{0, 0}, {8, 0}, {8, 0.5}, {0, 0.5}},
-      {{0, 0}, {2, 0}, {2, 1}, {1, 1}, {1, 2}, {0, 2}},
+  const std::vector<std::vector<Point2>> polygons{{{0, 0}, {1, 0}, {1, 1}, {0, 1}},
+      {{0, 0}, {8, 0}, {8, 0.5}, {0, 0.5}}, {{0, 0}, {2, 0}, {2, 1}, {1, 1}, {1, 2}, {0, 2}},
       {{0, 0}, {10, 0}, {10, 10}, {6, 10}, {6, 0.2}, {5.9, 0.2}, {5.9, 10}, {0, 10}},  // a narrow slot that nearly cuts
                                                                                        // it in two
       {{0, 0}, {1, 0}, {1.5, 0.8660254}, {1, 1.7320508}, {0, 1.7320508}, {-0.5, 0.8660254}}};
@@ -133,8 +130,8 @@ TEST_CASE("any simple polygon is filled, sharp corners and all, and grading is f
 }
 
 TEST_CASE("the swept mesher obeys a mesher's laws") {
-  std::vector<MeshInput> bodies{surfaces::box(Vec3d(0, 0, 0), Vec3d(1, 2, 3)), surfaces::l_prism(),
-                                surfaces::notched_finger(8)};
+  std::vector<MeshInput> bodies{
+      surfaces::box(Vec3d(0, 0, 0), Vec3d(1, 2, 3)), surfaces::l_prism(), surfaces::notched_finger(8)};
   for (MeshInput& body : bodies)
     for (const double edge : {0.0, 0.7, 0.15}) {
       if (edge > 0.0) body.edge = [edge](const Vec3d& p) { return edge * (1.0 + std::abs(p.y() - 0.5)); };

@@ -105,8 +105,8 @@ std::vector<double> smallest_dihedrals(const LinearTets& mesh) {
     std::array<Vec3d, 4> normals;
     for (std::size_t k = 0; k < 4; ++k) {
       const auto& f = lumo::outward_faces[k];
-      normals[k] = area(mesh, {t[static_cast<std::size_t>(f[0])], t[static_cast<std::size_t>(f[1])],
-                               t[static_cast<std::size_t>(f[2])]})
+      normals[k] = area(mesh,
+          {t[static_cast<std::size_t>(f[0])], t[static_cast<std::size_t>(f[1])], t[static_cast<std::size_t>(f[2])]})
                        .normalized();
     }
     double least = 180.0;
@@ -181,8 +181,8 @@ static_assert(!lumo::Mesher<int>);
 TEST_CASE("good bodies are filled, with patches and outward faces", "[mesh][tetgen]") {
   const TetgenMesher mesher;
   std::mt19937_64 random(1);
-  std::vector<MeshInput> bodies{box(Vec3d(0, 0, 0), Vec3d(1, 2, 3)), l_prism(), notched_finger(15), sphere(2),
-                                block(4, random)};
+  std::vector<MeshInput> bodies{
+      box(Vec3d(0, 0, 0), Vec3d(1, 2, 3)), l_prism(), notched_finger(15), sphere(2), block(4, random)};
   bodies.push_back(box(Vec3d(0, 0, 0), Vec3d(4, 4, 4)));  // with a cavity
   MeshInput cavity = sphere(1, 1.0, Vec3d(2, 2, 2));
   invert(cavity);
@@ -248,7 +248,7 @@ TEST_CASE("the wanted edge length is obeyed, uniform and graded", "[mesh][tetgen
       {box(Vec3d(0, 0, 0), Vec3d(1, 2, 1)), [](const Vec3d&) { return 0.12; }},
       {box(Vec3d(0, 0, 0), Vec3d(1, 2, 1)), [](const Vec3d& p) { return 0.05 + 0.25 * (1.0 - p.z()); }},
       {box(Vec3d(0, 0, 0), Vec3d(1, 1, 1)),
-       [](const Vec3d& p) { return 0.01 + 0.2 * (p - Vec3d(0.5, 0.5, 1.0)).norm(); }},
+          [](const Vec3d& p) { return 0.01 + 0.2 * (p - Vec3d(0.5, 0.5, 1.0)).norm(); }},
       {notched_finger(8), [](const Vec3d& p) { return 0.1 + 0.1 * std::abs(p.y() - 1.5); }},
   };
   for (const Wish& wish : wishes) {

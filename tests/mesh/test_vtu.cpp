@@ -11,8 +11,8 @@ namespace {
 /// The quadratic reference tetrahedron.
 TetMesh one_tet() {
   TetMesh m;
-  m.nodes = {{0, 0, 0},   {1, 0, 0},  {0, 1, 0},  {0, 0, 1},   {.5, 0, 0},
-             {.5, .5, 0}, {0, .5, 0}, {0, 0, .5}, {.5, 0, .5}, {0, .5, .5}};
+  m.nodes = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, 0, 0}, {.5, .5, 0}, {0, .5, 0}, {0, 0, .5}, {.5, 0, .5},
+      {0, .5, .5}};
   m.tets = {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9}};
   return m;
 }
@@ -32,12 +32,12 @@ TEST_CASE("base64 as in RFC 4648") {
 
 TEST_CASE("a .vtu file names its cells and fields") {
   std::ostringstream out;
-  const std::vector<NodeField> fields = {{"pressure_Pa", 1, std::vector<double>(10, 1.0)},
-                                         {"a<b", 3, std::vector<double>(30, 0.0)}};
+  const std::vector<NodeField> fields = {
+      {"pressure_Pa", 1, std::vector<double>(10, 1.0)}, {"a<b", 3, std::vector<double>(30, 0.0)}};
   write_vtu(out, one_tet(), fields);
   const std::string s = out.str();
   for (const char* part : {"NumberOfPoints=\"10\" NumberOfCells=\"1\"", "Name=\"pressure_Pa\" format",
-                           "Name=\"a&lt;b\" NumberOfComponents=\"3\""})
+           "Name=\"a&lt;b\" NumberOfComponents=\"3\""})
     CHECK(s.find(part) != std::string::npos);
   CHECK(s.find("\">AQAAAAAAAAAY</DataArray>") != std::string::npos);  // one byte follows: type 24
 }
@@ -55,8 +55,8 @@ TEST_CASE("a linear mesh has four nodes a cell") {
 TEST_CASE("fields must fit the mesh, and the stream must hold") {
   std::ostringstream out;
   CHECK_THROWS_AS(write_vtu(out, one_tet(), std::vector<NodeField>{{"f", 1, {1.0}}}), InvalidArgument);
-  CHECK_THROWS_AS(write_vtu(out, one_tet(), std::vector<NodeField>{{"f", 2, std::vector<double>(20)}}),
-                  InvalidArgument);
+  CHECK_THROWS_AS(
+      write_vtu(out, one_tet(), std::vector<NodeField>{{"f", 2, std::vector<double>(20)}}), InvalidArgument);
   out.setstate(std::ios::badbit);
   CHECK_THROWS_AS(write_vtu(out, one_tet()), InputError);
 }

@@ -65,7 +65,7 @@ TEST_CASE("kernels and the likelihood have the slopes of finite differences", "[
 }
 
 TEST_CASE("with almost no noise the process passes through its data, far from it it falls back to its prior",
-          "[gaussian process]") {
+    "[gaussian process]") {
   const TrainingData data = wave(15);
   const GaussianProcess<> gp(data, {Eigen::Vector2d(0.3, 0.3), 1e-10, 0.0});
   const auto at = gp.predict(data.x);
@@ -196,9 +196,9 @@ TEST_CASE("broken data are refused", "[gaussian process]") {
   data = wave(5);
   data.y.conservativeResize(4);
   CHECK_THROWS_AS(GaussianProcess<>::fit(data), InvalidArgument);
-  CHECK_THROWS_AS(GaussianProcess<>::fit(TrainingData{Eigen::MatrixXd(2, 0), Eigen::VectorXd(0),
-                                                      Eigen::Vector2d::Zero(), Eigen::Vector2d::Ones()}),
-                  InvalidArgument);
+  CHECK_THROWS_AS(GaussianProcess<>::fit(TrainingData{
+                      Eigen::MatrixXd(2, 0), Eigen::VectorXd(0), Eigen::Vector2d::Zero(), Eigen::Vector2d::Ones()}),
+      InvalidArgument);
   CHECK_THROWS_AS(GaussianProcess<>(wave(5), {Eigen::VectorXd::Ones(3), 0.1, 0.0}), InvalidArgument);
 }
 

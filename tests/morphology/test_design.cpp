@@ -53,10 +53,8 @@ TEST_CASE("the paper's bounds, sums and thickness are decided exactly on the lat
       continue;
     }
     // Away from the limit the sampled answer is the same; at it, exactness decides.
-    if (thick_enough(d, 1e-6))
-      CHECK((decided || !thick_enough(d, -1e-6)));
-    else
-      CHECK_FALSE(decided);
+    if (thick_enough(d, 1e-6)) CHECK((decided || !thick_enough(d, -1e-6)));
+    else CHECK_FALSE(decided);
   }
   CHECK(feasible > 100);
 }
@@ -113,8 +111,8 @@ TEST_CASE("a side wall that is too thin above the flat sides is refused") {
       const FingerDesign d{fp, 20 - fp, 15, hs, 2};
       if (vertical_thickness(d) < 5.0 || horizontal_thickness(d) >= 5.0) continue;
       found = true;
-      CHECK_THROWS_WITH(finger_space().check(d.values()),
-                        Catch::Contains("t_min (horizontal)") && Catch::Contains("5 mm"));
+      CHECK_THROWS_WITH(
+          finger_space().check(d.values()), Catch::Contains("t_min (horizontal)") && Catch::Contains("5 mm"));
     }
   CHECK(found);
 }
@@ -141,7 +139,7 @@ TEST_CASE("the section's polygon has the section's area and closes in the right 
       CHECK(area == Approx(s.exact_area_m2()).epsilon(1e-3));
       const double by_hand = 14.75 * d.h_fp + pi / 4 * 14.75 * d.h_ep -
                              ((twin == Twin::bonded_base || twin == Twin::unsupported_base ? 0.0 : 0.5 * d.w_s) +
-                              (twin == Twin::no_void ? 0.0 : d.w_v)) *
+                                 (twin == Twin::no_void ? 0.0 : d.w_v)) *
                                  d.h_s;
       CHECK(s.exact_area_m2() == Approx(by_hand * 1e-6).epsilon(1e-12));
     }

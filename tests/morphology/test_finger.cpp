@@ -145,7 +145,7 @@ TEST_CASE("a scaled mesh wants edges that are longer by its factor everywhere, a
   const Body usual = focused(finger(design, dragon_skin()), touches),
              scaled = focused(finger(design, dragon_skin(), coarse), touches, Focus{}.scaled(1.4));
   for (const Vec3d& p :
-       {Vec3d(0, 5e-3, 15e-3), Vec3d(1e-3, 6e-3, 14.9e-3), Vec3d(8e-3, -20e-3, 10e-3), Vec3d(6e-3, 25e-3, 1e-3)})
+      {Vec3d(0, 5e-3, 15e-3), Vec3d(1e-3, 6e-3, 14.9e-3), Vec3d(8e-3, -20e-3, 10e-3), Vec3d(6e-3, 25e-3, 1e-3)})
     CHECK(scaled.sizing.edge(p) == Approx(1.4 * usual.sizing.edge(p)));
 }
 
@@ -189,8 +189,8 @@ TEST_CASE("other assumptions on the finger: held ends, LEDs at the sides, one si
   }
 
   o.leds.width_x = 5e-3;
-  CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("LEDs on the stem's sides") &&
-                                                   Catch::Contains("is 5 mm") && Catch::Contains("4] mm"));
+  CHECK_THROWS_WITH(finger(design, cloudy, o),
+      Catch::Contains("LEDs on the stem's sides") && Catch::Contains("is 5 mm") && Catch::Contains("4] mm"));
   o.leds.width_x = 1e-3;
   o.touched = Lambertian{1.2};
   CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("wets the pad"));

@@ -85,8 +85,8 @@ TEST_CASE("a term that is just cut off keeps the error that reaches back over th
   m.add(10, 5.004e-3, 6e-3, 110e-6);  // 2 N/mm early, 1.997 N/mm late
   const Estimate stiff = *contact_terms(m.body, m.mesh, m.states, 5e-3).stiff;
   CHECK(stiff.value == 0.0);
-  CHECK(stiff.error ==
-        Approx(std::sqrt(2.0) * MechanicalError{}.stiffness * (5.008 / 5.0) - 0.008 / 5.0).epsilon(1e-3));
+  CHECK(
+      stiff.error == Approx(std::sqrt(2.0) * MechanicalError{}.stiffness * (5.008 / 5.0) - 0.008 / 5.0).epsilon(1e-3));
 }
 
 TEST_CASE("what the loads do not define, and what did not converge, is empty") {

@@ -21,10 +21,9 @@ struct NamedEmitter {
 inline std::vector<NamedEmitter> all_emitters(const Vec3d& at) {
   const LobeTable lobe({0.0, 0.3, 0.8, 1.2}, {1.0, 0.9, 0.4, 0.0});
   return {{"rectangle", RectangleEmitter{at, {0.5e-3, 0, 0}, {0, 0.8e-3, 0}, 1.0, 0}},
-          {"disc", DiscEmitter{at, Vec3d::UnitZ(), 0.6e-3, 1.0, 0}},
-          {"point", PointEmitter{at, 1.0, 0}},
-          {"lobe", MeasuredLobe{lobe, at, Vec3d::UnitZ(), 0.4e-3, 1.0, 0}},
-          {"point with a lobe, askew", MeasuredLobe{lobe, at, Vec3d(0.5, 0.1, 0.8).normalized(), 0.0, 1.0, 0}}};
+      {"disc", DiscEmitter{at, Vec3d::UnitZ(), 0.6e-3, 1.0, 0}}, {"point", PointEmitter{at, 1.0, 0}},
+      {"lobe", MeasuredLobe{lobe, at, Vec3d::UnitZ(), 0.4e-3, 1.0, 0}},
+      {"point with a lobe, askew", MeasuredLobe{lobe, at, Vec3d(0.5, 0.1, 0.8).normalized(), 0.0, 1.0, 0}}};
 }
 
 struct NamedSurface {
@@ -34,7 +33,7 @@ struct NamedSurface {
 };
 inline std::vector<NamedSurface> all_surfaces() {
   return {{"dielectric", Dielectric{}, true}, {"Lambertian", Lambertian{0.7}, false}, {"white", Lambertian{1.0}, true},
-          {"mirror", Mirror{0.9}, false},     {"perfect mirror", Mirror{1.0}, true},  {"absorber", Absorber{}, false}};
+      {"mirror", Mirror{0.9}, false}, {"perfect mirror", Mirror{1.0}, true}, {"absorber", Absorber{}, false}};
 }
 
 /// Calls `f(name, tracer type's medium as a tag, medium data)` for each medium policy.
@@ -48,16 +47,16 @@ template <class F> void for_each_medium(double index, F&& f) {
 /// Two photodiodes and a camera above a box whose top is z = 3 mm, all of them large, so that paths find them, too.
 inline Photodiodes two_diodes() {
   return Photodiodes({{{-3e-3, 1e-3, 6e-3}, {2e-3, 0, 0}, {0, -2e-3, 0}, false, 60 * pi / 180},
-                      {{4e-3, 0, 7e-3}, {2e-3, 0, 0.5e-3}, {0, -1.5e-3, 0}, true}});
+      {{4e-3, 0, 7e-3}, {2e-3, 0, 0.5e-3}, {0, -1.5e-3, 0}, true}});
 }
 inline PinholeCamera wide_camera() {
   return PinholeCamera({.position = {1e-3, -1e-3, 9e-3},
-                        .view = -Vec3d::UnitZ(),
-                        .field_of_view_rad = 80 * pi / 180,
-                        .columns = 2,
-                        .rows = 2,
-                        .aperture_m = 1.5e-3,
-                        .focus_m = 6e-3});
+      .view = -Vec3d::UnitZ(),
+      .field_of_view_rad = 80 * pi / 180,
+      .columns = 2,
+      .rows = 2,
+      .aperture_m = 1.5e-3,
+      .focus_m = 6e-3});
 }
 template <class F> void for_each_readout(F&& f) {
   f("exit power", ExitPower{});

@@ -192,7 +192,7 @@ inline Model pad(const PadShape& s = {}) {
   const std::vector<double> low = linspace(0.0, hs, cells(hs)), high = linspace(0.0, 1.0, cells(s.flat + s.dome - hs));
   const auto wall = [&](double x, bool faces_right, int patch) {
     b.grid(faces_right ? ys : low, faces_right ? low : ys, patch,
-           [&](double p, double q) { return faces_right ? Vec3d(x, p, q) : Vec3d(x, q, p); });
+        [&](double p, double q) { return faces_right ? Vec3d(x, p, q) : Vec3d(x, q, p); });
   };
   const auto floor = [&](double x0, double x1, double z, int patch) {
     b.grid(ys, part(x0, x1), patch, [&](double y, double p) { return Vec3d(x_of(p), y, z); });
@@ -202,7 +202,7 @@ inline Model pad(const PadShape& s = {}) {
     std::vector<double> upper;
     for (double t : high) upper.push_back(hs + t * (s.flat - hs));
     b.grid(side > 0 ? ys : upper, side > 0 ? upper : ys, side > 0 ? right : left,
-           [&](double p, double q) { return side > 0 ? Vec3d(a, p, q) : Vec3d(-a, q, p); });
+        [&](double p, double q) { return side > 0 ? Vec3d(a, p, q) : Vec3d(-a, q, p); });
     wall(side * v, side<0, s.gap> 0.0 ? (side > 0 ? wall_r : wall_l) : (side > 0 ? stem_side_r : stem_side_l));
     floor(side > 0 ? v : -a, side > 0 ? a : -v, 0.0, base);
     if (s.gap > 0.0) floor(side > 0 ? w : -v, side > 0 ? v : -w, hs, roof);
@@ -210,7 +210,7 @@ inline Model pad(const PadShape& s = {}) {
     const auto below = [&](double x0, double x1) {
       const std::vector<double> c = part(x0, x1);
       b.grid(side > 0 ? low : c, side > 0 ? c : low, end,
-             [&](double p, double q) { return side > 0 ? Vec3d(x_of(q), l, p) : Vec3d(x_of(p), -l, q); });
+          [&](double p, double q) { return side > 0 ? Vec3d(x_of(q), l, p) : Vec3d(x_of(p), -l, q); });
     };
     below(v, a);
     below(-a, -v);

@@ -3,8 +3,8 @@
 
 using namespace optics_test;
 
-TEST_CASE("Emitters: places and directions follow their laws, and intensity is the density of the directions",
-          "[emitter]") {
+TEST_CASE(
+    "Emitters: places and directions follow their laws, and intensity is the density of the directions", "[emitter]") {
   const Vec3d at{1e-3, -2e-3, 0.5e-3};
   const OwenSobol s{5};
   const std::uint32_t n = 1 << 14;
@@ -90,12 +90,11 @@ TEST_CASE("Symmetric emitters of every kind: quarter, half and full pattern agre
   const LobeTable lobe({0.0, 0.5, 1.0}, {1.0, 0.6, 0.0});
   const auto pair = [](auto e, const Vec3d& m) { return std::vector<Emitter>{e, e.mirrored(m)}; };
   const Vec3d flip(-1, 1, 1);
-  for (const std::vector<Emitter>& emitters :
-       {std::vector<Emitter>{DiscEmitter{{0, 0, -1e-3}, Vec3d::UnitZ(), 1e-3}},
-        std::vector<Emitter>{PointEmitter{{0, 0, 1e-3}}},
-        pair(DiscEmitter{{0.4e-3, 0, 0}, Vec3d(0.6, 0, 0.8), 1e-3}, flip),
-        pair(MeasuredLobe{lobe, {2e-3, 0, 0}, Vec3d(-0.6, 0, 0.8), 0.3e-3}, flip),
-        pair(PointEmitter{{1e-3, 0, 0}}, flip)}) {
+  for (const std::vector<Emitter>& emitters : {std::vector<Emitter>{DiscEmitter{{0, 0, -1e-3}, Vec3d::UnitZ(), 1e-3}},
+           std::vector<Emitter>{PointEmitter{{0, 0, 1e-3}}},
+           pair(DiscEmitter{{0.4e-3, 0, 0}, Vec3d(0.6, 0, 0.8), 1e-3}, flip),
+           pair(MeasuredLobe{lobe, {2e-3, 0, 0}, Vec3d(-0.6, 0, 0.8), 0.3e-3}, flip),
+           pair(PointEmitter{{1e-3, 0, 0}}, flip)}) {
     Model m = box({5e-3, 4e-3, 3e-3}, {1.41, 50.0}, 4);
     m.body.symmetry = m.mesh.symmetry = {true, true};
     m.body.emitters = emitters;
@@ -146,7 +145,7 @@ TEST_CASE("Broken emitters are refused by name", "[emitter]") {
 }
 
 TEST_CASE("An emitter in air: what does not meet the body is lost to it, and what does goes in as Fresnel says",
-          "[emitter]") {
+    "[emitter]") {
   const double n = 1.41, half = 5e-3;
   Model m = box({half, half, half}, {n, 1e5}, 4);  // what goes in stays in
   const auto run = [&](const Vec3d& center, double side) {

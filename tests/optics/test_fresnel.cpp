@@ -95,8 +95,8 @@ TEST_CASE("Beer–Lambert: T(0) = 1, T(a+b) = T(a)T(b), units", "[beer-lambert]"
   CHECK_THROWS_AS(BeerLambert(Medium{1.4, std::nan("")}), InvalidArgument);
 }
 
-TEST_CASE("Opaque surfaces: directions stay on the lit side, the cosine law holds, mirror images are images",
-          "[surface]") {
+TEST_CASE(
+    "Opaque surfaces: directions stay on the lit side, the cosine law holds, mirror images are images", "[surface]") {
   const OwenSobol s{3};
   const Vec3d n = Vec3d(0.3, -0.8, -0.5).normalized(), in = Vec3d(-0.1, 0.9, 0.2).normalized();
   double first = 0.0, second = 0.0;
@@ -132,5 +132,5 @@ TEST_CASE("Emitters: broken ones are refused", "[emitter]") {
       InvalidArgument);
   CHECK_THROWS_AS(validate(std::vector<Emitter>{
                       RectangleEmitter{Vec3d(0, std::nan(""), 0), Vec3d::UnitX(), Vec3d::UnitY(), 1.0, 0}}),
-                  InvalidArgument);
+      InvalidArgument);
 }

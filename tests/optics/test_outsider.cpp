@@ -47,7 +47,7 @@ static_assert(!lumo::EmitterModel<Steep> && !lumo::TurbidMedium<TwoDecibels> && 
 using namespace optics_test;
 
 TEST_CASE("An outsider's emitter, medium and readout work together, forwards and backwards, to their closed form",
-          "[outsider]") {
+    "[outsider]") {
   const double h = 5e-3, least = 0.8;
   Model m = box({0.1, 0.1, 0.5 * h}, {1.4, 99.0}, 4);
   m.body.emitters = {outsider::RingLight{{0, 0, -0.5 * h}, 1e-3, 2.0}};

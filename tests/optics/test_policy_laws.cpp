@@ -47,10 +47,10 @@ TEST_CASE("Energy: the ledger closes for every surface, emitter, medium and read
 }
 
 TEST_CASE("White furnace: where nothing absorbs all light leaves, whatever the surface, emitter and phase function",
-          "[policies]") {
+    "[policies]") {
   for (const auto& [albedo, g] : {std::pair(0.0, 0.0), std::pair(1.0, 0.7), std::pair(1.0, -0.3)}) {
-    const lumo::Medium medium{1.2, albedo * 150.0, albedo,
-                              g};  // an index below √1.5 leaves no light that circles in a box for ever
+    const lumo::Medium medium{
+        1.2, albedo * 150.0, albedo, g};  // an index below √1.5 leaves no light that circles in a box for ever
     for (const NamedSurface& s : all_surfaces())
       for (const NamedEmitter& e : all_emitters(inside)) {
         if (!s.lossless) continue;
@@ -67,7 +67,7 @@ TEST_CASE("White furnace: where nothing absorbs all light leaves, whatever the s
 }
 
 TEST_CASE("Gathering and forward tracing agree for every emitter, medium and readout, and nothing is counted twice",
-          "[policies]") {
+    "[policies]") {
   for_each_medium(1.3, [&](const std::string& medium_name, auto tag, const lumo::Medium& medium) {
     for_each_readout([&](const std::string& readout_name, const auto& readout) {
       using Policy = typename decltype(tag)::type;
@@ -98,10 +98,8 @@ TEST_CASE("Reciprocity: a flat source and a flat detector of equal area may chan
     const Vec3d u(1.2e-3, 0, 0), v(0, 1.2e-3, 0);
     Model m = box({5e-3, 4e-3, 3e-3}, medium, 2);
     m.body.patches[0].optics = m.body.patches[1].optics = m.body.patches[2].optics = optics;
-    if (round)
-      m.body.emitters = {DiscEmitter{from, {0, 0, up}, 1.2e-3, 1.0, 0}};
-    else
-      m.body.emitters = {RectangleEmitter{from, u, up * v, 1.0, 0}};
+    if (round) m.body.emitters = {DiscEmitter{from, {0, 0, up}, 1.2e-3, 1.0, 0}};
+    else m.body.emitters = {RectangleEmitter{from, u, up * v, 1.0, 0}};
     const Photodiodes diode({{to + Vec3d(0, 0, 1e-7 * up), u, -up * v, round}});
     auto config = few_rays<typename decltype(tag)::type, Photodiodes>(1 << 15);
     config.roulette_below = 0.2;

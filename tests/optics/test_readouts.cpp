@@ -83,10 +83,10 @@ TEST_CASE("Connections carry the solid angle of their opening", "[readout]") {
         Approx(std::atan(4.0 * 2.0 / (3.0 * std::sqrt(16.0 + 4.0 + 9.0)))).epsilon(1e-4));
   // Disc seen from its axis: projected solid angle π R²/(R² + d²).
   const PinholeCamera camera({.position = from + Vec3d(0, 0, 4e-3),
-                              .view = -Vec3d::UnitZ(),
-                              .field_of_view_rad = 2.9,
-                              .aperture_m = 2e-3,
-                              .focus_m = 4e-3});
+      .view = -Vec3d::UnitZ(),
+      .field_of_view_rad = 2.9,
+      .aperture_m = 2e-3,
+      .focus_m = 4e-3});
   CHECK(mean(camera, 0, [](const Vec3d& d) { return d.z(); }) == Approx(pi * 4.0 / 20.0).epsilon(1e-4));
 }
 
@@ -105,13 +105,13 @@ TEST_CASE("The camera's image of a lit square: right pixels, right power, cos⁴
   }
   m.body.emitters = {DiscEmitter{{2e-3, 2e-3, -0.01e-3}, -Vec3d::UnitZ(), 1e-3}};
   const PinholeCamera camera({.position = {0, 0, d},
-                              .view = -Vec3d::UnitZ(),
-                              .up = Vec3d::UnitY(),
-                              .field_of_view_rad = 2.0 * std::atan(8e-3 / d),
-                              .columns = 16,
-                              .rows = 16,
-                              .aperture_m = radius,
-                              .focus_m = d});
+      .view = -Vec3d::UnitZ(),
+      .up = Vec3d::UnitY(),
+      .field_of_view_rad = 2.0 * std::atan(8e-3 / d),
+      .columns = 16,
+      .rows = 16,
+      .aperture_m = radius,
+      .focus_m = d});
   const Response r = traced(m, camera, 1 << 14);
   // Cells of 1 mm at the top face: columns 8 … 11 are x in (0, 4) mm, rows 4 … 7 are y in (4, 0) mm.
   CHECK(camera.pixel({0.5e-3, 3.5e-3, 0}) == 4 * 16 + 8);
@@ -143,14 +143,14 @@ TEST_CASE("Brightness: a Lambertian floor looks as bright from twice as far", "[
   // the distance.
   const auto look = [&](double distance, double fov_rad) {
     return traced(m,
-                  PinholeCamera({.position = {0, 0, distance},
-                                 .view = -Vec3d::UnitZ(),
-                                 .field_of_view_rad = fov_rad,
-                                 .columns = 1,
-                                 .rows = 1,
-                                 .aperture_m = 0.2e-3,
-                                 .focus_m = distance + 1e-3}),
-                  1 << 15)
+        PinholeCamera({.position = {0, 0, distance},
+            .view = -Vec3d::UnitZ(),
+            .field_of_view_rad = fov_rad,
+            .columns = 1,
+            .rows = 1,
+            .aperture_m = 0.2e-3,
+            .focus_m = distance + 1e-3}),
+        1 << 15)
         .power_W[0];
   };
   const double fov = 2.0 * std::atan(1e-3 / 21e-3);
@@ -167,19 +167,19 @@ TEST_CASE("A camera sees a symmetric state's both halves, though only one is tra
   for (std::size_t k : {0u, 2u}) m.body.patches[k].shape = m.body.patches[k + 1].shape;
   m.body.emitters = {DiscEmitter{{0, 0, -0.1e-3}, -Vec3d::UnitZ(), 1e-3}};
   const PinholeCamera camera({.position = {2e-3, 1e-3, 10e-3},
-                              .view = {-0.2, -0.1, -1.0},
-                              .columns = 6,
-                              .rows = 6,
-                              .aperture_m = 0.3e-3,
-                              .focus_m = 10e-3});
+      .view = {-0.2, -0.1, -1.0},
+      .columns = 6,
+      .rows = 6,
+      .aperture_m = 0.3e-3,
+      .focus_m = 10e-3});
   const Tracer<BeerLambert, PinholeCamera> tracer(few_rays<BeerLambert, PinholeCamera>(1 << 14), camera);
   const Response quarter = tracer.trace(m.body, m.mesh), full = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {});
   CHECK(total(quarter) == Approx(total(full)).epsilon(0.01));
   for (std::size_t k = 0; k < 36; ++k)
     CHECK(quarter.power_W[k] ==
           Approx(full.power_W[k]).margin(5.0 * std::hypot(quarter.error_W[k], full.error_W[k]) + 1e-3 * total(full)));
-  CHECK(std::abs(full.power_W[14] - full.power_W[21]) >
-        10.0 * full.error_W[14]);  // the picture itself is not symmetric
+  CHECK(
+      std::abs(full.power_W[14] - full.power_W[21]) > 10.0 * full.error_W[14]);  // the picture itself is not symmetric
   CHECK(quarter.rays < full.rays);
   CHECK_FALSE(tracer.image_channels(m.body, 0).has_value());
 }

@@ -83,7 +83,7 @@ TEST_CASE("Without albedo a scattering medium is Beer's, to the last bit", "[sca
 }
 
 TEST_CASE("Index-matched slab, albedo 0.9, g 0.75, optical depth 2: van de Hulst's reflection and transmission",
-          "[scattering]") {
+    "[scattering]") {
   // 0.09739 and 0.66096: van de Hulst, Multiple Light Scattering (1980), as quoted by Wang, Jacques & Zheng, MCML,
   // Comput. Meth. Prog. Biomed. 47 (1995), Table 1.
   const Model m = slab(0.2e-3, {1.0, 10000.0, 0.9, 0.75});

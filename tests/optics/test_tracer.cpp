@@ -213,7 +213,7 @@ TEST_CASE("Rays focussed on a dent know its change better, and it is the same ch
   const Tracer<BeerLambert> tracer(quick());
   const RayFocus focus{16e-3, 10e-3};
   CHECK(distance(tracer.trace(m.body, m.mesh, dent, {}, {}, focus).power_W,
-                 tracer.trace(m.body, m.mesh, dent, {}, across, focus).power_W) < 1e-6);
+            tracer.trace(m.body, m.mesh, dent, {}, across, focus).power_W) < 1e-6);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, Symmetry{true, true}, focus), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, dent, {}, across, {std::nan(""), 10e-3}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, dent, {}, across, {0.0, -1e-3}), InvalidArgument);
@@ -299,8 +299,8 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, broken, {}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {Vec3d::Zero()}, {}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, still, {1.0}), InvalidArgument);
-  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {}, std::vector<double>(m.mesh.nodes.size(), std::nan(""))),
-                  InvalidArgument);
+  CHECK_THROWS_AS(
+      tracer.trace(m.body, m.mesh, {}, std::vector<double>(m.mesh.nodes.size(), std::nan(""))), InvalidArgument);
   Config c = quick();
   c.rays_per_emitter = 1000;
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
@@ -313,8 +313,8 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
   Model lopsided = pad(s);
   lopsided.body.emitters.pop_back();
-  CHECK_THROWS_AS(tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3d>{}, {}, Symmetry{false, true}),
-                  InvalidArgument);
+  CHECK_THROWS_AS(
+      tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3d>{}, {}, Symmetry{false, true}), InvalidArgument);
   CHECK_NOTHROW(tracer.trace(lopsided.body, lopsided.mesh));
 }
 
@@ -358,8 +358,8 @@ TEST_CASE("Light that a white tool throws back is found forwards and backwards a
     CHECK(std::abs(a.power_W[k] - b.power_W[k]) < 4.5 * std::hypot(a.error_W[k], b.error_W[k]));
 }
 
-TEST_CASE("Regions in space stay where they are when the pad is moved, regions of the material go with it",
-          "[tracer]") {
+TEST_CASE(
+    "Regions in space stay where they are when the pad is moved, regions of the material go with it", "[tracer]") {
   const PadShape s = coarse(0.0);
   Model m = pad(s);
   m.body.symmetry = m.mesh.symmetry = {};

@@ -79,9 +79,9 @@ TEST_CASE("a lattice is counted to its last free design", "[candidates]") {
   }
   CHECK(taken.contains(Design{0.3, 0.0}));  // written as a person would
   small.rules = {{[](std::span<const double> x) { return x[0] + x[1] <= 0.05; },
-                  [](std::span<const double> x) {
-                    return InfeasibleDesign("rule", x[0] + x[1], 0.05, "", "infeasible design: too large");
-                  }}};
+      [](std::span<const double> x) {
+        return InfeasibleDesign("rule", x[0] + x[1], 0.05, "", "infeasible design: too large");
+      }}};
   CHECK(DesignSampler(small).feasible_count() == 1u);
 }
 

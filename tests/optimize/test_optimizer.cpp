@@ -24,7 +24,7 @@ Problem problem(int evaluations = 24) {
 std::vector<double> measure(const Design& x) {
   const double a = x[0] / 10.0, b = x[1] / 10.0;
   return {1.0 - std::pow(a - 0.3, 2) - b * b - 0.1 * x[2],
-          std::pow(a - 0.8, 2) + std::pow(b - 0.3, 2) + 0.1 * std::pow(x[2] - 0.5, 2)};
+      std::pow(a - 0.8, 2) + std::pow(b - 0.3, 2) + 0.1 * std::pow(x[2] - 0.5, 2)};
 }
 
 template <class O> std::vector<Design> run(O& o) {
@@ -36,8 +36,8 @@ template <class O> std::vector<Design> run(O& o) {
 
 }  // namespace
 
-TEST_CASE("an optimiser asks starts, then Sobol points, then what it chooses, feasible and never twice",
-          "[optimizer]") {
+TEST_CASE(
+    "an optimiser asks starts, then Sobol points, then what it chooses, feasible and never twice", "[optimizer]") {
   Optimizer<> o(problem());
   const auto designs = run(o);
   CHECK(o.status() == OptimizerStatus::finished);
@@ -142,8 +142,8 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
   }
 }
 
-TEST_CASE("the acquisition distinguishes designs however far the reference point lies from the outcomes",
-          "[optimizer]") {
+TEST_CASE(
+    "the acquisition distinguishes designs however far the reference point lies from the outcomes", "[optimizer]") {
   const double far = 1e11;  // of spreads of the order of 0.3
   Problem p = problem(60);
   p.objectives[0].reference = -far;
@@ -189,10 +189,8 @@ template <class O, class Fails, class Value> int run_with_failures(O& o, const F
   for (int asked = 0; asked < 200; ++asked) {
     const auto t = o.ask();
     if (!t) break;
-    if (fails(t->x))
-      ++failed, o.fail(t->id, false, "no value there");
-    else
-      o.tell(t->id, {value(t->x)});
+    if (fails(t->x)) ++failed, o.fail(t->id, false, "no value there");
+    else o.tell(t->id, {value(t->x)});
   }
   return failed;
 }
@@ -230,10 +228,8 @@ TEST_CASE("where a design fails for good the search learns to stay away", "[opti
 TEST_CASE("choices after failures are a function of the trials, too", "[optimizer]") {
   const auto fails = [](const Design& x) { return x[0] + x[1] > 9.0; };
   const auto answer = [&](Optimizer<>& o, const Trial& t) {
-    if (fails(t.x))
-      o.fail(t.id, false, "");
-    else
-      o.tell(t.id, measure(t.x));
+    if (fails(t.x)) o.fail(t.id, false, "");
+    else o.tell(t.id, measure(t.x));
   };
   Optimizer<> whole(problem(16)), retried(problem(16));
   while (const auto t = whole.ask()) answer(whole, *t);
@@ -304,10 +300,8 @@ TEST_CASE("an exhausted lattice is a clear end", "[optimizer]") {
   std::optional<Trial> held;
   while (auto t = o.ask()) {
     ++asked;
-    if (asked == 3)
-      held = t;
-    else
-      o.tell(t->id, {t->x[0], t->x[1]});
+    if (asked == 3) held = t;
+    else o.tell(t->id, {t->x[0], t->x[1]});
   }
   CHECK(asked == 6);
   CHECK(o.status() == OptimizerStatus::waiting);
@@ -365,8 +359,8 @@ TEST_CASE("extreme scales, constants and repeats do not break a run", "[optimize
   }
 }
 
-TEST_CASE("one or three objectives, Matern and sampled acquisition, composite surrogates: policies combine",
-          "[optimizer]") {
+TEST_CASE(
+    "one or three objectives, Matern and sampled acquisition, composite surrogates: policies combine", "[optimizer]") {
   Problem p = problem(14);
   p.objectives = {{"one", true, -5.0}};
   Optimizer<Matern52Kernel> single(p);

@@ -49,10 +49,8 @@ template <CovarianceKernel Kernel> void check_regression(const nlohmann::json& c
 TEST_CASE("regression agrees with BoTorch", "[reference]") {
   for (const auto& c : reference()["regression"]) {
     INFO(c["name"].get<std::string>());
-    if (c["kernel"] == "rbf")
-      check_regression<RbfKernel>(c);
-    else
-      check_regression<Matern52Kernel>(c);
+    if (c["kernel"] == "rbf") check_regression<RbfKernel>(c);
+    else check_regression<Matern52Kernel>(c);
   }
 }
 
@@ -76,8 +74,8 @@ TEST_CASE("qLogEHVI and qLogNEHVI agree with BoTorch on the same base samples", 
     std::vector<GaussianProcess<RbfKernel>> models;
     for (int j = 0; j < 2; ++j)
       models.emplace_back(TrainingData{e.x, e.outputs.row(j).transpose(), e.lower, e.upper},
-                          Hyperparameters{vector(c["length_scale"][std::size_t(j)]), c["noise"][std::size_t(j)],
-                                          c["mean"][std::size_t(j)]});
+          Hyperparameters{
+              vector(c["length_scale"][std::size_t(j)]), c["noise"][std::size_t(j)], c["mean"][std::size_t(j)]});
 
     const auto& normals = c["normals"];  // draws × (base points, then the candidate) × outputs
     const std::size_t draws = normals.size(), base = normals[0].size() - 1;

@@ -8,8 +8,7 @@
 #include "lumo/support/tetgen.hpp"
 
 using CoarseLight = lumo::Tracer<lumo::BeerLambert, lumo::ExitPower, lumo::Embree>;
-using CoarsePipeline = lumo::Pipeline<
-    lumo::TetgenMesher,
+using CoarsePipeline = lumo::Pipeline<lumo::TetgenMesher,
     lumo::Simulator<lumo::NeoHookean, lumo::SDFContact, lumo::QuadraticTet, lumo::QuasiStatic<lumo::Cholmod>>,
     CoarseLight>;
 

@@ -93,8 +93,8 @@ TEST_CASE("a scenario that fails leaves no score, and says which") {
 }
 
 TEST_CASE("an infeasible design is refused before anything is spent") {
-  CHECK_THROWS_AS(evaluate({{2, 1, 8, 5, 0}, dragon_skin()}, small_ensemble(), coarse_pipeline(), Serial{}),
-                  InfeasibleDesign);
+  CHECK_THROWS_AS(
+      evaluate({{2, 1, 8, 5, 0}, dragon_skin()}, small_ensemble(), coarse_pipeline(), Serial{}), InfeasibleDesign);
 }
 
 TEST_CASE(

@@ -15,8 +15,8 @@ TEST_CASE("shades run from light to dark") {
 }
 
 TEST_CASE("charts escape their words and survive missing values") {
-  BarChart bars{"a < b & c", "",         "x",
-                "y",         {"1", "2"}, {{"s", "#000000", {1.0, std::numeric_limits<double>::quiet_NaN()}, {0.1}}}};
+  BarChart bars{"a < b & c", "", "x", "y", {"1", "2"},
+      {{"s", "#000000", {1.0, std::numeric_limits<double>::quiet_NaN()}, {0.1}}}};
   const std::string svg = draw(bars);
   CHECK(svg.find("a &lt; b &amp; c") != std::string::npos);
   CHECK(svg.find("nan") == std::string::npos);

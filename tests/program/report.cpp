@@ -29,10 +29,10 @@ TetMesh square(int n, int order) {
       } else {
         mesh.faces.push_back(
             {{node(i, k), node(i + a, k), node(i + a, k + a), node(i + h, k), node(i + a, k + h), node(i + h, k + h)},
-             0});
+                0});
         mesh.faces.push_back(
             {{node(i, k), node(i + a, k + a), node(i, k + a), node(i + h, k + h), node(i + h, k + a), node(i, k + h)},
-             0});
+                0});
       }
     }
   return mesh;

@@ -44,9 +44,8 @@ struct View {
 };
 
 /// Green [DN] of `light(y, across in m)` seen through the view, plus Gaussian noise.
-template <class Light>
-lumo::sense::Image paint(const View& view, Light light, double noise, std::uint64_t seed,
-                         lumo::sense::PixelFormat format = lumo::sense::PixelFormat::bgr) {
+template <class Light> lumo::sense::Image paint(const View& view, Light light, double noise, std::uint64_t seed,
+    lumo::sense::PixelFormat format = lumo::sense::PixelFormat::bgr) {
   lumo::sense::Image image = lumo::sense::Image::black(view.width, view.height, format);
   Normal normal(seed);
   const Eigen::Vector2d d = view.direction();

@@ -26,11 +26,8 @@ TEST_CASE("The effect of a reading: differences, ranks, what decides, and the ch
   };
   const std::vector<AssumptionScore> usual = {
       score(0.5, 4.0, "a"), score(0.4, 8.0, "a"), score(0.3, 2.0, "b"), score(0.9, 9.0, "a"), {}};
-  std::vector<AssumptionScore> varied = {score(0.6, 2.0, "a"),
-                                         score(0.5, 4.0, "b"),
-                                         score(0.2, 3.0, "b"),
-                                         {std::nullopt, std::nullopt, "", ""},
-                                         score(1, 1, "")};
+  std::vector<AssumptionScore> varied = {score(0.6, 2.0, "a"), score(0.5, 4.0, "b"), score(0.2, 3.0, "b"),
+      {std::nullopt, std::nullopt, "", ""}, score(1, 1, "")};
   const AssumptionEffect e = effect_of(usual, varied);
   CHECK(e.compared == 3);
   CHECK(e.lost == 1);
@@ -66,7 +63,7 @@ TEST_CASE(
   CHECK(assumption_variants().size() == 18);
   CHECK(names.size() == 18);
   CHECK(lit == std::set<std::string>{"LEDs", "visible normal", "visible side", "bins", "scattering albedo", "indenter",
-                                     "carrier albedo"});
+                   "carrier albedo"});
 }
 
 namespace {

@@ -126,7 +126,7 @@ TEST_CASE(
     const Pipeline<TiringMesher, decltype(usual.simulator), CoarseLight> pipeline{
         TiringMesher{reason, &fills}, usual.simulator, usual.tracer, usual.focus};
     return compare_variants({{5, 10, 10, 6, 3}, dragon_skin(), coarse_finger()}, contacts, {{Twin::bonded_base}, false},
-                            pipeline, Serial{});
+        pipeline, Serial{});
   };
   const auto broken = run(MeshError::Reason::self_intersecting);
   REQUIRE(broken.size() == 2);

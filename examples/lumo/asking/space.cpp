@@ -90,13 +90,13 @@ Variable read_variable(const Reader& reader, const Json& j, const std::string& w
   if (!(v.lower <= v.upper))
     reader.refuse(where, lumo::message("(", v.name, ") has lower ", v.lower, " above upper ", v.upper));
   if (v.lower < v.upper && v.upper - v.lower < 1e-12 * std::max({std::abs(v.lower), std::abs(v.upper), 1e-100}))
-    reader.refuse(where,
-                  lumo::message("(", v.name, ") is ", v.upper - v.lower, " wide, too little to tell numbers apart"));
+    reader.refuse(
+        where, lumo::message("(", v.name, ") is ", v.upper - v.lower, " wide, too little to tell numbers apart"));
   if (!j.contains("step")) return v;
   v.step = reader.number(j["step"], where + ".step");
   if (!(v.step > 0.0))
-    reader.refuse(where + ".step",
-                  lumo::message("is ", v.step, ", must be > 0 (leave it out for a continuous variable)"));
+    reader.refuse(
+        where + ".step", lumo::message("is ", v.step, ", must be > 0 (leave it out for a continuous variable)"));
   // A lattice is counted from zero where the lower bound lies on it, as 2 does on 0.5, and from the lower bound
   // otherwise.
   const double steps = v.lower / v.step;
@@ -104,8 +104,8 @@ Variable read_variable(const Reader& reader, const Json& j, const std::string& w
   return v;
 }
 
-LinearConstraint read_constraint(const Reader& reader, const Json& j, const std::string& where,
-                                 const std::vector<Variable>& variables) {
+LinearConstraint read_constraint(
+    const Reader& reader, const Json& j, const std::string& where, const std::vector<Variable>& variables) {
   reader.keys(j, where, {"terms", "lower", "upper"});
   LinearConstraint c;
   c.coefficients.assign(variables.size(), 0.0);
@@ -131,8 +131,8 @@ std::string numbered(const char* key, std::size_t i) { return lumo::message(key,
 Objective read_objective(const Reader& reader, const Json& j, const std::string& where) {
   reader.keys(j, where, {"name", "goal", "reference"});
   return {reader.word(reader.at(j, where + ".", "name"), where + ".name"),
-          reader.one_of(reader.at(j, where + ".", "goal"), where + ".goal", "maximize", "minimize") == "maximize",
-          reader.number(reader.at(j, where + ".", "reference"), where + ".reference")};
+      reader.one_of(reader.at(j, where + ".", "goal"), where + ".goal", "maximize", "minimize") == "maximize",
+      reader.number(reader.at(j, where + ".", "reference"), where + ".reference")};
 }
 
 Design read_design(const Reader& reader, const Json& j, const std::string& where, const DesignSpace& space) {
@@ -211,13 +211,13 @@ SpaceFile read_space(const std::string& path) {
     const DesignSampler sampler(p.space);
     if (sampler.fresh(1, 0, {}).empty())
       reader.refuse("the whole",
-                    sampler.feasible_count() ? "has no feasible design" : "has no feasible design that can be found");
+          sampler.feasible_count() ? "has no feasible design" : "has no feasible design that can be found");
   } catch (const InvalidArgument& e) {
     throw InputError("space file '" + path + "': " + e.what());
   }
   space.whole = {{"variables", variables}, {"constraints", constraints}, {"objectives", objectives},
-                 {"initial", initial},     {"sobol", p.sobol},           {"evaluations", p.evaluations},
-                 {"seed", p.seed},         {"source", space.source}};
+      {"initial", initial}, {"sobol", p.sobol}, {"evaluations", p.evaluations}, {"seed", p.seed},
+      {"source", space.source}};
   return space;
 }
 

@@ -23,7 +23,7 @@ SpaceFile read_space(const std::string& path);
 bool flat_enough(int depth, nlohmann::ordered_json::parse_event_t event, nlohmann::ordered_json& parsed);
 
 /// What differs between two JSON values, as `key is …, was …`; empty when they are equal.
-std::string difference(const nlohmann::ordered_json& now, const nlohmann::ordered_json& before,
-                       const std::string& key = "");
+std::string difference(
+    const nlohmann::ordered_json& now, const nlohmann::ordered_json& before, const std::string& key = "");
 
 }  // namespace lumo::program

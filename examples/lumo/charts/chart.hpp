@@ -63,10 +63,8 @@ struct LegendEntry {
 inline void legend(Svg& svg, const plot::Frame& f, const std::vector<LegendEntry>& entries) {
   double y = f.top + 8;
   for (const auto& e : entries) {
-    if (e.bar)
-      svg.rect({f.right + 16, y - 6}, 14, 12, {.fill = e.colour});
-    else
-      svg.line({f.right + 14, y}, {f.right + 34, y}, {.stroke = e.colour, .width = 3});
+    if (e.bar) svg.rect({f.right + 16, y - 6}, 14, 12, {.fill = e.colour});
+    else svg.line({f.right + 14, y}, {f.right + 34, y}, {.stroke = e.colour, .width = 3});
     svg.text({f.right + 40, y + 4}, e.label);
     y += 20;
   }

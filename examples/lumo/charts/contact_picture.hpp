@@ -65,11 +65,11 @@ inline std::vector<Points> contact_set(const TetMesh& mesh, const std::vector<do
 
 /// Contact sets of increasing loads on the undeformed pad, seen from outside (along −z).
 inline std::string draw_contact(const std::string& title, const std::string& subtitle, const TetMesh& mesh,
-                                std::span<const MechanicalState> states) {
+    std::span<const MechanicalState> states) {
   std::vector<drawing::LegendEntry> entries;
   for (const MechanicalState& s : states)
     entries.push_back({short_number(s.load_N) + " N, " + short_number(1e6 * s.contact_area_m2, 1) + " mm²",
-                       shade(int(entries.size()), int(states.size())), true});
+        shade(int(entries.size()), int(states.size())), true});
   const plot::Frame f = drawing::pad_frame(mesh);
   const double width = f.right - f.left, height = f.bottom - f.top, middle = 0.5 * (f.left + f.right);
   Svg svg(f.right + drawing::legend_room(entries), std::max(f.bottom + 74, f.top + 20.0 * double(entries.size()) + 16));
@@ -80,7 +80,7 @@ inline std::string draw_contact(const std::string& title, const std::string& sub
   svg.rect({f.left, f.top}, width, height, {.stroke = "#0072b2", .width = 1.4});
   plot::x_label(svg, f, "place along the finger y [mm]");
   svg.text({middle, f.bottom + 62}, "drawn on the undeformed pad; areas are those of the deformed surface",
-           {.size = 11, .anchor = Svg::middle});
+      {.size = 11, .anchor = Svg::middle});
   plot::y_label(svg, f, "across x [mm]", 30);
   for (std::size_t s = states.size(); s-- > 0;) {  // largest set first, so that the smaller ones lie on it
     const auto loops = drawing::contact_set(mesh, states[s].contact_field, f);

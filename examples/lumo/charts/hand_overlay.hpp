@@ -31,8 +31,8 @@ inline std::string hand_overlay_png(const ImageView& image, const HandObserver& 
     return cv::Point(int(std::lround(scale * (p.x() + 0.5))), int(std::lround(scale * (p.y() + 0.5))));
   };
   const auto box = [&](const LinkMap& map, double y0, double y1, double z0, double z1) {
-    return std::vector<cv::Point>{at(map.pixel(y0, z0)), at(map.pixel(y1, z0)), at(map.pixel(y1, z1)),
-                                  at(map.pixel(y0, z1))};
+    return std::vector<cv::Point>{
+        at(map.pixel(y0, z0)), at(map.pixel(y1, z0)), at(map.pixel(y1, z1)), at(map.pixel(y0, z1))};
   };
   cv::Mat tint = out.clone();
   for (const HandContact& c : e.contacts) {
@@ -50,17 +50,17 @@ inline std::string hand_overlay_png(const ImageView& image, const HandObserver& 
     const LinkMap& map = e.map[l];
     const cv::Scalar& colour = e.seen[l] ? grey : red;
     cv::polylines(out, std::vector{box(map, link.y_low_m, link.y_high_m, link.z_low_m, link.z_high_m)}, true, colour, 1,
-                  cv::LINE_AA, fraction);
+        cv::LINE_AA, fraction);
     for (Eigen::Index k = 0; k < link.hole_m.cols(); ++k)
       cv::circle(out, at(map.pixel(link.hole_m(0, k), link.hole_m(1, k))),
-                 int(std::lround(zoom * (1 << fraction) * link.hole_radius_m * map.px_per_m())), colour, 1, cv::LINE_AA,
-                 fraction);
+          int(std::lround(zoom * (1 << fraction) * link.hole_radius_m * map.px_per_m())), colour, 1, cv::LINE_AA,
+          fraction);
   }
   for (const HandContact& c : e.contacts) {
     const LinkMap& map = e.map[std::size_t(c.link)];
     const HandLink& link = hand.links()[std::size_t(c.link)];
-    cv::line(out, at(map.pixel(c.y_m, link.z_low_m)), at(map.pixel(c.y_m, link.z_high_m)), white, 2, cv::LINE_AA,
-             fraction);
+    cv::line(
+        out, at(map.pixel(c.y_m, link.z_low_m)), at(map.pixel(c.y_m, link.z_high_m)), white, 2, cv::LINE_AA, fraction);
     const std::string words = short_number(1e3 * c.y_m, 1) + " mm";
     const double size = 0.45;
     int below = 0;

@@ -35,24 +35,19 @@ namespace drawing {
 
 inline Paint paint(SectionDrawing::Fill fill) {
   switch (fill) {
-    case SectionDrawing::Fill::silicone:
-      return {.fill = "#bfe0f2", .stroke = "#0072b2", .width = 1.6};
-    case SectionDrawing::Fill::carrier:
-      return {.fill = "#8c8c8c", .stroke = "#444444", .width = 1.2};
-    case SectionDrawing::Fill::air:
-      return {.fill = "#ffffff", .stroke = "#444444", .width = 1.0, .dash = "4 3"};
-    default:
-      return {.fill = "#f0a500", .stroke = "#7a4b00", .width = 1.0};
+    case SectionDrawing::Fill::silicone: return {.fill = "#bfe0f2", .stroke = "#0072b2", .width = 1.6};
+    case SectionDrawing::Fill::carrier: return {.fill = "#8c8c8c", .stroke = "#444444", .width = 1.2};
+    case SectionDrawing::Fill::air: return {.fill = "#ffffff", .stroke = "#444444", .width = 1.0, .dash = "4 3"};
+    default: return {.fill = "#f0a500", .stroke = "#7a4b00", .width = 1.0};
   }
 }
 
 /// Filled arrowhead with its tip at `tip`, pointing along (dx, dy).
 inline void arrow(Svg& svg, Point tip, double dx, double dy) {
   constexpr double length = 8, half = 2.6;
-  svg.polygon({{tip,
-                {tip[0] - length * dx - half * dy, tip[1] - length * dy + half * dx},
-                {tip[0] - length * dx + half * dy, tip[1] - length * dy - half * dx}}},
-              {.fill = plot::ink});
+  svg.polygon({{tip, {tip[0] - length * dx - half * dy, tip[1] - length * dy + half * dx},
+                  {tip[0] - length * dx + half * dy, tip[1] - length * dy - half * dx}}},
+      {.fill = plot::ink});
 }
 
 /// Where a label may stand.
@@ -69,10 +64,8 @@ inline std::vector<Place> label_places(const SectionDrawing::Dimension& d, Point
   const double x = 0.5 * (left + right), y = 0.5 * (top + bottom);
   std::vector<Place> places;
   if (d.along == SectionDrawing::Dimension::Along::x && d.shift != 0.0)  // on it, beside it, below it
-    return {{{x, y - 6}, Svg::middle},
-            {{right + 18, y + 4}, Svg::start},
-            {{left - 18, y + 4}, Svg::end},
-            {{x, y + 15}, Svg::middle}};
+    return {{{x, y - 6}, Svg::middle}, {{right + 18, y + 4}, Svg::start}, {{left - 18, y + 4}, Svg::end},
+        {{x, y + 15}, Svg::middle}};
   if (d.along == SectionDrawing::Dimension::Along::x) {
     for (const double away : {-6.0, -12.0, -18.0, 15.0, 21.0}) {
       for (const double from_end : {10.0, 4.0, 16.0, 24.0}) places.push_back({{right - from_end, y + away}, Svg::end});
@@ -156,12 +149,12 @@ class SectionPicture {
     const std::vector<Place> places = label_places(d, px(d.start()), px(d.end()));
     const auto box = [&d](const Place& p) { return text_box(p.at, d.label, {.anchor = p.anchor}); };
     const auto hits = [&](const Place& p) { return obstacles_.hits(grown(box(p), 2.0)); };
-    const auto best = std::min_element(places.begin(), places.end(),
-                                       [&](const Place& p, const Place& q) { return hits(p) < hits(q); });
+    const auto best = std::min_element(
+        places.begin(), places.end(), [&](const Place& p, const Place& q) { return hits(p) < hits(q); });
     const Box taken = box(*best);
     if (hits(*best) > 0)  // readable all the same
       svg_.rect({taken.left, taken.top}, taken.right - taken.left, taken.bottom - taken.top,
-                {.fill = "#ffffff", .opacity = 0.75});
+          {.fill = "#ffffff", .opacity = 0.75});
     svg_.text(best->at, d.label, {.anchor = best->anchor});
     obstacles_.boxes.push_back(taken);
   }
@@ -170,10 +163,8 @@ class SectionPicture {
     using Fill = SectionDrawing::Fill;
     const double x = svg_.width() - legend_width + 10;
     double y = head + 26;
-    for (const auto& [fill, label] : {std::pair{Fill::silicone, "silicone"},
-                                      {Fill::carrier, "rigid carrier"},
-                                      {Fill::air, "lateral void (air)"},
-                                      {Fill::led, "LED"}}) {
+    for (const auto& [fill, label] : {std::pair{Fill::silicone, "silicone"}, {Fill::carrier, "rigid carrier"},
+             {Fill::air, "lateral void (air)"}, {Fill::led, "LED"}}) {
       if (std::none_of(s_.areas.begin(), s_.areas.end(), [f = fill](const auto& a) { return a.fill == f; })) continue;
       svg_.rect({x, y - 11}, 18, 14, paint(fill));
       svg_.text({x + 26, y}, label);

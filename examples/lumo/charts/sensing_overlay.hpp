@@ -30,9 +30,9 @@ inline std::string draw_confusion(const Eigen::MatrixXi& confusion, const Eigen:
     for (Eigen::Index j = 0; j < n; ++j) {
       const int v = confusion(i, j);
       svg.rect({left + side * double(j), top + side * double(i)}, side - 2, side - 2,
-               {.fill = v > 0 ? shade(v, most + 1) : "#f2f2f2"});
+          {.fill = v > 0 ? shade(v, most + 1) : "#f2f2f2"});
       svg.text({left + side * (double(j) + 0.5) - 1, top + side * (double(i) + 0.6)}, std::to_string(v),
-               {.anchor = Svg::middle, .fill = 2 * v > most ? "#ffffff" : "#222222"});
+          {.anchor = Svg::middle, .fill = 2 * v > most ? "#ffffff" : "#222222"});
     }
   }
   return svg.str();

@@ -13,8 +13,8 @@ using Points = Svg::Points;
 using Paint = Svg::Paint;
 
 /// Colours that people with any colour vision distinguish (Okabe & Ito 2008), darkest contrasts first.
-inline constexpr std::array<const char*, 7> palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
-                                                       "#e69f00", "#56b4e9", "#000000"};
+inline constexpr std::array<const char*, 7> palette = {
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"};
 
 /// Shade k of n from light to dark: ordered things (loads) differ in lightness, which survives greyscale print.
 inline std::string shade(int k, int n) {

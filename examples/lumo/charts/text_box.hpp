@@ -13,22 +13,19 @@ namespace lumo::program::drawing {
 
 /// Advance widths of DejaVu Sans from ' ' to '~', in thousandths of the size (from the font's table hmtx,
 /// version 2.37). It is the first font of every picture.
-inline constexpr std::array<int, 95> advance_widths = {
-    318, 401, 460, 838, 636, 950, 780, 275, 390, 390, 500, 838, 318, 361,  318, 337, 636, 636, 636,
-    636, 636, 636, 636, 636, 636, 636, 337, 337, 838, 838, 838, 531, 1000, 684, 686, 698, 770, 632,
-    575, 775, 752, 295, 295, 656, 557, 863, 748, 787, 603, 787, 695, 635,  611, 732, 684, 989, 685,
-    611, 685, 390, 337, 390, 838, 500, 500, 613, 635, 550, 635, 615, 352,  635, 634, 278, 278, 579,
-    278, 974, 634, 612, 635, 635, 411, 521, 392, 634, 592, 818, 592, 592,  525, 636, 337, 636, 838};
+inline constexpr std::array<int, 95> advance_widths = {318, 401, 460, 838, 636, 950, 780, 275, 390, 390, 500, 838, 318,
+    361, 318, 337, 636, 636, 636, 636, 636, 636, 636, 636, 636, 636, 337, 337, 838, 838, 838, 531, 1000, 684, 686, 698,
+    770, 632, 575, 775, 752, 295, 295, 656, 557, 863, 748, 787, 603, 787, 695, 635, 611, 732, 684, 989, 685, 611, 685,
+    390, 337, 390, 838, 500, 500, 613, 635, 550, 635, 615, 352, 635, 634, 278, 278, 579, 278, 974, 634, 612, 635, 635,
+    411, 521, 392, 634, 592, 818, 592, 592, 525, 636, 337, 636, 838};
 
 /// Width of a text in DejaVu Sans; other than ASCII characters count as one mean width each.
 inline double text_width(std::string_view s, double size) {
   double width = 0.0;
   for (const char c : s) {
     const auto byte = static_cast<unsigned char>(c);
-    if (byte >= 32 && byte < 127)
-      width += advance_widths[byte - 32u];
-    else if ((byte & 0xC0u) != 0x80u)
-      width += 620.0;  // the bytes of one character count once
+    if (byte >= 32 && byte < 127) width += advance_widths[byte - 32u];
+    else if ((byte & 0xC0u) != 0x80u) width += 620.0;  // the bytes of one character count once
   }
   return 1e-3 * size * width;
 }
@@ -56,7 +53,7 @@ inline bool overlap(const Box& a, const Box& b) {
 inline bool overlap(const Box& box, Point a, Point b) {
   double from = 0.0, to = 1.0;
   for (const auto& [start, step, low, high] :
-       {std::array{a[0], b[0] - a[0], box.left, box.right}, std::array{a[1], b[1] - a[1], box.top, box.bottom}}) {
+      {std::array{a[0], b[0] - a[0], box.left, box.right}, std::array{a[1], b[1] - a[1], box.top, box.bottom}}) {
     if (step == 0.0) {
       if (start <= low || start >= high) return false;
       continue;

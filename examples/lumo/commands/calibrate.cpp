@@ -45,8 +45,8 @@ struct PressCurve {
 PressCurve press_curve(const Recording& log) {
   PressCurve curve;
   const auto& all = log.session.segments;
-  const auto first = std::find_if(all.begin(), all.end(),
-                                  [](const Segment& s) { return s.kind == SegmentKind::hold && s.place >= 0; });
+  const auto first = std::find_if(
+      all.begin(), all.end(), [](const Segment& s) { return s.kind == SegmentKind::hold && s.place >= 0; });
   if (first == all.end() || log.wrenches.empty() || log.markers.empty())
     throw InputError(log.path + ": has no press: holds, forces (wrench.csv) and displacements (marker.csv) are needed");
   curve.y_m = 1e-3 * first->y_mm;
@@ -77,12 +77,9 @@ struct Specimen {
 std::string shown(const Specimen& s, bool as_json) {
   const Interval& gain = s.gain_DN_per_electron;
   if (as_json)
-    return Json{{"mu_Pa", interval(s.found_Pa)},
-                {"onset_mm", number(1e3 * s.stiffness.onset_m)},
-                {"residual_N", number(s.stiffness.residual_N)},
-                {"gain_DN_per_electron", interval(gain)},
-                {"lamps_DN", number(s.lamps.level_DN)},
-                {"lamps_electrons", interval(s.lamps.electrons)}}
+    return Json{{"mu_Pa", interval(s.found_Pa)}, {"onset_mm", number(1e3 * s.stiffness.onset_m)},
+               {"residual_N", number(s.stiffness.residual_N)}, {"gain_DN_per_electron", interval(gain)},
+               {"lamps_DN", number(s.lamps.level_DN)}, {"lamps_electrons", interval(s.lamps.electrons)}}
                .dump(2) +
            "\n";
   const auto range = [](const Interval& i, double scale, int digits) {

@@ -9,15 +9,9 @@ namespace {
 std::string rows_of(const StoredCampaign& c) {
   Json rows = Json::array();
   for (const StoredTrial& t : c.trials)
-    rows.push_back({{"index", t.id},
-                    {"theta_mm", numbers(t.theta_mm)},
-                    {"state", t.state},
-                    {"why", t.why.empty() ? Json(nullptr) : Json(t.why)},
-                    {"on_front", t.on_front},
-                    {"selected", t.selected},
-                    {"hypervolume", number(t.hypervolume)},
-                    {"record", t.record},
-                    {"notes", t.notes}});
+    rows.push_back({{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"state", t.state},
+        {"why", t.why.empty() ? Json(nullptr) : Json(t.why)}, {"on_front", t.on_front}, {"selected", t.selected},
+        {"hypervolume", number(t.hypervolume)}, {"record", t.record}, {"notes", t.notes}});
   return text_of(rows, 1) + "\n";
 }
 
@@ -35,10 +29,9 @@ std::string table_of(const StoredCampaign& c) {
     text += std::to_string(t.id) + "," + joined(t.theta_mm) + "," + t.state;
     for (const char* key : {"/J_contact", "/J_contact_err", "/J_obs", "/J_obs_err"}) text += "," + at(key);
     text += "," + csv_field(number(t.hypervolume)) + (t.on_front ? ",1" : ",0") + (t.selected ? ",1" : ",0");
-    for (const char* key :
-         {"/worst_contact/diameter_mm", "/worst_contact/angle_deg", "/worst_contact/y_mm",
-          "/worst_observation/diameter_mm", "/worst_observation/angle_deg", "/worst_observation/load_N",
-          "/worst_observation/y_mm/0", "/worst_observation/y_mm/1", "/mesh/nodes", "/mesh/elements"})
+    for (const char* key : {"/worst_contact/diameter_mm", "/worst_contact/angle_deg", "/worst_contact/y_mm",
+             "/worst_observation/diameter_mm", "/worst_observation/angle_deg", "/worst_observation/load_N",
+             "/worst_observation/y_mm/0", "/worst_observation/y_mm/1", "/mesh/nodes", "/mesh/elements"})
       text += "," + at(key);
     text += "," + csv_field(number(t.seconds()));
     text += t.why.empty() ? ",\n" : "," + csv_text(t.why) + "\n";

@@ -107,13 +107,9 @@ struct CampaignReport : Common {
     for (const Variable& v : finger_space().variables)
       variables.push_back({{"name", v.name}, {"unit", v.unit}, {"lower", v.lower}, {"upper", v.upper}});
     const PadDimensions pad;
-    return {{"lumo", version},
-            {"results_version", results_version},
-            {"plotly", chart_library_version()},
-            {"command", typed(stores, path)},
-            {"variables", variables},
-            {"pad", {{"width_mm", pad.width}, {"length_mm", pad.length}}},
-            {"campaigns", campaigns}};
+    return {{"lumo", version}, {"results_version", results_version}, {"plotly", chart_library_version()},
+        {"command", typed(stores, path)}, {"variables", variables},
+        {"pad", {{"width_mm", pad.width}, {"length_mm", pad.length}}}, {"campaigns", campaigns}};
   }
 };
 

@@ -15,10 +15,8 @@ template <class State> std::string line(const State& state, int id, const TrialR
   const int done = optimizer.observed(), wanted = optimizer.problem().evaluations;
   std::string text = pad(std::to_string(done), 3) + "/" + std::to_string(wanted) + "  #" + pad(std::to_string(id), -3) +
                      " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
-  if (v.outputs.empty())
-    text += "failed, " + v.why;
-  else
-    text += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
+  if (v.outputs.empty()) text += "failed, " + v.why;
+  else text += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
   return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " +
          pace.after(wanted - done, !v.outputs.empty());
 }
@@ -37,20 +35,19 @@ struct CampaignRun : StoreCommand {
     add_whole(app, "--evaluations", evaluations, 1, 100000, "Successful evaluations to reach, default 160");
     add_seed(app, seed, "Of the optimiser, default 1");
     add_word(app, "--source", source, {"default", "paper"},
-             "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)");
+        "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)");
     add_threads(app, threads);
   }
   Result run(Output&, Progress& progress) const {
     const Evaluator evaluate = campaign_evaluator(request, threads, progress);
-    const CampaignProblem problem{request.material,    request.ensemble,        source,
-                                  std::uint64_t(seed), request.mechanics.paper, request.ray_error_percent};
+    const CampaignProblem problem{request.material, request.ensemble, source, std::uint64_t(seed),
+        request.mechanics.paper, request.ray_error_percent};
     tell_if_emptied(store, progress);
     SqliteJournal log(store, problem_text(problem));
     Pace pace;
     const OptimizerStatus end = with_optimizer(problem, evaluations, [&](const auto& optimizer) {
-      return run_campaign(log, optimizer, evaluate, [&](const auto& state, int id, const TrialResult& v) {
-        progress.note(line(state, id, v, pace));
-      });
+      return run_campaign(log, optimizer, evaluate,
+          [&](const auto& state, int id, const TrialResult& v) { progress.note(line(state, id, v, pace)); });
     });
     if (end == OptimizerStatus::exhausted) progress.note("every feasible design that could be found was evaluated");
     return campaign_status(store, json);

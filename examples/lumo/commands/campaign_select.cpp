@@ -20,10 +20,9 @@ struct PublishedGain {
   Ensemble ensemble;
   std::array<double, 3> percent;
 };
-constexpr std::array<PublishedGain, 4> table_2 = {{{"Sol", Ensemble::flat, {0.3, 19.8, 3.0}},
-                                                   {"Sol", Ensemble::curved, {19.3, 21.0, 20.1}},
-                                                   {"DS", Ensemble::flat, {-40.6, 11.5, -38.1}},
-                                                   {"DS", Ensemble::curved, {13.9, 19.9, 14.3}}}};
+constexpr std::array<PublishedGain, 4> table_2 = {
+    {{"Sol", Ensemble::flat, {0.3, 19.8, 3.0}}, {"Sol", Ensemble::curved, {19.3, 21.0, 20.1}},
+        {"DS", Ensemble::flat, {-40.6, 11.5, -38.1}}, {"DS", Ensemble::curved, {13.9, 19.9, 14.3}}}};
 constexpr std::array<double, 3> gain_angles_deg = {-30.0, 0.0, 30.0};
 constexpr int enough_for_a_model = 8;
 
@@ -51,8 +50,8 @@ Stability stability_of(const StoredCampaign& c, int seeds, int threads, Progress
     s.same += std::equal(theta.begin(), theta.end(), x->begin());
   }
   s.choices.assign(count.begin(), count.end());
-  std::stable_sort(s.choices.begin(), s.choices.end(),
-                   [](const auto& a, const auto& b) { return a.second > b.second; });
+  std::stable_sort(
+      s.choices.begin(), s.choices.end(), [](const auto& a, const auto& b) { return a.second > b.second; });
   return s;
 }
 
@@ -91,17 +90,11 @@ Json selection_json(const Selection& r, const std::string& store) {
   const StoredCampaign& c = r.campaign;
   const StoredTrial& t = r.trial();
   const double contact = r.value("J_contact"), observation = r.value("J_obs");
-  Json j = {{"store", store},
-            {"material", c.problem.material},
-            {"ensemble", name(c.problem.ensemble)},
-            {"evaluated", r.evaluated},
-            {"index", t.id},
-            {"theta_mm", numbers(t.theta_mm)},
-            {"J_contact", contact},
-            {"J_contact_err", number(value_at(t.record, "J_contact_err"))},
-            {"J_obs", observation},
-            {"J_obs_err", number(value_at(t.record, "J_obs_err"))},
-            {"share_of_best", {contact / r.best_contact, observation / r.best_observation}}};
+  Json j = {{"store", store}, {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)},
+      {"evaluated", r.evaluated}, {"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"J_contact", contact},
+      {"J_contact_err", number(value_at(t.record, "J_contact_err"))}, {"J_obs", observation},
+      {"J_obs_err", number(value_at(t.record, "J_obs_err"))},
+      {"share_of_best", {contact / r.best_contact, observation / r.best_observation}}};
   j["stability"] = nullptr;
   if (r.stability) {
     j["stability"] = {{"searches", r.stability->searches}, {"same", r.stability->same}, {"choices", Json::array()}};
@@ -121,7 +114,7 @@ std::string stability_text(const Selection& r) {
   if (!r.stability)
     return lumo::message("stability: needs ", enough_for_a_model, " evaluations for a model, has ", r.evaluated, "\n");
   std::string text = lumo::message("stability: ", r.stability->same, " of ", r.stability->searches, " searches of ",
-                                   r.evaluated, " evaluations on a Gaussian-process model of the results choose it\n");
+      r.evaluated, " evaluations on a Gaussian-process model of the results choose it\n");
   for (std::size_t k = 0; k < std::min<std::size_t>(8, r.stability->choices.size()); ++k)
     text +=
         pad(std::to_string(r.stability->choices[k].second), 5) + " x  " + joined(r.stability->choices[k].first) + "\n";
@@ -134,11 +127,11 @@ std::string selection_text(const Selection& r) {
   const StoredCampaign& c = r.campaign;
   const StoredTrial& t = r.trial();
   const double contact = r.value("J_contact"), observation = r.value("J_obs");
-  std::string text = lumo::message(
-      "selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ", c.problem.material,
-      ", ", name(c.problem.ensemble), ", of ", r.evaluated, " evaluations\nJ_contact ", cell(contact, 4), " (",
-      cell(100 * contact / r.best_contact, 1), " % of the best), J_obs ", scientific(observation), " (",
-      cell(100 * observation / r.best_observation, 1), " % of the best)\n\n");
+  std::string text =
+      lumo::message("selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ",
+          c.problem.material, ", ", name(c.problem.ensemble), ", of ", r.evaluated, " evaluations\nJ_contact ",
+          cell(contact, 4), " (", cell(100 * contact / r.best_contact, 1), " % of the best), J_obs ",
+          scientific(observation), " (", cell(100 * observation / r.best_observation, 1), " % of the best)\n\n");
   text += stability_text(r);
   text += "\nprogressive-constraint gain over the baseline [%], sphere of 10 mm, 15 N\n" + pad("approach angle", -26) +
           pad("-30 deg", 10) + pad("0 deg", 10) + pad("+30 deg", 10) + "\n";
@@ -168,8 +161,8 @@ struct CampaignSelect : StoreCommand {
   Result run(Output&, Progress& progress) const {
     const StoredCampaign c = read_campaign(SqliteJournal(store), store);
     if (!c.selected)
-      throw InputError("store '" + store +
-                       "' holds no evaluation with both objectives above 0: there is nothing to select from");
+      throw InputError(
+          "store '" + store + "' holds no evaluation with both objectives above 0: there is nothing to select from");
     Selection r{c, c.count("evaluated"), {}, {}};
     if (r.evaluated >= enough_for_a_model) r.stability = stability_of(c, seeds, threads, progress);
     r.gain = gain_of(c, threads, progress);
@@ -186,8 +179,8 @@ struct CampaignSelect : StoreCommand {
 }  // namespace
 
 void add_campaign_select(CommandLine& line) {
-  line.add<CampaignSelect>("campaign select",
-                           "The balanced choice, how stable it is, and its progressive-constraint gain");
+  line.add<CampaignSelect>(
+      "campaign select", "The balanced choice, how stable it is, and its progressive-constraint gain");
 }
 
 }  // namespace lumo::program

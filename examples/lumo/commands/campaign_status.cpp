@@ -7,10 +7,8 @@ namespace lumo::program {
 namespace {
 
 Json summary(const StoredTrial& t) {
-  return {{"index", t.id},
-          {"theta_mm", numbers(t.theta_mm)},
-          {"J_contact", number(value_at(t.record, "J_contact"))},
-          {"J_obs", number(value_at(t.record, "J_obs"))}};
+  return {{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"J_contact", number(value_at(t.record, "J_contact"))},
+      {"J_obs", number(value_at(t.record, "J_obs"))}};
 }
 
 std::string line(const StoredTrial& t) {
@@ -27,35 +25,24 @@ std::string campaign_status(const std::string& store, bool as_json) {
   for (const StoredTrial& t : c.trials) seconds += std::isfinite(t.seconds()) ? t.seconds() : 0.0;
   const int done = c.count("evaluated"), failed = c.count("failed"), open = c.count("under way");
   if (as_json) {
-    Json j = {{"store", store},
-              {"material", c.problem.material},
-              {"ensemble", name(c.problem.ensemble)},
-              {"mode", c.problem.paper ? "paper" : "default"},
-              {"source", c.problem.source},
-              {"seed", c.problem.seed},
-              {"evaluated", done},
-              {"failed", failed},
-              {"under_way", open},
-              {"hypervolume", number(c.hypervolume)},
-              {"seconds", number(seconds)},
-              {"digest", c.digest},
-              {"problem_digest", c.problem_digest},
-              {"results_version", c.problem.results},
-              {"results_version_of_lumo", results_version}};
+    Json j = {{"store", store}, {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)},
+        {"mode", c.problem.paper ? "paper" : "default"}, {"source", c.problem.source}, {"seed", c.problem.seed},
+        {"evaluated", done}, {"failed", failed}, {"under_way", open}, {"hypervolume", number(c.hypervolume)},
+        {"seconds", number(seconds)}, {"digest", c.digest}, {"problem_digest", c.problem_digest},
+        {"results_version", c.problem.results}, {"results_version_of_lumo", results_version}};
     j["selected"] = c.selected ? summary(c.trials[*c.selected]) : Json(nullptr);
     j["front"] = Json::array();
     for (const StoredTrial& t : c.trials)
       if (t.on_front) j["front"].push_back(summary(t));
     return j.dump(2) + "\n";
   }
-  std::string text =
-      lumo::message(store, ": ", c.problem.material, ", ", name(c.problem.ensemble),
-                    c.problem.paper ? " ensemble, paper mode, source " : " ensemble, source ", c.problem.source,
-                    ", seed ", c.problem.seed, "\n", done, " evaluated, ", failed, " failed, ", open, " under way; ",
-                    span(seconds), " in evaluations\nhypervolume ", scientific(c.hypervolume), "\n");
+  std::string text = lumo::message(store, ": ", c.problem.material, ", ", name(c.problem.ensemble),
+      c.problem.paper ? " ensemble, paper mode, source " : " ensemble, source ", c.problem.source, ", seed ",
+      c.problem.seed, "\n", done, " evaluated, ", failed, " failed, ", open, " under way; ", span(seconds),
+      " in evaluations\nhypervolume ", scientific(c.hypervolume), "\n");
   if (c.problem.results != results_version)
     text += lumo::message("results are of version ", c.problem.results, ", this lumo computes version ",
-                          results_version, ": they cannot be compared, nor the campaign continued\n");
+        results_version, ": they cannot be compared, nor the campaign continued\n");
   if (done > 0)
     text +=
         "\nfront\n" + pad("index", 5) + "  " + pad("theta [mm]", -22) + pad("J_contact", 10) + pad("J_obs", 12) + "\n";

@@ -46,10 +46,8 @@ class NewFile {
     const FilesBeingWritten whole;
     stream.close();
     std::error_code error;
-    if (!stream)
-      error = std::make_error_code(std::errc::io_error);
-    else
-      fs::rename(part_, path_, error);
+    if (!stream) error = std::make_error_code(std::errc::io_error);
+    else fs::rename(part_, path_, error);
     if (error) throw InputError("cannot write to '" + path_ + "': " + error.message());
     part_.clear();
   }
@@ -71,9 +69,9 @@ struct Convert : LogCommand {
   void declare(CLI::App& app) {
     add_log(app);
     app.add_option("OUT", target,
-                   "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
-    add_word(app, "--compression", compression, {"zstd", "lz4", "none"},
-             "Of an MCAP file: zstd (default), lz4 or none");
+        "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
+    add_word(
+        app, "--compression", compression, {"zstd", "lz4", "none"}, "Of an MCAP file: zstd (default), lz4 or none");
     add_flag(app, "--raw", raw, "Pixels in an MCAP file (sensor_msgs/Image), not PNG or JPEG (CompressedImage)");
     add_text(app, "--image-topic", topics.image, "TOPIC", "Topic of the pictures, where an MCAP file has several");
     add_text(app, "--joint-topic", topics.joints, "TOPIC", "Topic of the joint states, where it has several");
@@ -170,12 +168,9 @@ void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
   const auto write = [&](const auto& codec) {
     write_mcap_log(out.stream, tables, to_json(tables.session), picture, codec);
   };
-  if (o.compression == "none")
-    write(Uncompressed{});
-  else if (o.compression == "lz4")
-    write(Lz4{});
-  else
-    write(Zstd{});
+  if (o.compression == "none") write(Uncompressed{});
+  else if (o.compression == "lz4") write(Lz4{});
+  else write(Zstd{});
   out.keep();
 }
 
@@ -193,8 +188,7 @@ void write_folder(const OpenLog& log, const Convert& o, Progress& progress, bool
     std::error_code error;
     fs::create_directories(to.parent_path(), error);
     const bool as_it_is = !taken.file().empty() && (!log.file || !taken.ending().empty());
-    if (as_it_is)
-      write_bytes(to.string(), taken.file());
+    if (as_it_is) write_bytes(to.string(), taken.file());
     else if (const ImageView v = taken.pixels(); !v.empty())
       write_bytes(to.string(), pictures().encode(to.extension().string(), v));
     progress.step();
@@ -223,20 +217,15 @@ Result Convert::run(Output&, Progress& progress) const {
   progress.finish();
   const bool cut = from.file && !from.file->fault().empty();
   if (json)
-    return Json{{"out", target},
-                {"frames", from.frames.size()},
-                {"joint_samples", from.joints.size()},
-                {"wrench_samples", from.wrenches.size()},
-                {"marker_samples", from.markers.size()},
-                {"photodiode_samples", from.photodiodes.size()},
-                {"truth", truth},
-                {"fault", cut ? Json(from.file->fault()) : Json(nullptr)}}
+    return Json{{"out", target}, {"frames", from.frames.size()}, {"joint_samples", from.joints.size()},
+               {"wrench_samples", from.wrenches.size()}, {"marker_samples", from.markers.size()},
+               {"photodiode_samples", from.photodiodes.size()}, {"truth", truth},
+               {"fault", cut ? Json(from.file->fault()) : Json(nullptr)}}
                .dump(2) +
            "\n";
   return lumo::message(target, ": ", from.frames.size(), " pictures, ", from.joints.size(), " joint samples, ",
-                       from.wrenches.size(), " wrenches, ", from.markers.size(), " displacements, ",
-                       from.photodiodes.size(), " photodiode samples", truth ? ", truth beside them" : "",
-                       cut ? "; the log was cut" : "", "\n");
+      from.wrenches.size(), " wrenches, ", from.markers.size(), " displacements, ", from.photodiodes.size(),
+      " photodiode samples", truth ? ", truth beside them" : "", cut ? "; the log was cut" : "", "\n");
 }
 
 }  // namespace

@@ -26,7 +26,7 @@ struct Decode : PlannedCommand {
   void declare(CLI::App& app) {
     add_log(app);
     add_word(app, "--decoder", decoder, {"nearest", "linear", "gp", "bayes"},
-             "nearest (template, default), linear, gp (Gaussian process) or bayes (a filter over all loads from 2 N)");
+        "nearest (template, default), linear, gp (Gaussian process) or bayes (a filter over all loads from 2 N)");
     declare_planned(app);
   }
   std::pair<DecodingTask, DecodingReport> decoded(const SensedLog& s) const;
@@ -72,10 +72,9 @@ Result Decode::run(Output& files, Progress& progress) const {
     return Json{{"accuracy", number(report.accuracy.value)}, {"confusion", confusion}, {"predictions", predictions}}
                .dump(2) +
            "\n";
-  std::string text =
-      lumo::message("accuracy ", short_number(report.accuracy.value, 3), " of ", report.predictions.size(),
-                    " (95 % from ", short_number(report.accuracy.low, 3), " to ", short_number(report.accuracy.high, 3),
-                    "), decoder: ", decoder, "\ntrue \\ decoded [mm]");
+  std::string text = lumo::message("accuracy ", short_number(report.accuracy.value, 3), " of ",
+      report.predictions.size(), " (95 % from ", short_number(report.accuracy.low, 3), " to ",
+      short_number(report.accuracy.high, 3), "), decoder: ", decoder, "\ntrue \\ decoded [mm]");
   for (const double y : task.data.place_m) text += cell(1e3 * y, 1, 7);
   for (Eigen::Index i = 0; i < report.confusion.rows(); ++i) {
     text += "\n" + cell(1e3 * task.data.place_m[i], 1, 19);

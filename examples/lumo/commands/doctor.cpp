@@ -27,22 +27,15 @@ std::string report_of(bool as_json) {
       off.push_back(c.name + " (" + c.use + "): apt install " + c.package + ", then configure and build again");
 
   if (as_json) {
-    Json j{{"lumo", version},
-           {"compiler", compiler()},
-           {"assertions", assertions},
-           {"processor", processor()},
-           {"threads", threads}};
+    Json j{{"lumo", version}, {"compiler", compiler()}, {"assertions", assertions}, {"processor", processor()},
+        {"threads", threads}};
     j["cpu_flags"] = Json::object();
     for (const auto& f : features()) j["cpu_flags"][f.name] = {{"available", f.here}, {"compiled_for", f.used}};
     j["components"] = Json::array();
     for (const auto& c : parts)
-      j["components"].push_back({{"name", c.name},
-                                 {"on", c.on},
-                                 {"version", c.version.empty() ? Json(nullptr) : Json(c.version)},
-                                 {"licence", c.licence},
-                                 {"package", c.package},
-                                 {"use", c.use},
-                                 {"detail", c.detail.empty() ? Json(nullptr) : Json(c.detail)}});
+      j["components"].push_back({{"name", c.name}, {"on", c.on},
+          {"version", c.version.empty() ? Json(nullptr) : Json(c.version)}, {"licence", c.licence},
+          {"package", c.package}, {"use", c.use}, {"detail", c.detail.empty() ? Json(nullptr) : Json(c.detail)}});
     j["off"] = off;
     return j.dump(2) + "\n";
   }

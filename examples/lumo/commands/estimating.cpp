@@ -21,8 +21,8 @@ double seconds_between(const FrameEstimate& first, const FrameEstimate& e) {
 
 namespace {
 
-void add_curve(LineChart& chart, std::string label, std::string_view colour, double width,
-               const std::vector<Point>& points) {
+void add_curve(
+    LineChart& chart, std::string label, std::string_view colour, double width, const std::vector<Point>& points) {
   constexpr double gap_s = 0.15;
   for (std::size_t i = 0; i < points.size(); ++i) {
     if (i == 0 || points[i][0] - points[i - 1][0] > gap_s)

@@ -68,18 +68,12 @@ double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m
 Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
   const auto mass_g = [&](double volume_m3) { return number(grams(volume_m3, rubber.density_kg_per_m3)); };
   const Json half_g = number(0.5 * reserve * grams(volume.total(), rubber.density_kg_per_m3));
-  return {{"density_kg_per_m3", rubber.density_kg_per_m3},
-          {"source", "paper Table I"},
-          {"pad_volume_mm3", number(1e9 * volume.pad)},
-          {"pad_mass_g", mass_g(volume.pad)},
-          {"fits_volume_mm3", number(1e9 * volume.fits)},
-          {"openings_volume_mm3", number(1e9 * volume.openings)},
-          {"cast_volume_mm3", number(1e9 * volume.total())},
-          {"cast_mass_g", mass_g(volume.total())},
-          {"mix", "1A:1B by weight"},
-          {"reserve_percent", 100.0 * (reserve - 1.0)},
-          {"part_a_g", half_g},
-          {"part_b_g", half_g}};
+  return {{"density_kg_per_m3", rubber.density_kg_per_m3}, {"source", "paper Table I"},
+      {"pad_volume_mm3", number(1e9 * volume.pad)}, {"pad_mass_g", mass_g(volume.pad)},
+      {"fits_volume_mm3", number(1e9 * volume.fits)}, {"openings_volume_mm3", number(1e9 * volume.openings)},
+      {"cast_volume_mm3", number(1e9 * volume.total())}, {"cast_mass_g", mass_g(volume.total())},
+      {"mix", "1A:1B by weight"}, {"reserve_percent", 100.0 * (reserve - 1.0)}, {"part_a_g", half_g},
+      {"part_b_g", half_g}};
 }
 
 /// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
@@ -96,31 +90,23 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
   const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
 
   Json j = heading(pad_request);
-  j["options_mm"] = {{"clearance", mm(o.clearance)},
-                     {"plate", mm(o.plate)},
-                     {"wall", mm(o.wall)},
-                     {"strip_width", mm(o.strip_width)},
-                     {"strip_height", mm(o.strip_height)},
-                     {"gate", mm(o.gate_diameter)},
-                     {"vent", mm(o.vent_diameter)}};
+  j["options_mm"] = {{"clearance", mm(o.clearance)}, {"plate", mm(o.plate)}, {"wall", mm(o.wall)},
+      {"strip_width", mm(o.strip_width)}, {"strip_height", mm(o.strip_height)}, {"gate", mm(o.gate_diameter)},
+      {"vent", mm(o.vent_diameter)}};
   j["parts"] = Json::array();
   std::string table = pad("part", -9) + pad("copies", 7) + pad("volume [mm³]", 14) + pad("mass [g]", 10) +
                       "  printed, x × y × z [mm]\n";
   for (const CastingPart& part : kit) {
     const double mass_g = grams(part.volume_m3, print_density_kg_per_m3);
-    j["parts"].push_back({{"name", part.name},
-                          {"file", part.name + ".stl"},
-                          {"copies", part.copies},
-                          {"volume_mm3", number(1e9 * part.volume_m3)},
-                          {"mass_g", number(mass_g)},
-                          {"box_mm", numbers(std::vector{mm(part.box.x()), mm(part.box.y()), mm(part.box.z())})}});
+    j["parts"].push_back({{"name", part.name}, {"file", part.name + ".stl"}, {"copies", part.copies},
+        {"volume_mm3", number(1e9 * part.volume_m3)}, {"mass_g", number(mass_g)},
+        {"box_mm", numbers(std::vector{mm(part.box.x()), mm(part.box.y()), mm(part.box.z())})}});
     table += pad(part.name, -9) + cell(part.copies, 0, 7) + cell(1e9 * part.volume_m3, 0, 13) + cell(mass_g, 1, 10) +
              "  " + short_number(1e3 * part.box.x()) + " × " + short_number(1e3 * part.box.y()) + " × " +
              short_number(1e3 * part.box.z()) + "\n";
   }
-  j["print_material"] = {{"name", "PLA"},
-                         {"density_kg_per_m3", print_density_kg_per_m3},
-                         {"source", "NatureWorks Ingeo 4043D data sheet (ASTM D792); masses are of solid prints"}};
+  j["print_material"] = {{"name", "PLA"}, {"density_kg_per_m3", print_density_kg_per_m3},
+      {"source", "NatureWorks Ingeo 4043D data sheet (ASTM D792); masses are of solid prints"}};
   j["silicone"] = silicone_json(rubber, volume);
   j["opening_direction"] = numbers(std::vector{direction.x(), direction.y(), direction.z()});
   j["least_draft_deg"] = number(draft_deg);

@@ -22,9 +22,9 @@ struct Force : EstimatingCommand {
     add_log(app);
     add_localizer(app);
     add_camera(app, camera,
-               "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. "
-               "LOG gives the joints, "
-               "by its part without contact, and describes the finger");
+        "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. "
+        "LOG gives the joints, "
+        "by its part without contact, and describes the finger");
     add_seconds(app, camera, seconds_help);
     add_picture_options(app, camera);
     add_motor_options(app, camera);
@@ -59,22 +59,17 @@ std::string shown(const ForceResult& r, bool as_json) {
   const double middle = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.5),
                slow = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.95);
   if (as_json)
-    return Json{
-               {"samples", r.score.samples},
-               {"mae_N",
-                {{"fused", number(mae(e.fused))},
-                 {"optical", number(mae(e.optical))},
-                 {"fixed_arm", number(mae(e.fixed_arm))},
-                 {"known_location", number(mae(e.known_location))},
-                 {"torque_only", number(mae(e.torque_only))}}},
+    return Json{{"samples", r.score.samples},
+               {"mae_N", {{"fused", number(mae(e.fused))}, {"optical", number(mae(e.optical))},
+                             {"fixed_arm", number(mae(e.fixed_arm))}, {"known_location", number(mae(e.known_location))},
+                             {"torque_only", number(mae(e.torque_only))}}},
                {"coverage_90", r.score.samples > 0 ? number(r.score.coverage_90) : Json(nullptr)},
                {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
-               {"alignment",
-                {{"clock_s", number(r.clock_s)}, {"position_rad", number(r.off_rad)}, {"torque_Nm", number(r.off_Nm)}}}}
+               {"alignment", {{"clock_s", number(r.clock_s)}, {"position_rad", number(r.off_rad)},
+                                 {"torque_Nm", number(r.off_Nm)}}}}
                .dump(2) +
            "\n";
-  return lumo::message(
-      r.score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2),
+  return lumo::message(r.score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2),
       "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ", cell(mae(e.fixed_arm), 2),
       "\n  known location  ", cell(mae(e.known_location), 2), "\n  torque only     ", cell(mae(e.torque_only), 2),
       "\n90 % interval holds the truth in ", cell(r.score.samples > 0 ? 100.0 * r.score.coverage_90 : undefined, 1),
@@ -124,11 +119,8 @@ Result Force::on_log(Output& files, Progress& progress) const {
   double noise_Nm = 0.0;
   for (const TorqueModel& t : torque) noise_Nm = std::max(noise_Nm, t.noise_Nm);
   const LogTruth truth = truth_of(s.log);
-  ForceResult r{force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm),
-                {},
-                residual.head(joints).maxCoeff(),
-                residual.tail(joints).maxCoeff(),
-                s.log.session.joint_clock.residual_s};
+  ForceResult r{force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm), {},
+      residual.head(joints).maxCoeff(), residual.tail(joints).maxCoeff(), s.log.session.joint_clock.residual_s};
   for (const FrameEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
   add_estimates(estimates, truth, files);
   return shown(r, json);
@@ -155,28 +147,22 @@ void Force::live(LiveLines& lines, Progress& progress) const {
       const ContactForce& c = e.contact[std::size_t(k)];
       const auto y = c.y_m ? std::optional(1e3 * *c.y_m) : std::nullopt;
       const double force_sigma = std::sqrt(c.force_variance_N2), y_sigma = 1e3 * std::sqrt(c.y_variance_m2);
-      contacts.push_back({{"force_N", maybe(c.force_N)},
-                          {"force_sigma_N", number(force_sigma)},
-                          {"y_mm", maybe(y)},
-                          {"y_sigma_mm", number(y_sigma)}});
+      contacts.push_back({{"force_N", maybe(c.force_N)}, {"force_sigma_N", number(force_sigma)}, {"y_mm", maybe(y)},
+          {"y_sigma_mm", number(y_sigma)}});
       text += (c.force_N ? "  F " + cell(*c.force_N, 2) + " ± " + cell(force_sigma, 2) + " N" : "  F not known") +
               (y ? ", y " + cell(*y, 1) + " ± " + cell(y_sigma, 1) + " mm" : ", y not known");
     }
     if (json)
       return lines(picture, good,
-                   Json{{"stamp_ns", e.stamp_ns},
-                        {"frame_stamp_ns", e.frame_stamp_ns},
-                        {"state", to_string(e.state)},
-                        {"contacts", contacts},
-                        {"faults", to_string(e.faults)}}
-                       .dump());
+          Json{{"stamp_ns", e.stamp_ns}, {"frame_stamp_ns", e.frame_stamp_ns}, {"state", to_string(e.state)},
+              {"contacts", contacts}, {"faults", to_string(e.faults)}}
+              .dump());
     return lines(picture, good,
-                 cell(seconds, 3) + " s  " + to_string(e.state) +
-                     (e.faults.any() ? ", " + to_string(e.faults) : std::string()) +
-                     (text.empty() ? "  no contact" : text));
+        cell(seconds, 3) + " s  " + to_string(e.state) + (e.faults.any() ? ", " + to_string(e.faults) : std::string()) +
+            (text.empty() ? "  no contact" : text));
   };
-  with_maker(localizer,
-             [&](auto make) { estimate_live(*source, motors, finger, make, line, {.name = camera.device()}); });
+  with_maker(
+      localizer, [&](auto make) { estimate_live(*source, motors, finger, make, line, {.name = camera.device()}); });
 }
 
 }  // namespace

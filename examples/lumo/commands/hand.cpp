@@ -27,7 +27,7 @@ struct Hand : EstimatingCommand {
   void declare(CLI::App& app) {
     add_log(app);
     add_camera(app, camera,
-               "Number of a live camera instead of a log's pictures. LOG shows the unloaded hand, and describes it");
+        "Number of a live camera instead of a log's pictures. LOG shows the unloaded hand, and describes it");
     add_seconds(app, camera, seconds_help);
     add_picture_options(app, camera);
     add_motor_options(app, camera);
@@ -77,7 +77,7 @@ std::string draw_places(const HandObserver& hand, const Seen& seen, const std::o
   f.x0 = f.x_ticks.front();
   f.x1 = f.x_ticks.back();
   plot::headline(svg, f.left, "Contacts on the hand's links",
-                 truth ? "place along each link, against what really pressed" : "place along each link");
+      truth ? "place along each link, against what really pressed" : "place along each link");
   plot::x_axis(svg, f, "time since the references ended [s]");
   for (std::size_t l = 0; l < links; ++l) {
     plot::Frame part = f;
@@ -89,7 +89,7 @@ std::string draw_places(const HandObserver& hand, const Seen& seen, const std::o
     part.y1 = part.y_ticks.back();
     plot::y_axis(svg, part, "y [mm]");
     svg.polyline({{part.left, part.top}, {part.left, part.bottom}, {part.right, part.bottom}},
-                 {.stroke = plot::ink, .width = 1.2});
+        {.stroke = plot::ink, .width = 1.2});
     svg.text({part.right + 14, 0.5 * (part.top + part.bottom) + 16}, link.name, {.size = 12, .bold = true});
     if (truth)
       for (const std::int64_t stamp : seen.stamp_ns)
@@ -112,8 +112,7 @@ class Spells {
   void add(const HandObserver& hand, const HandEstimate& e, const ImageView& image) {
     double strength = 0.0;
     for (const HandContact& c : e.contacts) strength += c.mean_DN * c.area_m2;
-    if (e.contacts.empty())
-      close();
+    if (e.contacts.empty()) close();
     else if (strength > best_ && kept_ < most) {
       best_ = strength;
       picture_ = pictures().hand_overlay(image, hand, e);
@@ -158,7 +157,7 @@ Seen look(const OpenLog& log, HandObserver& observer, Output& files, Progress& p
   progress.finish();
   if (without_joints > 0)
     progress.note(lumo::message(log.path, ": ", without_joints, " of ", seen.stamp_ns.size(),
-                                " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
+        " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
   if (seen.references == 0)
     throw InputError(
         log.path +
@@ -180,8 +179,8 @@ struct Found {
 };
 
 Found found_in(const HandObserver& observer, const Seen& seen, const std::optional<HandTouches>& truth) {
-  constexpr std::array keys = {"y_mm",    "z_mm",    "y_low_mm", "y_high_mm", "area_mm2",
-                               "peak_DN", "mean_DN", "u_px",     "v_px"};
+  constexpr std::array keys = {
+      "y_mm", "z_mm", "y_low_mm", "y_high_mm", "area_mm2", "peak_DN", "mean_DN", "u_px", "v_px"};
   Found found;
   auto row = seen.rows.begin();
   for (const std::int64_t stamp : seen.stamp_ns) {
@@ -189,9 +188,8 @@ Found found_in(const HandObserver& observer, const Seen& seen, const std::option
     for (; row != seen.rows.end() && row->stamp_ns == stamp; ++row) {
       const HandContact& c = row->contact;
       const std::string& name = observer.links()[std::size_t(c.link)].name;
-      const std::array<double, keys.size()> values = {1e3 * c.y_m,      1e3 * c.z_m,     1e3 * c.y_low_m,
-                                                      1e3 * c.y_high_m, 1e6 * c.area_m2, c.peak_DN,
-                                                      c.mean_DN,        c.pixel.x(),     c.pixel.y()};
+      const std::array<double, keys.size()> values = {1e3 * c.y_m, 1e3 * c.z_m, 1e3 * c.y_low_m, 1e3 * c.y_high_m,
+          1e6 * c.area_m2, c.peak_DN, c.mean_DN, c.pixel.x(), c.pixel.y()};
       Json j = {{"stamp_ns", stamp}, {"link", c.link}, {"name", name}};
       found.table += lumo::message(stamp, ',', c.link, ',', csv_text(name));
       for (std::size_t k = 0; k < keys.size(); ++k) {
@@ -214,32 +212,28 @@ std::optional<double> mae_mm(const HandScore& score) {
 Json hand_json(const HandObserver& observer, const Seen& seen, const Found& found, bool scored) {
   Json links = Json::array(), score;
   for (std::size_t l = 0; l < observer.links().size(); ++l)
-    links.push_back({{"name", observer.links()[l].name},
-                     {"seen", seen.frames_of_link[l]},
-                     {"references", observer.references(int(l))}});
+    links.push_back({{"name", observer.links()[l].name}, {"seen", seen.frames_of_link[l]},
+        {"references", observer.references(int(l))}});
   const HandScore& s = found.score;
   if (scored)
     score = {{"touches", s.touches}, {"found", s.found}, {"mae_mm", maybe(mae_mm(s))}, {"unfounded", s.unfounded}};
-  return {{"frames", seen.stamp_ns.size()},
-          {"references", seen.references},
-          {"links", links},
-          {"score", score},
-          {"contacts", found.contacts}};
+  return {{"frames", seen.stamp_ns.size()}, {"references", seen.references}, {"links", links}, {"score", score},
+      {"contacts", found.contacts}};
 }
 
 std::string hand_text(const HandObserver& observer, const Seen& seen, const HandScore* score) {
   std::string text = lumo::message(seen.stamp_ns.size(), " frames, ", seen.references,
-                                   " pictures of the unloaded hand; ", seen.rows.size(), " contacts\n");
+      " pictures of the unloaded hand; ", seen.rows.size(), " contacts\n");
   for (std::size_t l = 0; l < observer.links().size(); ++l) {
     const auto count =
         std::count_if(seen.rows.begin(), seen.rows.end(), [&](const Row& r) { return r.contact.link == int(l); });
     text += lumo::message("  ", one_line(observer.links()[l].name), ": seen in ", seen.frames_of_link[l], " frames, ",
-                          count, " contacts\n");
+        count, " contacts\n");
   }
   if (score != nullptr)
     text += lumo::message("of ", score->touches, " touches with 5 N and more ", score->found, " found, mean error ",
-                          cell(mae_mm(*score).value_or(undefined), 2), " mm; ", score->unfounded, " of ",
-                          score->contacts, " contacts where nothing touches\n");
+        cell(mae_mm(*score).value_or(undefined), 2), " mm; ", score->unfounded, " of ", score->contacts,
+        " contacts where nothing touches\n");
   return text;
 }
 
@@ -267,8 +261,7 @@ void Hand::live(LiveLines& lines, Progress& progress) const {
   progress.finish();
   const auto source = pictures().live(settings_of(camera));
   MiniCheetahMotors motors = motors_of(camera);
-  observe_hand_live(
-      *source, motors, observer, opened.session,
+  observe_hand_live(*source, motors, observer, opened.session,
       [&](const HandEstimate& e, const ImageView&) {
         const double seconds = lines.seconds(e.stamp_ns);
         const auto seen = std::count(e.seen.begin(), e.seen.end(), true);
@@ -276,19 +269,14 @@ void Hand::live(LiveLines& lines, Progress& progress) const {
         std::string text;
         for (const HandContact& c : e.contacts) {
           const std::string& name = observer.links()[std::size_t(c.link)].name;
-          contacts.push_back({{"link", c.link},
-                              {"name", name},
-                              {"y_mm", number(1e3 * c.y_m)},
-                              {"z_mm", number(1e3 * c.z_m)},
-                              {"area_mm2", number(1e6 * c.area_m2)},
-                              {"peak_DN", number(c.peak_DN)}});
+          contacts.push_back({{"link", c.link}, {"name", name}, {"y_mm", number(1e3 * c.y_m)},
+              {"z_mm", number(1e3 * c.z_m)}, {"area_mm2", number(1e6 * c.area_m2)}, {"peak_DN", number(c.peak_DN)}});
           text += "  " + one_line(name) + " y " + cell(1e3 * c.y_m, 1) + " mm";
         }
         if (json)
           return lines(e.stamp_ns, seen > 0,
-                       text_of(Json{{"stamp_ns", e.stamp_ns}, {"seen", seen}, {"contacts", contacts}}, -1));
-        return lines(
-            e.stamp_ns, seen > 0,
+              text_of(Json{{"stamp_ns", e.stamp_ns}, {"seen", seen}, {"contacts", contacts}}, -1));
+        return lines(e.stamp_ns, seen > 0,
             cell(seconds, 3) + " s  " + lumo::message(seen, " links seen") + (text.empty() ? "  no contact" : text));
       },
       {.name = camera.device()});

@@ -26,8 +26,8 @@ bool in_contact(const HandTruth& s) { return !s.touches.empty(); }
 template <class Lab> void leave(const Lab& rig, Recording log, NewFolder& folder, Progress& progress) {
   progress.stage("pictures", int(rig.frames().size()));
   for (std::size_t k = 0; k < rig.frames().size(); ++k) {
-    write_bytes((folder.path() / "frames" / rig.frames()[k].file).string(),
-                pictures().encode(".png", rig.image(k).view()));
+    write_bytes(
+        (folder.path() / "frames" / rig.frames()[k].file).string(), pictures().encode(".png", rig.image(k).view()));
     progress.step();
   }
   log.path = folder.path().string();
@@ -61,24 +61,23 @@ struct Lab : Common {
     add_seed(app, seed, "Of everything random, default 1");
     add_number(app, "--noise", noise, {0.0, 100.0}, "", "Times the rig's noises, default 1");
     if (to_20_N)
-      add_whole(app, "--joints", joints, 1, 2,
-                "Of the finger: 1 (default), or 2, whose torques alone give the place, too");
+      add_whole(
+          app, "--joints", joints, 1, 2, "Of the finger: 1 (default), or 2, whose torques alone give the place, too");
     add_number(app, "--stiffness", stiffness, {0.8, 2.0}, "",
-               "Of this specimen's silicone, times the nominal one, 0.8 to 2, default 1");
+        "Of this specimen's silicone, times the nominal one, 0.8 to 2, default 1");
     add_number(app, "--lamps", lamps, {0.1, 3.0}, "",
-               "Power of this specimen's LEDs, times the nominal one, 0.1 to 3, default 1");
+        "Power of this specimen's LEDs, times the nominal one, 0.1 to 3, default 1");
     add_text(app, "--cache", pad.cache, "DIR", "Folder that keeps computed responses, default: beside DIR");
-    add_flag(app, "--coarse", pad.coarse,
-             "Coarse mesh, few places, few rays: seconds instead of minutes, for trying out");
+    add_flag(
+        app, "--coarse", pad.coarse, "Coarse mesh, few places, few rays: seconds instead of minutes, for trying out");
     add_text(app, "--out", folder, "DIR", "Folder of the log; must not be there, or be empty")->required();
     add_threads(app, pad.threads);
     add_common(app, *this);
   }
   void check() const {
     if (to_20_N && stiffness < 1.0)
-      throw UsageError(
-          lumo::message("--stiffness is ", stiffness,
-                        ", lab force goes to 20 N, which a softer pad than the computed one cannot be given"));
+      throw UsageError(lumo::message("--stiffness is ", stiffness,
+          ", lab force goes to 20 N, which a softer pad than the computed one cannot be given"));
     check_design(pad);
     pictures();
   }
@@ -93,7 +92,7 @@ struct Lab : Common {
     instruments.motor.joints = joints;
     if (!plan) {
       const HandLab hand(light, hand_plan(whole_seed, 12, pad.coarse ? 13.0_mm : 0.0), whole_seed, noise,
-                         {.rig = instruments, .side = side});
+          {.rig = instruments, .side = side});
       leave(hand, {}, made, progress);
       return summary(hand, "grasps", hand.plan().grasps.size());
     }
@@ -110,13 +109,12 @@ struct Lab : Common {
         std::count_if(rig.truth().begin(), rig.truth().end(), [](const auto& t) { return in_contact(t); });
     const std::size_t frames = rig.frames().size(), samples = rig.joints().size();
     if (json)
-      return Json{{"out", folder}, {"frames", frames},         {"contact_frames", touched},
-                  {what, count},   {"joint_samples", samples}, {"seed", seed},
-                  {"noise", noise}}
+      return Json{{"out", folder}, {"frames", frames}, {"contact_frames", touched}, {what, count},
+                 {"joint_samples", samples}, {"seed", seed}, {"noise", noise}}
                  .dump(2) +
              "\n";
     return lumo::message(folder, ": ", rig.plan().title, "; ", count, " ", what, ", ", frames, " pictures, ", touched,
-                         " of them in contact, ", samples, " joint samples, seed ", seed, ", noise ", noise, "\n");
+        " of them in contact, ", samples, " joint samples, seed ", seed, ", noise ", noise, "\n");
   }
 };
 

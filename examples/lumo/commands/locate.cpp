@@ -27,14 +27,14 @@ struct Locate : EstimatingCommand {
     add_log(app);
     add_localizer(app);
     add_value(app, "--from", "N", "Least true force of the frames that count [N], default 5",
-              [this](const std::string& typed) {
-                from_N = number_in("--from", typed,
-                                   {std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()}, "N");
-              });
+        [this](const std::string& typed) {
+          from_N = number_in(
+              "--from", typed, {std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()}, "N");
+        });
     add_camera(app, camera,
-               "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. "
-               "LOG, if given, "
-               "describes the finger");
+        "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. "
+        "LOG, if given, "
+        "describes the finger");
     add_seconds(app, camera, seconds_help);
     add_picture_options(app, camera);
     add_out(app, *this);
@@ -82,18 +82,16 @@ Result Locate::on_log(Output& files, Progress& progress) const {
   if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *strongest->contact()));
   const bool known = score.samples > 0, found = score.located > 0;
   if (json)
-    return Json{{"samples", score.samples},
-                {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)},
-                {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}}
+    return Json{{"samples", score.samples}, {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)},
+               {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}}
                .dump(2) +
            "\n";
   if (!known)
-    return lumo::message(estimates.size(),
-                         " frames; the log does not state where contacts were, so that nothing can be compared\n");
+    return lumo::message(
+        estimates.size(), " frames; the log does not state where contacts were, so that nothing can be compared\n");
   return lumo::message(score.samples, " frames at ", short_number(from_N.value_or(default_from_N)), " N and more, ",
-                       score.located, " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2),
-                       " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1),
-                       " % of them\n");
+      score.located, " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2),
+      " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
 }
 
 void Locate::live(LiveLines& lines, Progress& progress) const {
@@ -107,22 +105,19 @@ void Locate::live(LiveLines& lines, Progress& progress) const {
                sigma = y ? std::optional(1e3 * std::sqrt(e->contact[0].variance_m2)) : std::nullopt;
     if (json)
       return lines(stamp_ns, e.has_value(),
-                   Json{{"stamp_ns", stamp_ns},
-                        {"contacts", e ? Json(e->contacts) : Json(nullptr)},
-                        {"y_mm", maybe(y)},
-                        {"y_sigma_mm", maybe(sigma)},
-                        {"probability", e ? number(e->probability) : Json(nullptr)},
-                        {"faults", to_string(faults)}}
-                       .dump());
+          Json{{"stamp_ns", stamp_ns}, {"contacts", e ? Json(e->contacts) : Json(nullptr)}, {"y_mm", maybe(y)},
+              {"y_sigma_mm", maybe(sigma)}, {"probability", e ? number(e->probability) : Json(nullptr)},
+              {"faults", to_string(faults)}}
+              .dump());
     return lines(stamp_ns, e.has_value(),
-                 cell(seconds, 3) + " s  " +
-                     (!e                 ? "picture not used: " + to_string(faults)
-                      : y                ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm"
-                      : e->contacts == 0 ? "no contact"
-                                         : "two contacts"));
+        cell(seconds, 3) + " s  " +
+            (!e                    ? "picture not used: " + to_string(faults)
+                : y                ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm"
+                : e->contacts == 0 ? "no contact"
+                                   : "two contacts"));
   };
   with_maker(localizer,
-             [&](auto make) { locate_live(*source, finger_model(session), make, line, {.name = camera.device()}); });
+      [&](auto make) { locate_live(*source, finger_model(session), make, line, {.name = camera.device()}); });
 }
 
 }  // namespace

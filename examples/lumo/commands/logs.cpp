@@ -9,8 +9,8 @@ using namespace sense;
 
 void PlannedCommand::declare_planned(CLI::App& app) {
   add_camera(app, camera,
-             "Number of a live camera: LOG's plan (its segments) is carried out and recorded in DIR/recording, then "
-             "evaluated");
+      "Number of a live camera: LOG's plan (its segments) is carried out and recorded in DIR/recording, then "
+      "evaluated");
   add_seconds(app, camera, "How long to record [s], default: to the plan's end");
   add_picture_options(app, camera);
   add_motor_options(app, camera);

@@ -63,9 +63,9 @@ std::string shown(const Measured& m, bool as_json) {
   const auto from = m.of([](const auto&q) { return q.bootstrap_low; }),
              to = m.of([](const auto&q) { return q.bootstrap_high; });
   if (as_json)
-    return Json{{"D_neighbor", maybe(D)},        {"W_recontact", maybe(W)},     {"Q", maybe(Q)},
-                {"Q_low", maybe(low)},           {"Q_high", maybe(high)},       {"Q_bootstrap_low", maybe(from)},
-                {"Q_bootstrap_high", maybe(to)}, {"W_cycle", maybe(m.W_cycle)}, {"gain_percent", maybe(m.gain)}}
+    return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)},
+               {"Q_high", maybe(high)}, {"Q_bootstrap_low", maybe(from)}, {"Q_bootstrap_high", maybe(to)},
+               {"W_cycle", maybe(m.W_cycle)}, {"gain_percent", maybe(m.gain)}}
                .dump(2) +
            "\n";
   const auto show = [](const std::optional<double>& v, int digits) { return cell(v.value_or(undefined), digits); };

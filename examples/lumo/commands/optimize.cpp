@@ -45,8 +45,8 @@ void only(const Json& object, const char* what, std::initializer_list<const char
   if (!object.is_object()) throw InvalidArgument(std::string(what) + " must be an object {...}");
   for (const auto& [key, value] : object.items())
     if (std::none_of(known.begin(), known.end(), [&k = key](const char* name) { return k == name; }))
-      throw InvalidArgument(std::string(what) + " has an unknown key " +
-                            Json(key).dump(-1, ' ', true, Json::error_handler_t::replace));
+      throw InvalidArgument(
+          std::string(what) + " has an unknown key " + Json(key).dump(-1, ' ', true, Json::error_handler_t::replace));
 }
 
 /// Applies a tell or fail, from standard input or from a transcript, and returns it as it is kept. Throws
@@ -91,8 +91,7 @@ template <class Optimizer> void replay(Optimizer& optimizer, const Transcript& t
             lumo::message("asks for more than the ", optimizer.problem().evaluations, " evaluations of the space"));
       if (event.content.contains("ask"))
         optimizer.restore(whole(event.content["ask"], "id"), numbers(event.content["ask"], "x"));
-      else
-        answer(optimizer, event.content);
+      else answer(optimizer, event.content);
     } catch (const Error& e) {
       throw InputError(lumo::message("transcript '", path, "' line ", event.line, ": ", one_line(e.what())));
     }
@@ -115,10 +114,8 @@ template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::st
   std::size_t reopened = 0, number = 0;
   while (true) {
     std::optional<Trial> trial;
-    if (reopened < open.size())
-      trial = open[reopened++];
-    else if ((trial = optimizer.ask()))
-      keep(ask_event(*trial));
+    if (reopened < open.size()) trial = open[reopened++];
+    else if ((trial = optimizer.ask())) keep(ask_event(*trial));
     if (!trial) break;
     send(ask_event(*trial));
 
@@ -126,8 +123,8 @@ template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::st
     do {
       if (!std::getline(std::cin, line))
         throw InputError(lumo::message("standard input ended after ", number, " lines, with ", optimizer.observed(),
-                                       " of ", optimizer.problem().evaluations, " evaluations answered and trial ",
-                                       trial->id, " not answered", resumable));
+            " of ", optimizer.problem().evaluations, " evaluations answered and trial ", trial->id, " not answered",
+            resumable));
       ++number;
     } while (line.find_first_not_of(" \t\r") == std::string::npos);
     try {
@@ -138,7 +135,7 @@ template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::st
   }
   if (optimizer.status() == OptimizerStatus::exhausted)
     std::cerr << lumo::message("lumo: every feasible design that can be found has been asked, with ",
-                               optimizer.observed(), " of ", optimizer.problem().evaluations, " evaluations answered")
+                     optimizer.observed(), " of ", optimizer.problem().evaluations, " evaluations answered")
               << std::endl;
   Json front = Json::array();
   for (const Outcome& o : optimizer.front())
@@ -152,7 +149,7 @@ struct Optimize : Common {
   void declare(CLI::App& app) {
     add_text(app, "--space", space, "FILE", "Variables, constraints, objectives and budget (JSON)")->required();
     add_text(app, "--transcript", transcript, "FILE",
-             "Keeps all that is asked and answered; continues from it where it exists");
+        "Keeps all that is asked and answered; continues from it where it exists");
   }
   Result run(Output&, Progress&) const {
     const SpaceFile file = read_space(space);

@@ -10,16 +10,11 @@ namespace {
 
 std::string_view meaning(Status status) {
   switch (status) {
-    case Status::not_positive_definite:
-      return "the pad gives way, or buckles";
-    case Status::inverted:
-      return "an element is crushed";
-    case Status::max_iterations:
-      return "the residual stays too large";
-    case Status::time_limit:
-      return "out of time";
-    default:
-      return "the solver found no way on";
+    case Status::not_positive_definite: return "the pad gives way, or buckles";
+    case Status::inverted: return "an element is crushed";
+    case Status::max_iterations: return "the residual stays too large";
+    case Status::time_limit: return "out of time";
+    default: return "the solver found no way on";
   }
 }
 
@@ -30,8 +25,7 @@ std::string failure_of(const std::vector<ScenarioRecord>& scenarios) {
     if (is_scored(s.status, true)) continue;  // who asked for a solver that holds gets what it holds
     const double load_N = s.states.empty() ? 0.0 : s.states.back().load_N;
     return lumo::message("no equilibrium at ", load_N, " N (", to_string(s.status), ": ", meaning(s.status),
-                         "), sphere of ", mm(s.diameter_m), " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m),
-                         " mm");
+        "), sphere of ", mm(s.diameter_m), " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m), " mm");
   }
   return "";
 }

@@ -30,8 +30,8 @@ struct StudyCommand : Common {
     add_seed(app, seed, "Of the designs, default 1");
     if (words.coarse != nullptr) add_flag(app, "--coarse", tools.coarse, words.coarse);
     add_material(app, tools.material);
-    add_choice<Ensemble>(app, "--ensemble", ensemble, {{"flat", Ensemble::flat}, {"curved", Ensemble::curved}},
-                         words.ensemble);
+    add_choice<Ensemble>(
+        app, "--ensemble", ensemble, {{"flat", Ensemble::flat}, {"curved", Ensemble::curved}}, words.ensemble);
     add_out(app, *this);
     add_threads(app, tools.threads);
     add_common(app, *this);

@@ -84,13 +84,12 @@ std::string table(const std::vector<StudyRow>& rows, std::vector<Effect> list) {
     return text + "\n";
   };
   std::string text = line({"reading", "designs", "ΔJ_contact, median (95 %)", "ΔJ_obs [%], median (95 %)", "τ J_c",
-                           "τ J_obs", "worst J_c", "worst J_o", "i* by lumo's reading > by this"});
+      "τ J_obs", "worst J_c", "worst J_o", "i* by lumo's reading > by this"});
   const auto moved = [](std::size_t n, std::size_t of) { return std::to_string(n) + "/" + std::to_string(of); };
   for (const auto& [d, e] : list)
-    text +=
-        line({d.name(), designs(e), shown(e.J_contact, 1.0, 4), shown(e.J_obs, 100.0, 1), shown(e.tau_contact),
-              shown(e.tau_obs), moved(e.worst_contact_moved, e.compared), moved(e.worst_observation_moved, e.compared),
-              choice(rows, e.usual_choice) + (e.choice == e.usual_choice ? " stays" : " > " + choice(rows, e.choice))});
+    text += line({d.name(), designs(e), shown(e.J_contact, 1.0, 4), shown(e.J_obs, 100.0, 1), shown(e.tau_contact),
+        shown(e.tau_obs), moved(e.worst_contact_moved, e.compared), moved(e.worst_observation_moved, e.compared),
+        choice(rows, e.usual_choice) + (e.choice == e.usual_choice ? " stays" : " > " + choice(rows, e.choice))});
   std::string weak, unknown;
   for (const auto& [d, e] : list)
     for (const auto& [what, tau] : {std::pair("J_contact", e.tau_contact), {"J_obs", e.tau_obs}}) {
@@ -173,18 +172,11 @@ std::string whole(Json j, const std::vector<StudyRow>& rows, const std::vector<E
   };
   const auto summary = [](const std::optional<PairedSummary>& s) { return s ? json(*s) : Json(nullptr); };
   for (const auto& [d, e] : list)
-    j["readings"].push_back({{"quantity", d.quantity},
-                             {"value", d.value},
-                             {"compared", e.compared},
-                             {"lost", e.lost},
-                             {"delta_J_contact", summary(e.J_contact)},
-                             {"relative_delta_J_obs", summary(e.J_obs)},
-                             {"tau_J_contact", maybe(e.tau_contact)},
-                             {"tau_J_obs", maybe(e.tau_obs)},
-                             {"worst_contact_moved", e.worst_contact_moved},
-                             {"worst_observation_moved", e.worst_observation_moved},
-                             {"usual_choice_mm", theta(e.usual_choice)},
-                             {"choice_mm", theta(e.choice)}});
+    j["readings"].push_back({{"quantity", d.quantity}, {"value", d.value}, {"compared", e.compared}, {"lost", e.lost},
+        {"delta_J_contact", summary(e.J_contact)}, {"relative_delta_J_obs", summary(e.J_obs)},
+        {"tau_J_contact", maybe(e.tau_contact)}, {"tau_J_obs", maybe(e.tau_obs)},
+        {"worst_contact_moved", e.worst_contact_moved}, {"worst_observation_moved", e.worst_observation_moved},
+        {"usual_choice_mm", theta(e.usual_choice)}, {"choice_mm", theta(e.choice)}});
   return j.dump(1) + "\n";
 }
 
@@ -194,16 +186,16 @@ std::string row_line(const StudyRow& row) {
   for (const Json& r : results) scored += r.at("why").is_null();
   const auto usual = scores({row}, 0)[0];
   return lumo::message("  J_contact ", cell(usual.J_contact->value, 4), "  J_obs ", scientific(usual.J_obs->value),
-                       "  ", scored, " of ", results.size(), " assumptions");
+      "  ", scored, " of ", results.size(), " assumptions");
 }
 
 }  // namespace
 
 void StudyReadings::declare(CLI::App& app) {
-  StudyCommand::declare(app,
-                        {"Seeded designs to compare beside the five references, default 30",
-                         "All contacts of flat or curved, default: 10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)",
-                         "Edges 1.4 times as long, J_obs by rays to 4 % instead of 1.5: half of the time"});
+  StudyCommand::declare(
+      app, {"Seeded designs to compare beside the five references, default 30",
+               "All contacts of flat or curved, default: 10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)",
+               "Edges 1.4 times as long, J_obs by rays to 4 % instead of 1.5: half of the time"});
 }
 
 // The reference designs, then seeded ones.
@@ -251,27 +243,23 @@ Result StudyReadings::run(Output& files, Progress& progress) const {
   if (files.wanted()) {
     files.add("study_readings.csv", effects_csv(rows, list));
     files.add("study_readings_designs.csv", designs_csv(rows));
-    files.add("study_readings_J_contact.svg",
-              picture(about(), list,
-                      {&AssumptionEffect::J_contact, &AssumptionEffect::tau_contact,
-                       "What other assumptions change in J_contact", "ΔJ_contact [–]", 1.0}));
-    files.add("study_readings_J_obs.svg",
-              picture(about(), list,
-                      {&AssumptionEffect::J_obs, &AssumptionEffect::tau_obs, "What other assumptions change in J_obs",
-                       "ΔJ_obs [% of J_obs]", 100.0}));
+    files.add(
+        "study_readings_J_contact.svg", picture(about(), list,
+                                            {&AssumptionEffect::J_contact, &AssumptionEffect::tau_contact,
+                                                "What other assumptions change in J_contact", "ΔJ_contact [–]", 1.0}));
+    files.add(
+        "study_readings_J_obs.svg", picture(about(), list,
+                                        {&AssumptionEffect::J_obs, &AssumptionEffect::tau_obs,
+                                            "What other assumptions change in J_obs", "ΔJ_obs [% of J_obs]", 100.0}));
   }
   if (!json) return table(rows, list);
-  return whole({{"study", "readings"},
-                {"material", tools.material},
-                {"contacts", contacts_name()},
-                {"coarse", tools.coarse},
-                {"seed", seed}},
-               rows, list);
+  return whole({{"study", "readings"}, {"material", tools.material}, {"contacts", contacts_name()},
+                   {"coarse", tools.coarse}, {"seed", seed}},
+      rows, list);
 }
 
 void add_study_readings(CommandLine& line) {
-  line.add<StudyReadings>(
-      "study readings",
+  line.add<StudyReadings>("study readings",
       "How far results move with each reading of what the paper leaves open (some 10 min a design on two cores)");
 }
 

@@ -11,8 +11,8 @@ struct StudySolver : DesignCommand {
   void declare(CLI::App& app) {
     declare_common(app, request);
     add_touch(app, request);
-    add_number(app, "--size", request.mechanics.size_mm, {0.2, 10.0}, "mm",
-               "Of all edges of the linear mesh [mm], default 1");
+    add_number(
+        app, "--size", request.mechanics.size_mm, {0.2, 10.0}, "mm", "Of all edges of the linear mesh [mm], default 1");
     add_contact(app, request.mechanics);
   }
   void check() const { check_design(request); }
@@ -27,8 +27,7 @@ struct StudySolver : DesignCommand {
 }  // namespace
 
 void add_study_solver(CommandLine& line) {
-  line.add<StudySolver>(
-      "study solver",
+  line.add<StudySolver>("study solver",
       "One press by the paper's solver and by equilibrium: depth, residual, distance (1 mm, five loads: some 20 min of "
       "one processor)");
 }

@@ -29,22 +29,18 @@ struct StudyPlan {
 };
 
 StudyPlan carrier_plan() {
-  return {"carrier",
-          {{Twin::bonded_base, Twin::unsupported_base}, false},
-          finger_space(),
-          {{"J_contact", "bonded_base", "ΔJ_contact against a soft pad bonded at its base", 4, ""},
-           {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4,
-            "40 of 40 above 0, median 0.121 (§IV-A; what its twin rests on is not said)"}}};
+  return {"carrier", {{Twin::bonded_base, Twin::unsupported_base}, false}, finger_space(),
+      {{"J_contact", "bonded_base", "ΔJ_contact against a soft pad bonded at its base", 4, ""},
+          {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4,
+              "40 of 40 above 0, median 0.121 (§IV-A; what its twin rests on is not said)"}}};
 }
 
 StudyPlan void_plan() {
-  StudyPlan plan = {"void",
-                    {{Twin::no_void}, true},
-                    finger_space(),
-                    {{"J_contact", "no_void", "ΔJ_contact against the same θ without voids", 4,
-                      "both signs, depending on the morphology (§IV-A)"},
-                     {"D", "no_void", "ΔD(1 N) against the same θ without voids", 0,
-                      "both signs, depending on the morphology (§IV-A)"}}};
+  StudyPlan plan = {"void", {{Twin::no_void}, true}, finger_space(),
+      {{"J_contact", "no_void", "ΔJ_contact against the same θ without voids", 4,
+           "both signs, depending on the morphology (§IV-A)"},
+          {"D", "no_void", "ΔD(1 N) against the same θ without voids", 0,
+              "both signs, depending on the morphology (§IV-A)"}}};
   Variable& gap = plan.space.variables.back();
   gap.lower = gap.step;  // without a gap there is nothing to compare
   return plan;
@@ -87,7 +83,7 @@ std::string summary_text(const std::vector<StudyRow>& rows, const Comparison& c)
   if (!s) return text + "nothing to compare\n";
   const auto figure = [&](double v) { return c.digits > 0 ? cell(v, c.digits) : scientific(v); };
   text += lumo::message(s->above_zero, " of ", s->count(), " above 0 (", s->positive, " by more than twice the error, ",
-                        s->negative, " below by more, ", s->undecided, " undecided), median ", figure(s->median));
+      s->negative, " below by more, ", s->undecided, " undecided), median ", figure(s->median));
   if (s->median_95)
     text += " (95 % interval " + figure(s->median_95->first) + " … " + figure(s->median_95->second) + ")";
   if (s->count() < rows.size()) text += lumo::message("; ", rows.size() - s->count(), " variants without a value");
@@ -183,7 +179,7 @@ struct StudyVariants : StudyCommand {
 
   void declare(CLI::App& app) {
     StudyCommand::declare(app, {"Feasible designs to compare, default 40",
-                                "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°"});
+                                   "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°"});
   }
   std::string_view contacts_name() const { return ensemble ? name(*ensemble) : "middle"; }
   std::string problem_text(const Problem& problem, const lumo::Ensemble& pressed) const {
@@ -212,7 +208,7 @@ struct StudyVariants : StudyCommand {
     if (files.wanted())
       for (const Comparison& c : plan.comparisons)
         files.add(file + "_" + c.variant + "_" + c.quantity + ".svg",
-                  picture(rows, c, lumo::message(tools.material, ", ", contacts_name(), " contacts")));
+            picture(rows, c, lumo::message(tools.material, ", ", contacts_name(), " contacts")));
     if (!json) return result_text(rows, plan);
     return json_text(
         {{"study", plan.title}, {"material", tools.material}, {"contacts", contacts_name()}, {"seed", seed}}, rows,

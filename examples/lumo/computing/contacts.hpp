@@ -21,11 +21,8 @@ inline constexpr int results_version = 10;
 /// Material with every number that decides a result, and what its contacts are called.
 inline Json conditions(const std::string& material, std::string_view contacts) {
   const Silicone card = silicone(material);
-  return {{"results", results_version},
-          {"material", material},
-          {"shear_modulus_Pa", card.mu_Pa},
-          {"first_lame_parameter_Pa", card.lambda_Pa},
-          {"ensemble", contacts}};
+  return {{"results", results_version}, {"material", material}, {"shear_modulus_Pa", card.mu_Pa},
+      {"first_lame_parameter_Pa", card.lambda_Pa}, {"ensemble", contacts}};
 }
 
 /// The same with all numbers of the contacts, for the text by which a store knows its problem.
@@ -36,10 +33,9 @@ inline Json conditions(const std::string& material, std::string_view title, cons
     return a;
   };
   Json j = conditions(material, title);
-  append(j, {{"diameters_mm", scaled(ensemble.diameters_m, 1e-3)},
-             {"angles_deg", scaled(ensemble.angles_rad, pi / 180.0)},
-             {"places_mm", scaled(ensemble.places_m, 1e-3)},
-             {"loads_N", ensemble.loads_N}});
+  append(
+      j, {{"diameters_mm", scaled(ensemble.diameters_m, 1e-3)}, {"angles_deg", scaled(ensemble.angles_rad, pi / 180.0)},
+             {"places_mm", scaled(ensemble.places_m, 1e-3)}, {"loads_N", ensemble.loads_N}});
   return j;
 }
 

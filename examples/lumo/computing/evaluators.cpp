@@ -87,23 +87,23 @@ Evaluator campaign_evaluator(const EvaluationRequest& o, int threads, Progress& 
   return [o, threads, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
       const Evaluation e = evaluate({FingerDesign::from(x), silicone(o.material), finger_options(o.mechanics)},
-                                    contacts(o.ensemble), *pipeline, TbbExecutor{threads}, report_stage);
+          contacts(o.ensemble), *pipeline, TbbExecutor{threads}, report_stage);
       append(record, json(e));
       notes["seconds"] = json(e.observations.seconds);
       return trial_result(e, o.mechanics.holds());
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}},
-                    run_notes(threads), progress, work);
+        run_notes(threads), progress, work);
   };
 }
 
-Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble,
-                          Progress& progress) {
+Evaluator study_evaluator(
+    const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
   const auto pipeline = shared(pipeline_for(o.material, {}));
   return [o, study, ensemble, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
       const auto variants = compare_variants({FingerDesign::from(x), silicone(o.material)}, ensemble, study, *pipeline,
-                                             TbbExecutor{o.threads}, report_stage);
+          TbbExecutor{o.threads}, report_stage);
       TrialResult verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
@@ -112,18 +112,16 @@ Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const 
         verdict.retry = verdict.retry || is_machine_limit(v.observations.scenarios);
       }
       verdict.why = variants.front().why;
-      if (variants.front().J_contact)
-        verdict.outputs = {variants.front().J_contact->value};
-      else if (verdict.why.empty())
-        verdict.why = "objective: the loads do not define the terms of J_contact";
+      if (variants.front().J_contact) verdict.outputs = {variants.front().J_contact->value};
+      else if (verdict.why.empty()) verdict.why = "objective: the loads do not define the terms of J_contact";
       return verdict;
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);
   };
 }
 
-Evaluator assumptions_evaluator(const StudyTools& o, const std::vector<Scenario<Sphere>>& contacts,
-                                Progress& progress) {
+Evaluator assumptions_evaluator(
+    const StudyTools& o, const std::vector<Scenario<Sphere>>& contacts, Progress& progress) {
   const double edges = o.coarse ? 1.4 : 1.0;
   auto usual_tools = pipeline_for(o.material, {});
   if (o.coarse) {
@@ -144,8 +142,8 @@ Evaluator assumptions_evaluator(const StudyTools& o, const std::vector<Scenario<
       const std::vector<AssumptionVariant> rows = assumption_variants();
       FingerAssumptions usual{silicone(o.material), {}};
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
-      const auto results = evaluate_assumptions(FingerDesign::from(x), {usual, rows, contacts}, tools_for,
-                                                TbbExecutor{o.threads}, report_stage);
+      const auto results = evaluate_assumptions(
+          FingerDesign::from(x), {usual, rows, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);
       return put_assumptions(record, rows, results);
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);

@@ -27,11 +27,11 @@ struct StudyTools {
 };
 
 /// The value is the design's J_contact, and the record has that of its variants, too.
-Evaluator study_evaluator(const StudyTools& tools, const MatchedStudy& study, const lumo::Ensemble& ensemble,
-                          Progress& progress);
+Evaluator study_evaluator(
+    const StudyTools& tools, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress);
 
 /// Values are the design's objectives, and the record has those under all assumptions, lumo's own first.
-Evaluator assumptions_evaluator(const StudyTools& tools, const std::vector<Scenario<Sphere>>& contacts,
-                                Progress& progress);
+Evaluator assumptions_evaluator(
+    const StudyTools& tools, const std::vector<Scenario<Sphere>>& contacts, Progress& progress);
 
 }  // namespace lumo::program

@@ -44,10 +44,10 @@ struct PadSettings {
 std::string pad_responses_key(const Pad& o, bool coarse) {
   const PadSettings s(coarse);
   return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ",
-                       1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ", 1e3 * s.grid.spacing_m,
-                       " mm, loads ", joined(s.grid.load_N), " N, finest edge ", 1e3 * s.focus.finest,
-                       " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge, " mm, rays ", s.rays.rays_per_emitter,
-                       " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
+      1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ", 1e3 * s.grid.spacing_m, " mm, loads ",
+      joined(s.grid.load_N), " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ",
+      1e3 * s.finger.mesh.contact_edge, " mm, rays ", s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ",
+      s.rays.exit_rays, ", bins ", s.sight.bins);
 }
 
 PadResponses make_pad_responses(const Pad& o, bool coarse, int threads, Progress& progress) {

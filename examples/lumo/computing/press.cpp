@@ -18,7 +18,7 @@ TetMesh mesh_of(const PressRequest& o, const Body& body, const P& pipeline, Prog
   const Stopwatch watch;
   progress.stage("mesh");
   TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher,
-                                  pipeline.focus, pipeline.mesh_order);
+      pipeline.focus, pipeline.mesh_order);
   progress.step();
   seconds = watch.seconds();
   return mesh;

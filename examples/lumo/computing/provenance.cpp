@@ -137,28 +137,28 @@ void find_formats(Findings& list) {
 #endif
   if (const std::string version = chart_library_version(); !version.empty()) list.found("plotly.js", version);
   list.found("CLI11", CLI11_VERSION);
-  list.found("nlohmann-json",
-             dotted(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH));
+  list.found(
+      "nlohmann-json", dotted(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH));
 }
 
 }  // namespace
 
 std::vector<Component> components() {
   Findings list({{"Eigen", "MPL-2.0", "libeigen3-dev", "vectors and matrices"},
-                 {"TetGen", "AGPL-3.0", "libtet1.5-dev", "tetrahedral meshes"},
-                 {"Embree", "Apache-2.0", "libembree-dev", "ray tracing"},
-                 {"CHOLMOD", "LGPL-2.1 / GPL-2 (supernodal)", "libsuitesparse-dev", "sparse Cholesky factors"},
-                 {"BLAS", "BSD-3-Clause", "libopenblas-dev", "dense kernels of CHOLMOD"},
-                 {"oneTBB", "Apache-2.0", "libtbb-dev", "threads"},
-                 {"SQLite", "public domain", "libsqlite3-dev", "stores of campaigns and studies"},
-                 {"xxHash", "BSD-2-Clause", "libxxhash-dev", "their digests"},
-                 {"plotly.js", "MIT", "python3-plotly", "charts of reports"},
-                 {"OpenCV", "Apache-2.0", "libopencv-dev", "pictures, videos, cameras"},
-                 {"libzip", "BSD-3-Clause", "libzip-dev", "3MF files of lumo fabricate"},
-                 {"LZ4", "BSD-2-Clause", "liblz4-dev", "chunks of MCAP files"},
-                 {"Zstandard", "BSD-3-Clause / GPL-2", "libzstd-dev", "chunks of MCAP files"},
-                 {"CLI11", "BSD-3-Clause", "libcli11-dev", "this command line"},
-                 {"nlohmann-json", "MIT", "nlohmann-json3-dev", "JSON output, sessions of logs"}});
+      {"TetGen", "AGPL-3.0", "libtet1.5-dev", "tetrahedral meshes"},
+      {"Embree", "Apache-2.0", "libembree-dev", "ray tracing"},
+      {"CHOLMOD", "LGPL-2.1 / GPL-2 (supernodal)", "libsuitesparse-dev", "sparse Cholesky factors"},
+      {"BLAS", "BSD-3-Clause", "libopenblas-dev", "dense kernels of CHOLMOD"},
+      {"oneTBB", "Apache-2.0", "libtbb-dev", "threads"},
+      {"SQLite", "public domain", "libsqlite3-dev", "stores of campaigns and studies"},
+      {"xxHash", "BSD-2-Clause", "libxxhash-dev", "their digests"},
+      {"plotly.js", "MIT", "python3-plotly", "charts of reports"},
+      {"OpenCV", "Apache-2.0", "libopencv-dev", "pictures, videos, cameras"},
+      {"libzip", "BSD-3-Clause", "libzip-dev", "3MF files of lumo fabricate"},
+      {"LZ4", "BSD-2-Clause", "liblz4-dev", "chunks of MCAP files"},
+      {"Zstandard", "BSD-3-Clause / GPL-2", "libzstd-dev", "chunks of MCAP files"},
+      {"CLI11", "BSD-3-Clause", "libcli11-dev", "this command line"},
+      {"nlohmann-json", "MIT", "nlohmann-json3-dev", "JSON output, sessions of logs"}});
   list.found("Eigen", dotted(EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION));
   find_blas(list);
   find_engines(list);
@@ -201,11 +201,9 @@ std::vector<Feature> features() {
 #ifdef __AVX512F__
   avx512 = true;
 #endif
-  list = {{"sse4.2", __builtin_cpu_supports("sse4.2") != 0, sse42},
-          {"avx", __builtin_cpu_supports("avx") != 0, avx},
-          {"avx2", __builtin_cpu_supports("avx2") != 0, avx2},
-          {"fma", __builtin_cpu_supports("fma") != 0, fma},
-          {"avx512f", __builtin_cpu_supports("avx512f") != 0, avx512}};
+  list = {{"sse4.2", __builtin_cpu_supports("sse4.2") != 0, sse42}, {"avx", __builtin_cpu_supports("avx") != 0, avx},
+      {"avx2", __builtin_cpu_supports("avx2") != 0, avx2}, {"fma", __builtin_cpu_supports("fma") != 0, fma},
+      {"avx512f", __builtin_cpu_supports("avx512f") != 0, avx512}};
 #endif
   return list;
 }

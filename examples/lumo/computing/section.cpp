@@ -43,8 +43,7 @@ SectionDrawing make_section(const Pad& design) {
   const double vertical = vertical_thickness(d, pad), horizontal = horizontal_thickness(d, pad);
   if (vertical <= horizontal)
     s.dimensions.push_back({Along::z, {outer, d.h_s}, {outer, d.h_s + vertical}, 0.0, label("t_min", vertical)});
-  else
-    s.dimensions.push_back({Along::x, {outer, d.h_s}, {outer + horizontal, d.h_s}, 0.0, label("t_min", horizontal)});
+  else s.dimensions.push_back({Along::x, {outer, d.h_s}, {outer + horizontal, d.h_s}, 0.0, label("t_min", horizontal)});
   s.dimensions.push_back({Along::z, {w, 0.0}, {w, d.h_fp}, 2.5, label("h_fp", d.h_fp)});
   s.dimensions.push_back({Along::z, {w, d.h_fp}, {0.0, top}, 2.5, label("h_ep", d.h_ep)});
   s.dimensions.push_back({Along::z, {-stem, 0.0}, {-stem, d.h_s}, -(w - stem) - 2.5, label("h_s", d.h_s)});

@@ -18,7 +18,7 @@ template <class Simulation> AnySimulation any(Simulation simulation) {
   return {[simulation = std::move(simulation)](const Body& body, const TetMesh& mesh) {
     const auto pad = std::make_shared<const decltype(simulation.prepare(body, mesh))>(simulation.prepare(body, mesh));
     return AnyPad{[pad]() -> const TetMesh& { return pad->mesh(); },
-                  [pad](const Scenario<Sphere>& scenario) { return pad->press(scenario); }};
+        [pad](const Scenario<Sphere>& scenario) { return pad->press(scenario); }};
   }};
 }
 

@@ -24,14 +24,14 @@ struct Meshed {
 
 Meshed meshed(const PressRequest& o, const Mechanics& m, const TetgenMesher& mesher) {
   const Body body = body_of(o, m);
-  return {body, mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario_of(o)}, mesher, focus_of(m),
-                                 m.mesh_order())};
+  return {body, mesh_for_contact(
+                    body, mesh_body(body, mesher), std::vector{scenario_of(o)}, mesher, focus_of(m), m.mesh_order())};
 }
 
 /// Equilibria under the forces that other states reached, in their order; none where it was not found. Forces are
 /// passed in increasing order, whatever that was.
-std::vector<std::optional<MechanicalState>> equilibria(const AnyPad& pad, Scenario<Sphere> scenario,
-                                                       const std::vector<MechanicalState>& states) {
+std::vector<std::optional<MechanicalState>> equilibria(
+    const AnyPad& pad, Scenario<Sphere> scenario, const std::vector<MechanicalState>& states) {
   std::vector<double> forces;
   for (const MechanicalState& s : states)
     if (s.force_N > 0.0 && std::isfinite(s.force_N)) forces.push_back(s.force_N);
@@ -59,9 +59,9 @@ void compare(SolverState& out, const MechanicalState& state, const MechanicalSta
 }
 
 SolverRow row(const PressRequest& o, const std::string& name, const Mechanics& m, const Meshed& on,
-              const std::vector<MechanicalState>& states) {
-  SolverRow row{name, m, on.mesh.nodes.size(), on.mesh.tets.size(),
-                record_of(on.body, on.mesh, scenario_of(o), states)};
+    const std::vector<MechanicalState>& states) {
+  SolverRow row{
+      name, m, on.mesh.nodes.size(), on.mesh.tets.size(), record_of(on.body, on.mesh, scenario_of(o), states)};
   for (const MechanicalState& s : states) row.states.push_back({s.status == Status::held ? s.met_force_N : undefined});
   return row;
 }
@@ -87,7 +87,7 @@ Mechanics descent(Mechanics m, int sweeps) {
 /// How far the held states, and those of the same mesh in equilibrium under the loads, are from equilibrium. The forces
 /// of those that held are not the loads: their equilibria are found anew. The equilibrium itself has no distance.
 void compare(std::vector<SolverRow>& rows, const std::vector<Press>& presses, const Scenario<Sphere>& scenario,
-             double height_m, Progress& progress) {
+    double height_m, Progress& progress) {
   constexpr std::size_t held = 2, still = 2;  // how many, and which, of the presses on the even mesh
   progress.stage("equilibria under the forces that were reached", int(held));
   for (std::size_t r = 0; r <= still; ++r) {
@@ -126,9 +126,8 @@ SolverStudy make_solver_study(const PressRequest& o, int threads, Progress& prog
 
   const Scenario<Sphere> scenario = scenario_of(o);
   std::vector<Press> presses = {{"VBD, 10 sweeps", descent(linear, 10), &even},
-                                {"VBD, 100 sweeps", descent(linear, 100), &even},
-                                {"quasi-static, linear", linear, &even},
-                                {"quasi-static, quadratic", quadratic, &graded}};
+      {"VBD, 100 sweeps", descent(linear, 100), &even}, {"quasi-static, linear", linear, &even},
+      {"quasi-static, quadratic", quadratic, &graded}};
   study.rows.resize(presses.size());
   static constexpr std::array<std::size_t, 4> longest_first = {1, 0, 2, 3};
   int all = 0;

@@ -17,16 +17,14 @@
 /// The library's stages as the program puts them together.
 namespace lumo::program {
 
-template <ExitReadout Readout>
-using Light = Tracer<ScatteringMedium, Readout, Embree>;  // without scattering, BeerLambert to the last bit
+template <ExitReadout Readout> using Light =
+    Tracer<ScatteringMedium, Readout, Embree>;  // without scattering, BeerLambert to the last bit
 
 /// Make it before threads start: the mesher forks a helper process.
-template <ExitReadout Readout = ExitPower>
-auto pipeline_for(const std::string& material, const Mechanics& m,
-                  double ray_error_percent = 100.0 * RayRefinement{}.tolerance,
-                  Light<Readout> light = Light<Readout>()) {
-  Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{TetgenMesher{}, simulation(m, silicone(material)),
-                                                          std::move(light)};
+template <ExitReadout Readout = ExitPower> auto pipeline_for(const std::string& material, const Mechanics& m,
+    double ray_error_percent = 100.0 * RayRefinement{}.tolerance, Light<Readout> light = Light<Readout>()) {
+  Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{
+      TetgenMesher{}, simulation(m, silicone(material)), std::move(light)};
   p.focus = focus_of(m);
   p.mesh_order = m.mesh_order();
   p.accept_held = m.holds();

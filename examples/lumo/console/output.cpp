@@ -98,8 +98,8 @@ void print(const std::string& text) {
   // `lumo section | head -1` is how people look at the beginning: the command has done its work, its files are written
   // before (see hand_out), and what is left of the result is not wanted. So this is no failure of the command.
   if (std::cout || cause == EPIPE) return;
-  throw InputError(std::string("cannot write to standard output: ") +
-                   (cause != 0 ? std::strerror(cause) : "write failed"));
+  throw InputError(
+      std::string("cannot write to standard output: ") + (cause != 0 ? std::strerror(cause) : "write failed"));
 }
 
 void hand_out(const std::string& result, Output& files, Progress& progress) {

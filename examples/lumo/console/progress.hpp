@@ -31,10 +31,8 @@ class Progress {
     open_ = true;
     start_ = shown_ = Clock::now();
     if (quiet_) return;
-    if (terminal_)
-      draw();
-    else
-      std::fprintf(stderr, "lumo: %s ...\n", title_.c_str());
+    if (terminal_) draw();
+    else std::fprintf(stderr, "lumo: %s ...\n", title_.c_str());
   }
 
   /// One step is done.
@@ -46,8 +44,7 @@ class Progress {
     const auto now = Clock::now();
     if (std::chrono::duration<double>(now - shown_).count() < (terminal_ ? 0.1 : 5.0) && done_ < total_) return;
     shown_ = now;
-    if (terminal_)
-      draw();
+    if (terminal_) draw();
     else if (done_ < total_)
       std::fprintf(stderr, "lumo: %s: %d of %d, %s left\n", title_.c_str(), done_, total_, left().c_str());
   }
@@ -88,8 +85,7 @@ class Progress {
     for (int i = 0; i < cells; ++i) bar += i < cells * done_ / total_ ? "█" : "░";
     if (total_ > 1)
       std::fprintf(stderr, "\r\033[K%s %s %d/%d, %s left", title_.c_str(), bar.c_str(), done_, total_, left().c_str());
-    else
-      std::fprintf(stderr, "\r\033[K%s ...", title_.c_str());
+    else std::fprintf(stderr, "\r\033[K%s ...", title_.c_str());
     std::fflush(stderr);
   }
 
@@ -98,10 +94,8 @@ class Progress {
     open_ = false;
     if (quiet_) return;
     if (terminal_) std::fprintf(stderr, "\r\033[K");
-    if (done_ == total_)
-      std::fprintf(stderr, "lumo: %s: done in %s\n", title_.c_str(), span(elapsed()).c_str());
-    else if (total_ > 1)
-      std::fprintf(stderr, "lumo: %s: stopped at %d of %d\n", title_.c_str(), done_, total_);
+    if (done_ == total_) std::fprintf(stderr, "lumo: %s: done in %s\n", title_.c_str(), span(elapsed()).c_str());
+    else if (total_ > 1) std::fprintf(stderr, "lumo: %s: stopped at %d of %d\n", title_.c_str(), done_, total_);
   }
 
   bool quiet_, terminal_, open_ = false;

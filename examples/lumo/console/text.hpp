@@ -40,10 +40,8 @@ inline std::string joined(std::span<const double> values, const char* separator 
 /// With `digits` after the point, or a dash where it is not defined.
 inline std::string cell(double v, int digits, int width = 0) {
   char buffer[64];
-  if (std::isfinite(v))
-    std::snprintf(buffer, sizeof buffer, "%*.*f", width, digits, v);
-  else
-    std::snprintf(buffer, sizeof buffer, "%*s", width, "-");
+  if (std::isfinite(v)) std::snprintf(buffer, sizeof buffer, "%*.*f", width, digits, v);
+  else std::snprintf(buffer, sizeof buffer, "%*s", width, "-");
   return buffer;
 }
 
@@ -89,12 +87,9 @@ inline std::string csv_text(std::string_view s) {
 /// A time as people say it.
 inline std::string span(double seconds) {
   char text[32];
-  if (seconds < 99.95)
-    std::snprintf(text, sizeof text, "%.1f s", seconds);
-  else if (seconds < 5400)
-    std::snprintf(text, sizeof text, "%d min %02d s", int(seconds) / 60, int(seconds) % 60);
-  else
-    std::snprintf(text, sizeof text, "%d h %02d min", int(seconds) / 3600, int(seconds) / 60 % 60);
+  if (seconds < 99.95) std::snprintf(text, sizeof text, "%.1f s", seconds);
+  else if (seconds < 5400) std::snprintf(text, sizeof text, "%d min %02d s", int(seconds) / 60, int(seconds) % 60);
+  else std::snprintf(text, sizeof text, "%d h %02d min", int(seconds) / 3600, int(seconds) / 60 % 60);
   return text;
 }
 

@@ -73,8 +73,8 @@ void add_out(CLI::App& app, Common& o) {
   add_text(app, "--out", o.out, "DIR", "Directory for files; made when there is something to write");
 }
 
-CommandLine::CommandLine(const std::string& program, const std::string& about, const std::string& version_line,
-                         const std::string& footer)
+CommandLine::CommandLine(
+    const std::string& program, const std::string& about, const std::string& version_line, const std::string& footer)
     : app_(about, program) {
   app_.set_version_flag("--version", version_line);
   app_.require_subcommand(0, 1);

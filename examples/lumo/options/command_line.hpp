@@ -52,8 +52,8 @@ concept Command = std::derived_from<C, Common> && requires(C c, CLI::App& app, O
 /// The program's commands, and which of them was typed.
 class CommandLine {
  public:
-  CommandLine(const std::string& program, const std::string& about, const std::string& version_line,
-              const std::string& footer);
+  CommandLine(
+      const std::string& program, const std::string& about, const std::string& version_line, const std::string& footer);
 
   /// What the help says of commands with that first word: "campaign" of "campaign run".
   void name_group(const std::string& name, const std::string& help) { groups_[name] = {help, nullptr}; }

@@ -17,8 +17,8 @@ constexpr int most_threads = 1024;
 std::array<double, 5> read_theta(const std::string& typed) {
   const auto fields = split(typed);
   const auto refuse = [&](const std::string& why) {
-    throw UsageError("--theta is " + in_quotes(typed) + " (" + why +
-                     "), must be five numbers h_fp,h_ep,w_s,h_s,w_v [mm]");
+    throw UsageError(
+        "--theta is " + in_quotes(typed) + " (" + why + "), must be five numbers h_fp,h_ep,w_s,h_s,w_v [mm]");
   };
   if (fields.size() != 5) refuse(lumo::message(fields.size(), fields.size() == 1 ? " field" : " fields"));
   std::array<double, 5> theta{};
@@ -37,7 +37,7 @@ std::vector<double> read_loads(const std::string& typed) {
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const auto refuse = [&](const std::string& why) {
       throw UsageError(lumo::message("--loads is ", in_quotes(typed), " (field ", i + 1, " of ", fields.size(), ", ",
-                                     in_quotes(fields[i]), ", ", why));
+          in_quotes(fields[i]), ", ", why));
     };
     const Limits& admitted = loads_admitted_N;
     const auto load = parse_number(fields[i]);
@@ -52,9 +52,8 @@ std::vector<double> read_loads(const std::string& typed) {
 }
 
 /// What --mode paper decides may be said once more, not otherwise.
-template <class T>
-void add_decided(CLI::App& app, const std::string& flag, T Mechanics::*which, Mechanics& m,
-                 const std::vector<std::pair<std::string, T>>& choices, const char* help) {
+template <class T> void add_decided(CLI::App& app, const std::string& flag, T Mechanics::*which, Mechanics& m,
+    const std::vector<std::pair<std::string, T>>& choices, const char* help) {
   std::vector<std::string> names;
   for (const auto& choice : choices) names.push_back(choice.first);
   add_value(app, flag, "NAME", help, [=, &m](const std::string& typed) {
@@ -74,7 +73,7 @@ int all_threads() { return std::clamp(int(std::thread::hardware_concurrency()), 
 
 void add_theta(CLI::App& app, Pad& pad) {
   add_value(app, "--theta", "N,N,N,N,N", "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0",
-            [&pad](const std::string& typed) { pad.theta_mm = read_theta(typed); });
+      [&pad](const std::string& typed) { pad.theta_mm = read_theta(typed); });
 }
 
 void add_material(CLI::App& app, std::string& material, const char* help) {
@@ -98,21 +97,21 @@ void add_seed(CLI::App& app, int& seed, const char* help) {
 void add_touch(CLI::App& app, Touch& touch) {
   add_number(app, "--diameter", touch.diameter_mm, sphere_diameters_mm, "mm", "Sphere's diameter [mm], default 10");
   add_number(app, "--angle", touch.angle_deg, approach_angles_deg, "deg",
-             "Approach angle from the pad normal [deg], default 0");
+      "Approach angle from the pad normal [deg], default 0");
   add_number(app, "--y", touch.y_mm, contact_places_mm, "mm", "Place along the finger [mm], default 0");
   add_value(app, "--loads", "N,N,...", "Increasing loads [N], default 1,2,5,10,15",
-            [&touch](const std::string& typed) { touch.loads_N = read_loads(typed); });
+      [&touch](const std::string& typed) { touch.loads_N = read_loads(typed); });
 }
 
 void add_ensemble(CLI::App& app, Ensemble& ensemble) {
   add_choice<Ensemble>(app, "--ensemble", ensemble, {{"flat", Ensemble::flat}, {"curved", Ensemble::curved}},
-                       "Approach angles: flat (0°, default) or curved (−30° … 30°)");
+      "Approach angles: flat (0°, default) or curved (−30° … 30°)");
 }
 
 void add_ray_error(CLI::App& app, double& percent) {
   add_number(app, "--ray-error", percent, {0.1, 100.0}, "%",
-             lumo::message("Standard error of J_obs up to which rays are added [%], default ", percent, "; at most ",
-                           rays_up_to(RayRefinement{}.rounds), " times the first ones"));
+      lumo::message("Standard error of J_obs up to which rays are added [%], default ", percent, "; at most ",
+          rays_up_to(RayRefinement{}.rounds), " times the first ones"));
 }
 
 void add_mode(CLI::App& app, Mechanics& m) {
@@ -129,13 +128,13 @@ void add_contact(CLI::App& app, Mechanics& m) {
   using enum Mechanics::Law;
   using enum Mechanics::Points;
   add_decided<Mechanics::Law>(app, "--law", &Mechanics::law, m, {{"neo_hookean", neo_hookean}, {"newton", newton}},
-                              "Neo-Hookean law: neo_hookean (default) or newton (Newton's, without a logarithm)");
+      "Neo-Hookean law: neo_hookean (default) or newton (Newton's, without a logarithm)");
   add_number(app, "--contact-stiffness", m.contact_stiffness_N_per_m3, {1e6, 1e15}, "N/m3",
-             "Of the contact penalty [N/m3], default 1e11");
+      "Of the contact penalty [N/m3], default 1e11");
   add_choice<Mechanics::Points>(app, "--contact-points", m.points, {{"surface", surface}, {"vertex", vertex}},
-                                "Contact all over the surface (default) or at each vertex");
-  add_number(app, "--friction", m.friction, {0.0, 10.0}, "",
-             "Coulomb's coefficient of contact, default 0, in paper mode 0.5");
+      "Contact all over the surface (default) or at each vertex");
+  add_number(
+      app, "--friction", m.friction, {0.0, 10.0}, "", "Coulomb's coefficient of contact, default 0, in paper mode 0.5");
 }
 
 void add_mechanics(CLI::App& app, Mechanics& m) {
@@ -143,12 +142,11 @@ void add_mechanics(CLI::App& app, Mechanics& m) {
   using enum Mechanics::Element;
   add_mode(app, m);
   add_decided<Mechanics::Solver>(app, "--solver", &Mechanics::solver, m, {{"quasi_static", quasi_static}, {"vbd", vbd}},
-                                 "quasi_static (default) or vbd: vertex block descent, 5 mm/s to each load, 1 s hold");
+      "quasi_static (default) or vbd: vertex block descent, 5 mm/s to each load, 1 s hold");
   add_decided<Mechanics::Element>(app, "--element", &Mechanics::element, m,
-                                  {{"linear", linear}, {"quadratic", quadratic}},
-                                  "Tetrahedra: quadratic (default) or linear, which lock");
+      {{"linear", linear}, {"quadratic", quadratic}}, "Tetrahedra: quadratic (default) or linear, which lock");
   add_number(app, "--size", m.size_mm, {0.2, 10.0}, "mm",
-             "Of all edges [mm], default: graded, fine at the contact; in paper mode 1");
+      "Of all edges [mm], default: graded, fine at the contact; in paper mode 1");
   add_value(app, "--sweeps", "N", "Of vbd, per 0.01 s step, default 10", [&m](const std::string& typed) {
     m.sweeps = whole_in("--sweeps", typed, 1, 1000000);
     if (!m.holds()) throw UsageError("--sweeps is an option of --solver vbd");  // which has been read before

@@ -12,8 +12,8 @@ namespace lumo::program {
 int all_threads();
 
 void add_theta(CLI::App& app, Pad& pad);
-void add_material(CLI::App& app, std::string& material,
-                  const char* help = "Silicone: DS (Dragon Skin, default) or Sol (Solaris)");
+void add_material(
+    CLI::App& app, std::string& material, const char* help = "Silicone: DS (Dragon Skin, default) or Sol (Solaris)");
 void add_pad(CLI::App& app, Pad& pad);
 void add_threads(CLI::App& app, int& threads);
 void add_seed(CLI::App& app, int& seed, const char* help);

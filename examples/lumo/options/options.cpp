@@ -87,36 +87,35 @@ std::string full_name(const CLI::App& app) {
   return app.get_parent() == nullptr ? app.get_name() : full_name(*app.get_parent()) + " " + app.get_name();
 }
 
-CLI::Option* add_value(CLI::App& app, const std::string& flag, const std::string& kind, const std::string& help,
-                       Read read) {
+CLI::Option* add_value(
+    CLI::App& app, const std::string& flag, const std::string& kind, const std::string& help, Read read) {
   return with_value(app, app.add_option_function<std::string>(flag, read, help), kind);
 }
 
 CLI::Option* add_texts(CLI::App& app, const std::string& flag, std::vector<std::string>& into, const std::string& kind,
-                       const std::string& help) {
+    const std::string& help) {
   return with_value(app, app.add_option(flag, into, help), kind);
 }
 
-CLI::Option* add_text(CLI::App& app, const std::string& flag, std::string& into, const std::string& kind,
-                      const std::string& help) {
+CLI::Option* add_text(
+    CLI::App& app, const std::string& flag, std::string& into, const std::string& kind, const std::string& help) {
   return add_value(app, flag, kind, help, [&into](const std::string& typed) { into = typed; });
 }
 
 CLI::Option* add_text(CLI::App& app, const std::string& flag, std::optional<std::string>& into, const std::string& kind,
-                      const std::string& help) {
+    const std::string& help) {
   return add_value(app, flag, kind, help, [&into](const std::string& typed) { into = typed; });
 }
 
 CLI::Option* add_number(CLI::App& app, const std::string& flag, double& into, const Limits& limits, const char* unit,
-                        const std::string& help) {
-  return add_value(app, flag, "N", help, [&into, flag, limits, unit](const std::string& typed) {
-    into = number_in(flag, typed, limits, unit);
-  });
+    const std::string& help) {
+  return add_value(app, flag, "N", help,
+      [&into, flag, limits, unit](const std::string& typed) { into = number_in(flag, typed, limits, unit); });
 }
 
 CLI::Option* add_whole(CLI::App& app, const std::string& flag, int& into, int low, int high, const std::string& help) {
   return add_value(app, flag, "N", help,
-                   [&into, flag, low, high](const std::string& typed) { into = whole_in(flag, typed, low, high); });
+      [&into, flag, low, high](const std::string& typed) { into = whole_in(flag, typed, low, high); });
 }
 
 CLI::Option* add_flag(CLI::App& app, const std::string& flag, bool& into, const std::string& help) {
@@ -124,9 +123,9 @@ CLI::Option* add_flag(CLI::App& app, const std::string& flag, bool& into, const 
 }
 
 CLI::Option* add_word(CLI::App& app, const std::string& flag, std::string& into,
-                      const std::vector<std::string>& choices, const std::string& help) {
+    const std::vector<std::string>& choices, const std::string& help) {
   return add_value(app, flag, "NAME", help,
-                   [&into, flag, choices](const std::string& typed) { into = one_of(flag, typed, choices); });
+      [&into, flag, choices](const std::string& typed) { into = one_of(flag, typed, choices); });
 }
 
 }  // namespace lumo::program

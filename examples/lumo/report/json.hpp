@@ -50,15 +50,11 @@ inline void append(Json& to, const Json& from) {
 inline Json heading(const Pad& o) { return {{"theta_mm", numbers(o.theta_mm)}, {"material", o.material}}; }
 
 inline Json json(const Mechanics& m) {
-  return {{"mode", m.paper ? "paper" : "default"},
-          {"solver", name(m.solver)},
-          {"element", name(m.element)},
-          {"size_mm", m.size_mm > 0.0 ? Json(m.size_mm) : Json(nullptr)},
-          {"sweeps", m.solver == Mechanics::Solver::vbd ? Json(m.sweeps) : Json(nullptr)},
-          {"law", name(m.law)},
-          {"contact_stiffness_N_per_m3", m.contact_stiffness_N_per_m3},
-          {"contact_points", name(m.points)},
-          {"friction", m.friction}};
+  return {{"mode", m.paper ? "paper" : "default"}, {"solver", name(m.solver)}, {"element", name(m.element)},
+      {"size_mm", m.size_mm > 0.0 ? Json(m.size_mm) : Json(nullptr)},
+      {"sweeps", m.solver == Mechanics::Solver::vbd ? Json(m.sweeps) : Json(nullptr)}, {"law", name(m.law)},
+      {"contact_stiffness_N_per_m3", m.contact_stiffness_N_per_m3}, {"contact_points", name(m.points)},
+      {"friction", m.friction}};
 }
 
 /// A field of a CSV file: a number, a plain word, or nothing.

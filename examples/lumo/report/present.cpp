@@ -74,19 +74,15 @@ LineChart force_depth_chart(const Pad& o, const std::string& subtitle) {
 }
 
 BarChart response_chart(const Pad& o, const std::string& title, const std::string& subtitle, std::size_t regions) {
-  BarChart c{title,
-             theta_text(o) + "; " + subtitle,
-             "region along the finger, proximal to distal",
-             "change of response per emitted power",
-             {},
-             {}};
+  BarChart c{title, theta_text(o) + "; " + subtitle, "region along the finger, proximal to distal",
+      "change of response per emitted power", {}, {}};
   for (std::size_t b = 1; b <= regions; ++b) c.categories.push_back(std::to_string(b));
   return c;
 }
 
 /// The change of a state's light.
-BarSeries response_bars(const std::string& label, const std::string& colour, const StateRecord& s,
-                        const std::vector<double>& unloaded) {
+BarSeries response_bars(
+    const std::string& label, const std::string& colour, const StateRecord& s, const std::vector<double>& unloaded) {
   BarSeries bars{label, colour, {}, s.change_error};
   for (std::size_t i = 0; i < s.response.size() && i < unloaded.size(); ++i)
     bars.values.push_back(s.response[i] - unloaded[i]);
@@ -168,7 +164,7 @@ LineChart ensemble_curves(const EvaluationRequest& o, const std::vector<Scenario
     const bool first = place == seen.size();
     if (first) seen.push_back(s.diameter_m);
     chart.curves.push_back({first ? "sphere " + short_number(1e3 * s.diameter_m) + " mm" : "",
-                            palette[place % palette.size()], force_depth(s), 1.2, false, 0.7});
+        palette[place % palette.size()], force_depth(s), 1.2, false, 0.7});
   }
   return chart;
 }
@@ -176,9 +172,8 @@ LineChart ensemble_curves(const EvaluationRequest& o, const std::vector<Scenario
 BarChart hardest_pair(const EvaluationRequest& o, const Evaluation& e) {
   const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
   const std::vector<double>& unloaded = e.observations.unloaded_response;
-  BarChart chart =
-      response_chart(o, "The two places that are hardest to tell apart",
-                     sphere_text(a.diameter_m, a.angle_rad) + ", " + short_number(a.load_N) + " N", unloaded.size());
+  BarChart chart = response_chart(o, "The two places that are hardest to tell apart",
+      sphere_text(a.diameter_m, a.angle_rad) + ", " + short_number(a.load_N) + " N", unloaded.size());
   for (const ObservedState* side : {&a, &b})
     for (const StateRecord& s : e.observations.scenarios[side->scenario].states)
       if (s.load_N == side->load_N)
@@ -237,13 +232,9 @@ std::string present(const Pad& o, bool as_json, const MeshResult& m, Output& fil
            " mm³)\nsmallest Jacobian ratio " + cell(m.quality.min_jacobian_ratio, 3) + ", smallest dihedral angle " +
            cell(m.quality.min_dihedral_deg, 1) + "°\n";
   Json j = heading(o);
-  append(j, {{"mesh", mesh_size(nodes, elements)},
-             {"boundary_faces", faces},
-             {"volume_mm3", number(volume_mm3)},
-             {"exact_volume_mm3", number(exact_mm3)},
-             {"min_jacobian_ratio", number(m.quality.min_jacobian_ratio)},
-             {"min_dihedral_deg", number(m.quality.min_dihedral_deg)},
-             {"seconds", number(m.seconds)}});
+  append(j, {{"mesh", mesh_size(nodes, elements)}, {"boundary_faces", faces}, {"volume_mm3", number(volume_mm3)},
+                {"exact_volume_mm3", number(exact_mm3)}, {"min_jacobian_ratio", number(m.quality.min_jacobian_ratio)},
+                {"min_dihedral_deg", number(m.quality.min_dihedral_deg)}, {"seconds", number(m.seconds)}});
   return dump(j);
 }
 
@@ -259,8 +250,8 @@ std::string present(const PressRequest& o, bool as_json, const TraceResult& t, O
   if (files.wanted()) {
     BarChart chart = response_chart(o, "Change of light in each region", scenario_text(p.scenario()), unloaded.size());
     for (const StateRecord& s : states)
-      chart.series.push_back(response_bars(short_number(s.load_N) + " N",
-                                           shade(int(chart.series.size()), int(states.size())), s, unloaded));
+      chart.series.push_back(response_bars(
+          short_number(s.load_N) + " N", shade(int(chart.series.size()), int(states.size())), s, unloaded));
     files.add("response.svg", draw(chart));
     files.add("trace.csv", csv(p.seen.scenarios, true));
     add_press(o, p, files);

@@ -37,14 +37,11 @@ inline std::array<PowerShare, 8> power_shares(const EnergyLedger& e) {
   const double p = e.emitted;
   const double physical =
       regions + e.to_indenter + e.elsewhere + e.absorbed_in_medium + e.absorbed_at_surfaces + e.lost;
-  return {{{"emitted", "emitted", p / p},
-           {"regions", "regions", regions / p},
-           {"to_indenter", "to indenter", e.to_indenter / p},
-           {"elsewhere", "elsewhere", e.elsewhere / p},
-           {"absorbed_medium", "silicone", e.absorbed_in_medium / p},
-           {"absorbed_carrier", "carrier", e.absorbed_at_surfaces / p},
-           {"sampling", "sampling", (e.accounted() - physical) / p},
-           {"lost", "lost", e.lost / p}}};
+  return {{{"emitted", "emitted", p / p}, {"regions", "regions", regions / p},
+      {"to_indenter", "to indenter", e.to_indenter / p}, {"elsewhere", "elsewhere", e.elsewhere / p},
+      {"absorbed_medium", "silicone", e.absorbed_in_medium / p},
+      {"absorbed_carrier", "carrier", e.absorbed_at_surfaces / p},
+      {"sampling", "sampling", (e.accounted() - physical) / p}, {"lost", "lost", e.lost / p}}};
 }
 
 /// A number under `key`, its error beside it under `key`_err; null without one.
@@ -66,12 +63,12 @@ struct StateQuantity {
 };
 inline constexpr std::array<StateQuantity, 7> state_quantities = {
     {{"load_N", [](const StateRecord& s) { return s.load_N; }},
-     {"force_N", [](const StateRecord& s) { return s.force_N; }},
-     {"depth_mm", [](const StateRecord& s) { return 1e3 * s.depth_m; }},
-     {"contact_area_mm2", [](const StateRecord& s) { return 1e6 * s.contact_area_m2; }},
-     {"reference_area_mm2", [](const StateRecord& s) { return 1e6 * s.reference_area_m2; }},
-     {"residual_N", [](const StateRecord& s) { return s.residual_N; }},
-     {"penetration_mm", [](const StateRecord& s) { return 1e3 * s.penetration_m; }}}};
+        {"force_N", [](const StateRecord& s) { return s.force_N; }},
+        {"depth_mm", [](const StateRecord& s) { return 1e3 * s.depth_m; }},
+        {"contact_area_mm2", [](const StateRecord& s) { return 1e6 * s.contact_area_m2; }},
+        {"reference_area_mm2", [](const StateRecord& s) { return 1e6 * s.reference_area_m2; }},
+        {"residual_N", [](const StateRecord& s) { return s.residual_N; }},
+        {"penetration_mm", [](const StateRecord& s) { return 1e3 * s.penetration_m; }}}};
 
 inline Json json(const StateRecord& s) {
   Json j;
@@ -87,9 +84,8 @@ inline Json place(const ScenarioRecord& s) {
 }
 
 inline Json json(const ContactTerms& t) {
-  return {{"q_form", number(value_of(t.form))},
-          {"q_stable", number(value_of(t.stable))},
-          {"q_stiff", number(value_of(t.stiff))}};
+  return {{"q_form", number(value_of(t.form))}, {"q_stable", number(value_of(t.stable))},
+      {"q_stiff", number(value_of(t.stiff))}};
 }
 
 inline Json json(const ScenarioRecord& s) {
@@ -104,10 +100,8 @@ inline Json json(const ScenarioRecord& s) {
 inline Json mesh_size(std::size_t nodes, std::size_t elements) { return {{"nodes", nodes}, {"elements", elements}}; }
 
 inline Json json(const Timing& s) {
-  return {{"mesh", number(s.mesh)},
-          {"mechanics", number(s.mechanics)},
-          {"optics", number(s.optics)},
-          {"total", number(s.total)}};
+  return {{"mesh", number(s.mesh)}, {"mechanics", number(s.mechanics)}, {"optics", number(s.optics)},
+      {"total", number(s.total)}};
 }
 
 inline Json json(const EnergyLedger& ledger) {
@@ -129,19 +123,16 @@ inline Json objectives(const Evaluation& e) {
   }
   if (e.worst_observation) {
     const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
-    j["worst_observation"] = {{"diameter_mm", mm(a.diameter_m)},
-                              {"angle_deg", degrees(a.angle_rad)},
-                              {"load_N", a.load_N},
-                              {"y_mm", {mm(a.y_m), mm(b.y_m)}},
-                              {"value", j["J_obs"]}};
+    j["worst_observation"] = {{"diameter_mm", mm(a.diameter_m)}, {"angle_deg", degrees(a.angle_rad)},
+        {"load_N", a.load_N}, {"y_mm", {mm(a.y_m), mm(b.y_m)}}, {"value", j["J_obs"]}};
   }
   return j;
 }
 
 /// Light of the unloaded body.
 inline Json unloaded(const Observations& seen) {
-  return {{"unloaded_response", numbers(seen.unloaded_response)},
-          {"unloaded_response_err", numbers(seen.unloaded_error)}};
+  return {
+      {"unloaded_response", numbers(seen.unloaded_response)}, {"unloaded_response_err", numbers(seen.unloaded_error)}};
 }
 
 /// All but the design, and the time that it took.

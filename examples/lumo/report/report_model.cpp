@@ -24,10 +24,8 @@ std::vector<Design> starts(const CampaignProblem& problem) {
     std::vector<Design> designs;
     const std::size_t count = optimizer.problem().initial.size() + std::size_t(optimizer.problem().sobol);
     while (designs.size() < count)
-      if (const auto trial = optimizer.ask())
-        designs.push_back(trial->x);
-      else
-        break;
+      if (const auto trial = optimizer.ask()) designs.push_back(trial->x);
+      else break;
     return designs;
   });
 }
@@ -42,13 +40,11 @@ Json only_numbers(const Json& record, std::initializer_list<const char*> keys) {
 Json trial_model(const StoredTrial& t, const std::vector<Design>& first) {
   const auto here = [&](const Design& x) { return std::equal(x.begin(), x.end(), t.theta_mm.begin()); };
   const auto start = std::size_t(std::find_if(first.begin(), first.end(), here) - first.begin());
-  Json j = {{"index", t.id},
-            {"theta_mm", numbers(t.theta_mm)},
-            {"origin", start < reference_designs().size() ? "reference"
-                       : start < first.size()             ? "sobol"
-                                                          : "search"},
-            {"state", t.state},
-            {"why", t.why}};
+  Json j = {{"index", t.id}, {"theta_mm", numbers(t.theta_mm)},
+      {"origin", start < reference_designs().size() ? "reference"
+                 : start < first.size()             ? "sobol"
+                                                    : "search"},
+      {"state", t.state}, {"why", t.why}};
   append(j, only_numbers(t.record, {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}));
   append(j, {{"hypervolume", number(t.hypervolume)}, {"on_front", t.on_front}, {"selected", t.selected}});
   return j;
@@ -62,8 +58,8 @@ Json model_check(const StoredCampaign& campaign, const char* objective) {
     if (t.state == "evaluated" && std::isfinite(value_at(t.record, objective))) evaluated.push_back(&t);
   const auto n = Eigen::Index(evaluated.size()), dimensions = Eigen::Index(variables.size());
   if (n < fewest_for_check) return nullptr;
-  TrainingData data{Eigen::MatrixXd(dimensions, n), Eigen::VectorXd(n), Eigen::VectorXd(dimensions),
-                    Eigen::VectorXd(dimensions)};
+  TrainingData data{
+      Eigen::MatrixXd(dimensions, n), Eigen::VectorXd(n), Eigen::VectorXd(dimensions), Eigen::VectorXd(dimensions)};
   for (Eigen::Index i = 0; i < dimensions; ++i) {
     data.lower[i] = variables[std::size_t(i)].lower;
     data.upper[i] = variables[std::size_t(i)].upper;
@@ -72,15 +68,11 @@ Json model_check(const StoredCampaign& campaign, const char* objective) {
   for (Eigen::Index k = 0; k < n; ++k) data.y[k] = value_at(evaluated[std::size_t(k)]->record, objective);
   const auto left_out = GaussianProcess<>::fit(data).leave_one_out();
   const Eigen::ArrayXd deviation = left_out.variance.array().sqrt(), z = (data.y - left_out.mean).array() / deviation;
-  Json j = {{"objective", objective},
-            {"coverage", (z.abs() <= normal_95).cast<double>().mean()},
-            {"standardised_rms", number(std::sqrt(z.square().mean()))},
-            {"points", Json::array()}};
+  Json j = {{"objective", objective}, {"coverage", (z.abs() <= normal_95).cast<double>().mean()},
+      {"standardised_rms", number(std::sqrt(z.square().mean()))}, {"points", Json::array()}};
   for (Eigen::Index k = 0; k < n; ++k)
-    j["points"].push_back({{"index", evaluated[std::size_t(k)]->id},
-                           {"computed", number(data.y[k])},
-                           {"predicted", number(left_out.mean[k])},
-                           {"deviation", number(deviation[k])}});
+    j["points"].push_back({{"index", evaluated[std::size_t(k)]->id}, {"computed", number(data.y[k])},
+        {"predicted", number(left_out.mean[k])}, {"deviation", number(deviation[k])}});
   return j;
 }
 
@@ -128,7 +120,7 @@ Json machine_model(const StoredCampaign& campaign) {
     if (const Json& v = member(t.notes, "lumo"); v.is_string()) versions.insert(v.get<std::string>());
     std::string machine;
     for (const auto& [key, value] :
-         member(t.notes, "machine").items())  // libraries by name, the rest speaks for itself
+        member(t.notes, "machine").items())  // libraries by name, the rest speaks for itself
       if (value.is_string())
         machine += (machine.empty() ? "" : ", ") + (std::isupper(static_cast<unsigned char>(key[0])) ? key + " " : "") +
                    value.get<std::string>();
@@ -148,22 +140,12 @@ std::string campaign_name(const CampaignProblem& problem) {
 }
 
 Json campaign_model(const StoredCampaign& c, const std::string& store) {
-  Json j = {{"store", store},
-            {"name", campaign_name(c.problem)},
-            {"material", c.problem.material},
-            {"ensemble", name(c.problem.ensemble)},
-            {"source", c.problem.source},
-            {"mechanics", json(c.problem.mechanics())},
-            {"seed", c.problem.seed},
-            {"digest", c.digest},
-            {"problem", c.problem_text},
-            {"problem_digest", c.problem_digest},
-            {"results_version", c.problem.results},
-            {"hypervolume", number(c.hypervolume)},
-            {"machine", machine_model(c)},
-            {"trials", Json::array()},
-            {"model_check", {model_check(c, "J_contact"), model_check(c, "J_obs")}},
-            {"design", nullptr}};
+  Json j = {{"store", store}, {"name", campaign_name(c.problem)}, {"material", c.problem.material},
+      {"ensemble", name(c.problem.ensemble)}, {"source", c.problem.source}, {"mechanics", json(c.problem.mechanics())},
+      {"seed", c.problem.seed}, {"digest", c.digest}, {"problem", c.problem_text}, {"problem_digest", c.problem_digest},
+      {"results_version", c.problem.results}, {"hypervolume", number(c.hypervolume)}, {"machine", machine_model(c)},
+      {"trials", Json::array()}, {"model_check", {model_check(c, "J_contact"), model_check(c, "J_obs")}},
+      {"design", nullptr}};
   const std::vector<Design> first = starts(c.problem);
   for (const StoredTrial& t : c.trials) j["trials"].push_back(trial_model(t, first));
   if (!c.selected) return j;
@@ -172,11 +154,9 @@ Json campaign_model(const StoredCampaign& c, const std::string& store) {
   Pad design;
   design.theta_mm = best.theta_mm;
   design.material = c.problem.material;
-  j["design"] = {{"theta_mm", numbers(best.theta_mm)},
-                 {"section", section_model(make_section(design))},
-                 {"unloaded_response", all_numbers(member(best.record, "unloaded_response"))},
-                 {"scenarios", scenario_models(best.record)},
-                 {"presses", Json::array()}};
+  j["design"] = {{"theta_mm", numbers(best.theta_mm)}, {"section", section_model(make_section(design))},
+      {"unloaded_response", all_numbers(member(best.record, "unloaded_response"))},
+      {"scenarios", scenario_models(best.record)}, {"presses", Json::array()}};
   return j;
 }
 

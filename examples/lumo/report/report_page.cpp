@@ -36,11 +36,8 @@ std::string as_data(const Json& data) {
 }  // namespace
 
 std::string report_page(const std::string& title, const Json& data, const std::string& chart_library) {
-  const std::map<std::string_view, std::string> parts = {{"title", as_text(title)},
-                                                         {"style", page::style},
-                                                         {"charts", as_script(chart_library)},
-                                                         {"data", as_data(data)},
-                                                         {"script", page::script}};
+  const std::map<std::string_view, std::string> parts = {{"title", as_text(title)}, {"style", page::style},
+      {"charts", as_script(chart_library)}, {"data", as_data(data)}, {"script", page::script}};
   // Walks the template once, so that nothing is looked for in what was put in.
   std::string out;
   for (std::string_view rest = page::document;;) {

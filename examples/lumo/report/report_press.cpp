@@ -56,15 +56,11 @@ Json press_model(const PressRequest& request, const PressOutcome& outcome) {
     }
     Json pressure = Json::array();
     for (const std::size_t n : nodes) pressure.push_back(rounded(1e-3 * s.pressure_Pa[n], 0.125));
-    j["states"].push_back(
-        {{"load_N", s.load_N},
-         {"depth_mm", 1e3 * s.depth_m},
-         {"sphere_z_mm", apex_mm + 0.5 * request.diameter_mm - 1e3 * s.depth_m},  // the sphere meets the apex first
-         {"contact_area_mm2", 1e6 * s.contact_area_m2},
-         {"reference_area_mm2", 1e6 * s.reference_area_m2},
-         {"displacement_um", micrometres(s.displacement, nodes)},
-         {"pressure_kPa", std::move(pressure)},
-         {"outlines_mm", outlines(mesh, s.contact_field)}});
+    j["states"].push_back({{"load_N", s.load_N}, {"depth_mm", 1e3 * s.depth_m},
+        {"sphere_z_mm", apex_mm + 0.5 * request.diameter_mm - 1e3 * s.depth_m},  // the sphere meets the apex first
+        {"contact_area_mm2", 1e6 * s.contact_area_m2}, {"reference_area_mm2", 1e6 * s.reference_area_m2},
+        {"displacement_um", micrometres(s.displacement, nodes)}, {"pressure_kPa", std::move(pressure)},
+        {"outlines_mm", outlines(mesh, s.contact_field)}});
   }
   return j;
 }

@@ -19,21 +19,18 @@ double per_load(const StateRecord& s) { return s.residual_N / s.force_N; }
 Json json(const StateRecord& record, const SolverState& s) {
   Json j = program::json(record);
   j.erase("response");
-  append(j, {{"met_force_N", number(s.met_force_N)},
-             {"residual_over_force", number(per_load(record))},
-             {"equilibrium_depth_mm", number(s.equilibrium_depth_mm)},
-             {"distance_over_height", number(s.distance_over_height)},
-             {"distance_relative", number(s.distance_relative)}});
+  append(j, {{"met_force_N", number(s.met_force_N)}, {"residual_over_force", number(per_load(record))},
+                {"equilibrium_depth_mm", number(s.equilibrium_depth_mm)},
+                {"distance_over_height", number(s.distance_over_height)},
+                {"distance_relative", number(s.distance_relative)}});
   return j;
 }
 
 double score(const SolverRow& r) { return value_of(r.scenario.terms.score()); }
 
 Json json(const SolverRow& r) {
-  Json j = {{"name", r.name},
-            {"mechanics", program::json(r.mechanics)},
-            {"mesh", mesh_size(r.nodes, r.elements)},
-            {"status", to_string(r.scenario.status)}};
+  Json j = {{"name", r.name}, {"mechanics", program::json(r.mechanics)}, {"mesh", mesh_size(r.nodes, r.elements)},
+      {"status", to_string(r.scenario.status)}};
   append(j, program::json(r.scenario.terms));
   append(j, {{"score", number(score(r))}, {"seconds", number(r.seconds)}, {"states", Json::array()}});
   const std::vector<StateRecord> records = reported(r.scenario);
@@ -42,8 +39,7 @@ Json json(const SolverRow& r) {
 }
 
 /// Columns of the states, as all tables show them.
-const std::vector<std::string> state_columns = {
-    "solver",     "load [N]",         "force [N]",         "depth [mm]", "in equilibrium [mm]",
+const std::vector<std::string> state_columns = {"solver", "load [N]", "force [N]", "depth [mm]", "in equilibrium [mm]",
     "area [mm²]", "residual / force", "distance / height", "distance"};
 /// One line for each state of a row, its first with the row's name.
 std::vector<std::vector<std::string>> state_lines(const SolverRow& r) {
@@ -51,23 +47,17 @@ std::vector<std::vector<std::string>> state_lines(const SolverRow& r) {
   for (const StateRecord& k : reported(r.scenario)) {
     const SolverState& s = r.states[lines.size()];
     lines.push_back({lines.empty() ? r.name : "", short_number(k.load_N), cell(k.force_N, 3), cell(1e3 * k.depth_m, 4),
-                     cell(s.equilibrium_depth_mm, 4), cell(1e6 * k.contact_area_m2, 2), scientific(per_load(k)),
-                     scientific(s.distance_over_height), scientific(s.distance_relative)});
+        cell(s.equilibrium_depth_mm, 4), cell(1e6 * k.contact_area_m2, 2), scientific(per_load(k)),
+        scientific(s.distance_over_height), scientific(s.distance_relative)});
   }
   return lines;
 }
-const std::vector<std::string> row_columns = {"solver", "status",   "nodes",   "seconds",
-                                              "q_form", "q_stable", "q_stiff", "score"};
+const std::vector<std::string> row_columns = {
+    "solver", "status", "nodes", "seconds", "q_form", "q_stable", "q_stiff", "score"};
 std::vector<std::string> cells(const SolverRow& r) {
   const ContactTerms& q = r.scenario.terms;
-  return {r.name,
-          std::string(to_string(r.scenario.status)),
-          std::to_string(r.nodes),
-          cell(r.seconds, 1),
-          cell(value_of(q.form), 4),
-          cell(value_of(q.stable), 4),
-          cell(value_of(q.stiff), 4),
-          cell(score(r), 4)};
+  return {r.name, std::string(to_string(r.scenario.status)), std::to_string(r.nodes), cell(r.seconds, 1),
+      cell(value_of(q.form), 4), cell(value_of(q.stable), 4), cell(value_of(q.stiff), 4), cell(score(r), 4)};
 }
 
 std::string subject(const PressRequest& o, const SolverStudy& study) {
@@ -82,16 +72,8 @@ constexpr std::string_view meaning =
     "forces, by an independent routine.";
 
 std::string table(const SolverStudy& study) {
-  const std::vector<std::string> columns = {"load_N",
-                                            "met_force_N",
-                                            "force_N",
-                                            "depth_mm",
-                                            "equilibrium_depth_mm",
-                                            "contact_area_mm2",
-                                            "reference_area_mm2",
-                                            "residual_over_force",
-                                            "distance_over_height",
-                                            "distance_relative"};
+  const std::vector<std::string> columns = {"load_N", "met_force_N", "force_N", "depth_mm", "equilibrium_depth_mm",
+      "contact_area_mm2", "reference_area_mm2", "residual_over_force", "distance_over_height", "distance_relative"};
   std::string text = "solver,status";
   for (const std::string& c : columns) text += "," + c;
   text += ",seconds\n";
@@ -107,11 +89,8 @@ std::string table(const SolverStudy& study) {
 }
 
 LineChart depth_chart(const SolverStudy& study) {
-  LineChart chart{"Depth under force",
-                  "where the indenter stands, at the force it then feels",
-                  "force [N]",
-                  "depth since first touch δ [mm]",
-                  {}};
+  LineChart chart{"Depth under force", "where the indenter stands, at the force it then feels", "force [N]",
+      "depth since first touch δ [mm]", {}};
   for (std::size_t r = 0; r < study.rows.size(); ++r) {
     Curve curve{study.rows[r].name, palette[r], {{0.0, 0.0}}};
     for (const StateRecord& s : reported(study.rows[r].scenario))
@@ -123,10 +102,8 @@ LineChart depth_chart(const SolverStudy& study) {
 
 LineChart distance_chart(const SolverStudy& study) {
   LineChart chart{"Distance to equilibrium",
-                  "root mean square over nodes, per height of the pad; on the same mesh, under the same force",
-                  "load [N]",
-                  "distance [%]",
-                  {}};
+      "root mean square over nodes, per height of the pad; on the same mesh, under the same force", "load [N]",
+      "distance [%]", {}};
   for (std::size_t r = 0; r < study.rows.size(); ++r) {
     const SolverRow& row = study.rows[r];
     Curve curve{row.name, palette[r], {}};
@@ -185,11 +162,8 @@ std::string solver_page(const PressRequest& o, const SolverStudy& study) {
 std::string present(const PressRequest& o, bool as_json, const SolverStudy& study, Output& files) {
   Json j = {{"study", "solver"}};
   append(j, heading(o));
-  append(j, {{"diameter_mm", o.diameter_mm},
-             {"angle_deg", o.angle_deg},
-             {"y_mm", o.y_mm},
-             {"pad_height_mm", study.pad_height_mm},
-             {"rows", Json::array()}});
+  append(j, {{"diameter_mm", o.diameter_mm}, {"angle_deg", o.angle_deg}, {"y_mm", o.y_mm},
+                {"pad_height_mm", study.pad_height_mm}, {"rows", Json::array()}});
   for (const SolverRow& r : study.rows) j["rows"].push_back(json(r));
   const std::string whole = j.dump(2) + "\n";
   if (files.wanted()) {

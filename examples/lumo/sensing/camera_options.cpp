@@ -26,9 +26,8 @@ Read of_motors(const CameraOptions& o, const std::string& flag, Read read) {
 }
 
 /// Fields between separators.
-template <std::size_t N>
-std::array<double, N> numbers_in(const char* flag, const std::string& typed, char separator, const Limits& limits,
-                                 const char* unit, const char* wanted) {
+template <std::size_t N> std::array<double, N> numbers_in(const char* flag, const std::string& typed, char separator,
+    const Limits& limits, const char* unit, const char* wanted) {
   std::array<double, N> values{};
   const auto fields = split(typed, separator);
   if (fields.size() != N) throw UsageError(std::string(flag) + " is " + in_quotes(typed) + ", must be " + wanted);
@@ -58,58 +57,58 @@ std::vector<int> read_motors(const std::string& typed) {
 }  // namespace
 
 CLI::Option* add_camera(CLI::App& app, CameraOptions& o, const std::string& help) {
-  return add_value(app, "--camera", "N", help,
-                   [&o](const std::string& typed) { o.number = whole_in("--camera", typed, 0, 63); });
+  return add_value(
+      app, "--camera", "N", help, [&o](const std::string& typed) { o.number = whole_in("--camera", typed, 0, 63); });
 }
 
 void add_seconds(CLI::App& app, CameraOptions& o, const std::string& help) {
   add_value(app, "--seconds", "N", help, of_camera(o, "--seconds", [&o](const std::string& typed) {
-              o.seconds = number_in("--seconds", typed, {1.0, 1e6}, "s");
-            }));
+    o.seconds = number_in("--seconds", typed, {1.0, 1e6}, "s");
+  }));
 }
 
 void add_picture_options(CLI::App& app, CameraOptions& o) {
   const auto number = [&](const char* flag, double& into, const Limits& limits, const char* unit, const char* help) {
     add_value(app, flag, "N", help, of_camera(o, flag, [&into, flag, limits, unit](const std::string& typed) {
-                into = number_in(flag, typed, limits, unit);
-              }));
+      into = number_in(flag, typed, limits, unit);
+    }));
   };
   number("--exposure", o.exposure_ms, {0.1, 200.0}, "ms", "Of the camera [ms], default 1");
   number("--gain", o.gain, {0.0, 1e9}, "", "Of the camera, its driver's number, default 64");
   number("--rate", o.rate_per_s, {5.0, 1000.0}, "1/s", "Pictures a second, default 30");
   add_value(app, "--pixels", "WxH", "Size of its pictures, default 640x480",
-            of_camera(o, "--pixels", [&o](const std::string& typed) { o.pixels = read_pixels(typed); }));
+      of_camera(o, "--pixels", [&o](const std::string& typed) { o.pixels = read_pixels(typed); }));
 }
 
 void add_motor_options(CLI::App& app, CameraOptions& o) {
   const char* const wanted = "three numbers: position [rad], velocity [rad/s], torque [N·m]";
   add_value(app, "--can", "NAME",
-            "Interface of the bus on which motors answer their controller (mini-cheetah protocol); lumo listens and "
-            "commands nothing",
-            of_camera(o, "--can", [&o](const std::string& typed) { o.can = typed; }));
+      "Interface of the bus on which motors answer their controller (mini-cheetah protocol); lumo listens and "
+      "commands nothing",
+      of_camera(o, "--can", [&o](const std::string& typed) { o.can = typed; }));
   add_value(app, "--motors", "LIST", "Their CAN identifiers, in the order of the joints, default 1",
-            of_motors(o, "--motors", [&o](const std::string& typed) { o.motors = read_motors(typed); }));
+      of_motors(o, "--motors", [&o](const std::string& typed) { o.motors = read_motors(typed); }));
   add_value(app, "--motor-ranges", "LIST",
-            "Ends of the protocol's ranges: position [rad], velocity [rad/s], torque [N·m], default 12.5,65,18",
-            of_motors(o, "--motor-ranges", [&o, wanted](const std::string& typed) {
-              o.motor_ranges = numbers_in<3>("--motor-ranges", typed, ',', {1e-3, 1e4}, "", wanted);
-            }));
+      "Ends of the protocol's ranges: position [rad], velocity [rad/s], torque [N·m], default 12.5,65,18",
+      of_motors(o, "--motor-ranges", [&o, wanted](const std::string& typed) {
+        o.motor_ranges = numbers_in<3>("--motor-ranges", typed, ',', {1e-3, 1e4}, "", wanted);
+      }));
 }
 
 void CameraOptions::check() const {
   if (exposure_ms * rate_per_s > 1000.0)
-    throw UsageError(lumo::message("--exposure is ", exposure_ms, " ms, which ", rate_per_s,
-                                   " pictures a second (--rate) do not leave"));
+    throw UsageError(lumo::message(
+        "--exposure is ", exposure_ms, " ms, which ", rate_per_s, " pictures a second (--rate) do not leave"));
   if (number) pictures();
 }
 
 LiveSettings settings_of(const CameraOptions& o) {
   return {.device = o.device(),
-          .width = o.pixels[0],
-          .height = o.pixels[1],
-          .frames_per_s = o.rate_per_s,
-          .exposure_s = 1e-3 * o.exposure_ms,
-          .gain = o.gain};
+      .width = o.pixels[0],
+      .height = o.pixels[1],
+      .frames_per_s = o.rate_per_s,
+      .exposure_s = 1e-3 * o.exposure_ms,
+      .gain = o.gain};
 }
 
 }  // namespace lumo::program

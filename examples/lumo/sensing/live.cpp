@@ -37,7 +37,7 @@ MiniCheetahMotors motors_of(const CameraOptions& o) {
 void require_motors(const CameraOptions& o, int joints) {
   if (int(o.motors.size()) == joints) return;
   throw UsageError(lumo::message("--motors has ", o.motors.size(), o.motors.size() == 1 ? " motor" : " motors",
-                                 ", the log ", joints, joints == 1 ? " joint" : " joints"));
+      ", the log ", joints, joints == 1 ? " joint" : " joints"));
 }
 
 double LiveLines::seconds(std::int64_t stamp_ns) {
@@ -58,9 +58,9 @@ bool LiveLines::operator()(std::optional<std::int64_t> picture_ns, bool used, co
 
 void LiveLines::close(Progress& progress) const {
   if (late_ms_.empty()) throw InputError(o_.device() + ": gives no pictures that say anything");
-  progress.note(lumo::message(late_ms_.size(), " pictures, ", unused_,
-                              " lines without an estimate; from stamp to estimate ", cell(quantile(late_ms_, 0.5), 2),
-                              " ms (median), ", cell(quantile(late_ms_, 0.99), 2), " ms (99 %)"));
+  progress.note(
+      lumo::message(late_ms_.size(), " pictures, ", unused_, " lines without an estimate; from stamp to estimate ",
+          cell(quantile(late_ms_, 0.5), 2), " ms (median), ", cell(quantile(late_ms_, 0.99), 2), " ms (99 %)"));
 }
 
 std::string before_camera(const CameraOptions& o, Progress& progress, const std::function<void(LiveLines&)>& work) {
@@ -106,7 +106,7 @@ namespace {
 
 std::string counts_of(const Recorded& r, const std::string& to, const RecordingPlan& plan) {
   std::string text = lumo::message(to, ": ", r.frames, " pictures, ", r.samples, " joint samples; left out ",
-                                   r.lost_frames, " and ", r.lost_samples);
+      r.lost_frames, " and ", r.lost_samples);
   if (!plan.segments().empty())
     text += lumo::message("; ", r.segments, " of ", plan.segments().size(), " segments done");
   return text;
@@ -148,10 +148,8 @@ Recorded record(const CameraOptions& o, const std::string& log, const std::strin
     LogRecorder recorder(to, to_json(session), [](const ImageView& v) { return pictures().encode(".png", v); });
     try {
       NoActuator none;
-      if (motors)
-        record_live(*camera, *motors, recorder, going_on, {.name = device});
-      else
-        record_live(*camera, none, recorder, going_on, {.name = device});
+      if (motors) record_live(*camera, *motors, recorder, going_on, {.name = device});
+      else record_live(*camera, none, recorder, going_on, {.name = device});
       recorder.finish();
     } catch (const Error& e) {
       fault = e.what();

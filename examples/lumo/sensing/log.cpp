@@ -18,8 +18,7 @@ JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
   const int joints = finger_of(log).joints();
   if (log.joints.front().effort.size() != joints)
     throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm has ", joints,
-                                   joints == 1 ? " joint" : " joints", ", the samples have ",
-                                   log.joints.front().effort.size()));
+        joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
   JointReference reference = about(
       log.path, [&] { return identify_joints(on_frames_clock(log), log.session.torque_constant_Nm_per_A, until_ns); });
   if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
@@ -67,8 +66,8 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
 OpenLog open_hand_log(const std::string& path, Progress& progress) {
   OpenLog log = open_log(path, progress);
   if (log.session.links.empty())
-    throw InputError(log.session_place() +
-                     ": links is missing, which describes the links of a hand (docs/log_format.md)");
+    throw InputError(
+        log.session_place() + ": links is missing, which describes the links of a hand (docs/log_format.md)");
   if (log.joints.empty())
     throw InputError(path + ": has no joint samples (joint.csv), which distinguish the unloaded pictures");
   return log;

@@ -33,23 +33,19 @@ std::string watch(const CameraOptions& o, bool as_json) {
   const auto leds = LedDetector{}.find(image.view());
   const double rate = 1e9 * (frames - 1) / double(last - first);
   if (as_json)
-    return Json{{"device", config.device},
-                {"width", image.width},
-                {"height", image.height},
-                {"frames_per_s", number(rate)},
-                {"exposure_s", number(source.exposure_s())},
-                {"gain", number(source.gain())},
-                {"mean_green_DN", number(light)},
-                {"leds", leds ? Json(leds->centroid_px.cols()) : Json(0)},
-                {"led_residual_px", leds ? number(leds->map.residual_px) : Json(nullptr)}}
+    return Json{{"device", config.device}, {"width", image.width}, {"height", image.height},
+               {"frames_per_s", number(rate)}, {"exposure_s", number(source.exposure_s())},
+               {"gain", number(source.gain())}, {"mean_green_DN", number(light)},
+               {"leds", leds ? Json(leds->centroid_px.cols()) : Json(0)},
+               {"led_residual_px", leds ? number(leds->map.residual_px) : Json(nullptr)}}
                .dump(2) +
            "\n";
   return lumo::message(config.device, ": ", image.width, " x ", image.height, " px, ", cell(rate, 1),
-                       " frames/s, exposure ", 1e3 * source.exposure_s(), " ms, gain ", source.gain(), ", mean green ",
-                       cell(light, 1), " DN\n",
-                       leds ? lumo::message("LEDs found: ", leds->centroid_px.cols(), ", ",
-                                            cell(leds->map.residual_px, 2), " px off an even row\n")
-                            : std::string("no row of five LEDs found\n"));
+      " frames/s, exposure ", 1e3 * source.exposure_s(), " ms, gain ", source.gain(), ", mean green ", cell(light, 1),
+      " DN\n",
+      leds ? lumo::message("LEDs found: ", leds->centroid_px.cols(), ", ", cell(leds->map.residual_px, 2),
+                 " px off an even row\n")
+           : std::string("no row of five LEDs found\n"));
 }
 
 }  // namespace lumo::program

@@ -13,9 +13,8 @@ namespace lumo::program {
 
 namespace {
 
-template <Journal Log>
-std::vector<StudyRow> rows_of(Log log, const Problem& problem, const Evaluator& evaluate,
-                              const std::function<std::string(const StudyRow&)>& outcome, Progress& progress) {
+template <Journal Log> std::vector<StudyRow> rows_of(Log log, const Problem& problem, const Evaluator& evaluate,
+    const std::function<std::string(const StudyRow&)>& outcome, Progress& progress) {
   Pace pace;
   run_campaign(log, Optimizer<>(problem), evaluate, [&](const auto& state, int id, const TrialResult& v) {
     const auto& optimizer = state.optimizer();
@@ -37,17 +36,12 @@ std::vector<StudyRow> rows_of(Log log, const Problem& problem, const Evaluator& 
 }  // namespace
 
 Json json(const PairedSummary& s) {
-  return {{"above_zero", s.above_zero},
-          {"positive", s.positive},
-          {"negative", s.negative},
-          {"undecided", s.undecided},
-          {"median", s.median},
-          {"median_95", s.median_95 ? Json{s.median_95->first, s.median_95->second} : Json(nullptr)}};
+  return {{"above_zero", s.above_zero}, {"positive", s.positive}, {"negative", s.negative}, {"undecided", s.undecided},
+      {"median", s.median}, {"median_95", s.median_95 ? Json{s.median_95->first, s.median_95->second} : Json(nullptr)}};
 }
 
 std::vector<StudyRow> study_rows(const std::string& store, const std::string& problem_text, const Problem& problem,
-                                 const Evaluator& evaluate, const std::function<std::string(const StudyRow&)>& outcome,
-                                 Progress& progress) {
+    const Evaluator& evaluate, const std::function<std::string(const StudyRow&)>& outcome, Progress& progress) {
   tell_if_emptied(store, progress);
   if (!store.empty()) return rows_of(SqliteJournal(store, problem_text), problem, evaluate, outcome, progress);
   progress.note("not kept: with --store FILE it goes on after an interruption");

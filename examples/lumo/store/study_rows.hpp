@@ -24,7 +24,6 @@ Json json(const PairedSummary& s);
 /// gives the end. All rows are read from the store, so that a study that was interrupted gives the same.
 /// `problem_text`: what the store is for. Throws StoreError, CampaignError.
 std::vector<StudyRow> study_rows(const std::string& store, const std::string& problem_text, const Problem& problem,
-                                 const Evaluator& evaluate, const std::function<std::string(const StudyRow&)>& outcome,
-                                 Progress& progress);
+    const Evaluator& evaluate, const std::function<std::string(const StudyRow&)>& outcome, Progress& progress);
 
 }  // namespace lumo::program

@@ -47,16 +47,14 @@ template <class O> class CampaignState {
           answered_.emplace_back();
           continue;
         }
-        if (t.kind == JournalEntry::Kind::tell)
-          optimizer_.tell(t.id, t.values);
-        else
-          optimizer_.fail(t.id, t.retry, t.why);
+        if (t.kind == JournalEntry::Kind::tell) optimizer_.tell(t.id, t.values);
+        else optimizer_.fail(t.id, t.retry, t.why);
         answered_[std::size_t(t.id)] = e.number;
       } catch (const StoreError&) {
         throw;
       } catch (const Error& error) {
-        throw StoreError(StoreError::Reason::corrupt,
-                         message("entry ", e.number, " does not fit those before it: ", error.what()));
+        throw StoreError(
+            StoreError::Reason::corrupt, message("entry ", e.number, " does not fit those before it: ", error.what()));
       }
     }
   }
@@ -157,9 +155,8 @@ template <class O> TrialResult acceptable(O probe, int id, TrialResult result) {
 /// what the journal holds; several processes may work on one journal. Each entry depends only on those before it: a
 /// campaign in one process has the same journal, to the bit, after any number of crashes. `evaluate(design)` gives a
 /// TrialResult; `watch(state, id, result)` sees each as it was kept. Throws StoreError and CampaignError.
-template <Journal J, class O, class Evaluate, class Watch>
-OptimizerStatus run_campaign(J& journal, const O& optimizer, const Evaluate& evaluate, const Watch& watch,
-                             const CampaignConfig& config = {}) {
+template <Journal J, class O, class Evaluate, class Watch> OptimizerStatus run_campaign(
+    J& journal, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config = {}) {
   CampaignState<O> state(optimizer);
   std::set<int> own;  // trials that this process answered
   while (true) {
@@ -167,8 +164,8 @@ OptimizerStatus run_campaign(J& journal, const O& optimizer, const Evaluate& eva
     for (const auto& [failed, ended] : {state.designs(), state.machine(own)})
       if (failed >= config.failures_at_least && failed > config.failures_above * ended)
         throw CampaignError(message("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ",
-                                    100 * config.failures_above, " % once ", config.failures_at_least,
-                                    " have; the last: ", state.last_failure()));
+            100 * config.failures_above, " % once ", config.failures_at_least,
+            " have; the last: ", state.last_failure()));
     const std::optional<int> id = detail::take_trial(journal, state);
     if (!id) {
       if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();

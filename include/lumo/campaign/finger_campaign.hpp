@@ -31,7 +31,7 @@ inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bo
   for (const ScenarioRecord& s : scenarios)
     if (!is_scored(s.status, accept_held))
       return message("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ",
-                     1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi, " deg, y = ", 1e3 * s.y_m, " mm");
+          1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi, " deg, y = ", 1e3 * s.y_m, " mm");
   return "";
 }
 
@@ -45,8 +45,8 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
 
 /// Did the machine's limits end a solve, and not the body?
 inline bool is_machine_limit(const std::vector<ScenarioRecord>& scenarios) {
-  return std::any_of(scenarios.begin(), scenarios.end(),
-                     [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
+  return std::any_of(
+      scenarios.begin(), scenarios.end(), [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
 }
 /// Did they end a mesh?
 inline bool is_machine_limit(const MeshError& e) {

@@ -30,14 +30,10 @@ struct JournalEntry {
 /// The kind as stores write it.
 inline std::string to_string(JournalEntry::Kind kind) {
   switch (kind) {
-    case JournalEntry::Kind::ask:
-      return "ask";
-    case JournalEntry::Kind::tell:
-      return "tell";
-    case JournalEntry::Kind::fail:
-      return "fail";
-    default:
-      return "problem";
+    case JournalEntry::Kind::ask: return "ask";
+    case JournalEntry::Kind::tell: return "tell";
+    case JournalEntry::Kind::fail: return "fail";
+    default: return "problem";
   }
 }
 
@@ -71,8 +67,7 @@ class StoreError : public Error {
 /// look and its entry.
 template <class J>
 concept Journal = requires(J& journal, const J& view,
-                           std::function<std::optional<JournalEntry>(const std::vector<JournalEntry>&)> next,
-                           std::int64_t number) {
+    std::function<std::optional<JournalEntry>(const std::vector<JournalEntry>&)> next, std::int64_t number) {
   { view.entries() } -> std::same_as<std::vector<JournalEntry>>;
   { view.record(number) } -> std::same_as<std::string>;
   { journal.append(next) } -> std::same_as<std::optional<JournalEntry>>;
@@ -140,7 +135,7 @@ inline JournalEntry fail_entry(int id, bool retry, const std::string& why) {
 inline TrialEntry parse_trial(const JournalEntry& entry) {
   const auto refuse = [&] {
     throw StoreError(StoreError::Reason::corrupt,
-                     message("entry ", entry.number, " is no trial: ", to_string(entry.kind), ' ', entry.content));
+        message("entry ", entry.number, " is no trial: ", to_string(entry.kind), ' ', entry.content));
   };
   std::string_view rest = entry.content;
   const auto read = [&](auto& value) {

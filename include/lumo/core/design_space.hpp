@@ -78,31 +78,29 @@ inline void DesignSpace::check(std::span<const double> x) const {
     const std::string unit = v.unit.empty() ? "" : " " + v.unit;
     if (!std::isfinite(x[i]))
       throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [",
-                                     v.lower, ", ", v.upper, "]", unit));
+          message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper,
+              "]", unit));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
-                                     " is below its lower bound ", v.lower, unit));
+          message(
+              "infeasible design: ", v.name, " = ", exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
-                                     " is above its upper bound ", v.upper, unit));
+          message(
+              "infeasible design: ", v.name, " = ", exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step,
-                                     unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+          message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step, unit,
+              " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);
     const std::string unit = c.unit.empty() ? "" : " " + c.unit;
     if (sum > c.upper + rounding)
-      throw InfeasibleDesign(
-          c.name, sum, c.upper, c.unit,
+      throw InfeasibleDesign(c.name, sum, c.upper, c.unit,
           message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
     if (sum < c.lower - rounding)
-      throw InfeasibleDesign(
-          c.name, sum, c.lower, c.unit,
+      throw InfeasibleDesign(c.name, sum, c.lower, c.unit,
           message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
   }
   for (const DesignRule& r : rules)

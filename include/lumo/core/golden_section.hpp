@@ -8,10 +8,8 @@ template <class Function> double golden_section(Function function, double a, dou
   constexpr double golden = 0.61803398874989484820;
   for (int k = 0; k < steps; ++k) {
     const double c = b - golden * (b - a), d = a + golden * (b - a);
-    if (function(c) <= function(d))
-      b = d;
-    else
-      a = c;
+    if (function(c) <= function(d)) b = d;
+    else a = c;
   }
   return 0.5 * (a + b);
 }

@@ -122,14 +122,10 @@ class Svg {
   static std::string escaped(std::string_view s) {
     std::string out;
     for (const char c : s) {
-      if (c == '&')
-        out += "&amp;";
-      else if (c == '<')
-        out += "&lt;";
-      else if (c == '>')
-        out += "&gt;";
-      else
-        out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
+      if (c == '&') out += "&amp;";
+      else if (c == '<') out += "&lt;";
+      else if (c == '>') out += "&gt;";
+      else out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
     }
     return out;
   }

@@ -42,8 +42,8 @@ inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions&
     return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
   };
   const auto duct = [&](double z) {
-    return detail::rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y,
-                             CastingLayout::duct_length - at.strip_y, z);
+    return detail::rectangle(
+        -0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z);
   };
   const auto holes = [&](double z) {
     std::vector<std::vector<Vec3d>> loops;
@@ -51,7 +51,7 @@ inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions&
       for (const double y : {-1.0, 1.0})
         loops.push_back(reversed(
             detail::ring(Vec3d(x * (at.half_width - CastingLayout::hole_inset), y * (at.half_length + 0.5 * o.tab), z),
-                         Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
+                Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
     return loops;
   };
   auto below = holes(bottom), above = holes(0.0);

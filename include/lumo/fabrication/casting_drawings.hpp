@@ -56,24 +56,18 @@ inline Drawing section_drawing(const HalfSection& s, const CastingOptions& o) {
       {"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
   if (voids) d.layers.push_back({"CORES", 1, "#d55e00"});
   std::vector<Drawing::Point> pad{{at.stem_x, at.stem_height}};
-  if (voids)
-    pad.insert(pad.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
-  else
-    pad.push_back({at.stem_x, 0.0});
+  if (voids) pad.insert(pad.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
+  else pad.push_back({at.stem_x, 0.0});
   pad.insert(pad.end(), outline.begin(), outline.end());
   d.lines.push_back({0, detail::mirrored(std::move(pad))});
-  d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor},
-                                          {at.pocket_x, at.stem_height},
-                                          {at.stem_x, at.stem_height},
-                                          {at.stem_x, 0.0},
-                                          {at.plate_x, 0.0},
-                                          {at.plate_x, -o.plate}})});
+  d.lines.push_back(
+      {1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, at.stem_height}, {at.stem_x, at.stem_height},
+              {at.stem_x, 0.0}, {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
   d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, at.stem_height));
   d.lines.push_back({2, {{-led, at.stem_height}, {led, at.stem_height}}, false});
   for (const double side : {1.0, -1.0}) {
-    std::vector<Drawing::Point> half{{at.half_width, 0.0},       {at.rim_x, 0.0},
-                                     {at.rim_x, -o.rim},         {at.mould_x, -o.rim},
-                                     {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
+    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim},
+        {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
     half.insert(half.end(), outline.rbegin(), outline.rend() - 1);
     for (auto& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
@@ -82,10 +76,8 @@ inline Drawing section_drawing(const HalfSection& s, const CastingOptions& o) {
   std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
   if (voids) legend.push_back("cores");
   for (int layer = 0; layer < int(legend.size()); ++layer)
-    d.labels.push_back({layer,
-                        {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3},
-                        detail::caption_height,
-                        legend[std::size_t(layer)]});
+    d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, detail::caption_height,
+        legend[std::size_t(layer)]});
   detail::add_caption(d, "Section at scale 1:1");
   return d;
 }
@@ -98,11 +90,11 @@ inline Drawing strip_drawing(const HalfSection& s, const CastingOptions& o) {
   d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
   for (int k = 0; k < o.leds.count; ++k) {
     const double y = (k - 0.5 * (o.leds.count - 1)) * o.leds.pitch;
-    d.lines.push_back(detail::box_line(1, y - 0.5 * o.leds.length_y, y + 0.5 * o.leds.length_y, -0.5 * o.leds.width_x,
-                                       0.5 * o.leds.width_x));
+    d.lines.push_back(detail::box_line(
+        1, y - 0.5 * o.leds.length_y, y + 0.5 * o.leds.length_y, -0.5 * o.leds.width_x, 0.5 * o.leds.width_x));
   }
   detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width,
-                                 " mm, LEDs every ", 1e3 * o.leds.pitch, " mm"));
+                             " mm, LEDs every ", 1e3 * o.leds.pitch, " mm"));
   return d;
 }
 

@@ -76,9 +76,9 @@ inline CastVolume cast_volume(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   CastVolume v{2.0 * s.exact_area_m2() * s.length_m(),
-               4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height +
-                   2.0 * at.stem_x * at.stem_height * o.clearance,
-               0.0};
+      4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height +
+          2.0 * at.stem_x * at.stem_height * o.clearance,
+      0.0};
   for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
   return v;
 }

@@ -117,20 +117,18 @@ inline void validate(const CastingOptions& o, const HalfSection& s) {
   require_in_range("mould rim", o.rim * 1e3, 1.0, o.plate * 1e3, "mm");
   const CastingLayout at(s, o);
   require_in_range("pad width", 2e3 * at.half_width, 20.0, 200.0, "mm");
-  require_in_range("stem height", at.stem_height * 1e3, o.strip_height * 1e3 + 0.5,
-                   1e3 * at.top - limits::above_stem_mm, "mm");
+  require_in_range(
+      "stem height", at.stem_height * 1e3, o.strip_height * 1e3 + 0.5, 1e3 * at.top - limits::above_stem_mm, "mm");
   const double widest = 1e3 * (2.0 * at.stem_x - 2.0 * o.clearance - 2.0 * limits::beside_strip);
   if (o.strip_width * 1e3 > widest + 1e-9)
     throw InvalidArgument(message("LED strip width is ", exact(o.strip_width * 1e3), " mm, must be at most ", widest,
-                                  " mm: 0.6 mm of wall on each side of it in a stem of ", 2.0 * at.stem_x * 1e3,
-                                  " mm"));
+        " mm: 0.6 mm of wall on each side of it in a stem of ", 2.0 * at.stem_x * 1e3, " mm"));
   if (at.pocket_y > at.half_length - limits::beyond_strip)
     throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ",
-                                  2e3 * (at.half_length - o.clearance - limits::beyond_strip), " mm"));
+        2e3 * (at.half_length - o.clearance - limits::beyond_strip), " mm"));
   if (at.notch_outer > at.half_width - 1e-3 * limits::beside_void_mm)
     throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance),
-                                  " mm thick beside its voids, must be at least ",
-                                  limits::beside_void_mm + 1e3 * o.clearance, " mm"));
+        " mm thick beside its voids, must be at least ", limits::beside_void_mm + 1e3 * o.clearance, " mm"));
 }
 
 }  // namespace lumo

@@ -13,12 +13,8 @@ namespace lumo {
 inline std::vector<std::array<double, 2>> core_outline(const HalfSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;
-  return {{-at.half_length, 0.0},
-          {at.mould_y, 0.0},
-          {at.mould_y, -o.rim},
-          {at.mould_y + handle, -o.rim},
-          {at.mould_y + handle, at.stem_height},
-          {-at.half_length, at.stem_height}};
+  return {{-at.half_length, 0.0}, {at.mould_y, 0.0}, {at.mould_y, -o.rim}, {at.mould_y + handle, -o.rim},
+      {at.mould_y + handle, at.stem_height}, {-at.half_length, at.stem_height}};
 }
 
 /// The core of the void at x > 0, as thick as the void is wide; the other one is the same, shifted. It comes out along

@@ -124,8 +124,8 @@ inline auto FacetedSolid::surface() const -> TriangleSurface {
     for (const auto& hole : holes) local_holes.push_back(local(hole));
     const auto triangles = PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
     if (!triangles)
-      throw MeshError(MeshError::Reason::self_intersecting,
-                      "solid: a face's outline crosses or touches itself or its holes");
+      throw MeshError(
+          MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
     for (const auto& t : *triangles)
       s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
   }

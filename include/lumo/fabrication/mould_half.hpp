@@ -47,10 +47,8 @@ inline std::vector<Opening> pour_openings(const HalfSection& s, const CastingOpt
   const double corner_x = at.half_width - corner;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
   for (const double side : {-1.0, 1.0})
-    list.push_back({{side * corner_x, corner},
-                    {side * corner_x, corner},
-                    vent,
-                    std::min(vent + length * std::tan(3.0_deg), widest_vent)});
+    list.push_back({{side * corner_x, corner}, {side * corner_x, corner}, vent,
+        std::min(vent + length * std::tan(3.0_deg), widest_vent)});
   return list;
 }
 
@@ -131,8 +129,8 @@ class MouldHalf {
 inline void MouldHalf::cavity() {
   solid_.band(upright(outline_, near_), upright(outline_, end_), false);
   const Corners crown(outline_.rbegin(), outline_.rend());
-  Corners face{{at_.half_width, 0.0},        {at_.rim_x, 0.0},    {at_.rim_x, rim_}, {at_.mould_x, rim_},
-               {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
+  Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_},
+      {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
   face.insert(face.end(), crown.begin(), crown.end() - 1);
   solid_.face(upright(face, near_));
 
@@ -156,7 +154,7 @@ inline void MouldHalf::parting() {
     return ring(Vec3d(x, place, z), Vec3d::UnitZ(), Vec3d::UnitY(), r);
   };  // seen from −x
   solid_.face(lengthwise({{near_, at_.top}, {near_, at_.mould_top}, {end_, at_.mould_top}, {end_, at_.top}}, 0.0),
-              {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
+      {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
   solid_.band(around(0.0, y, radius), around(-height, y, tip));
   solid_.face(around(-height, y, tip));
   solid_.band(reversed(around(height + c, -y, tip + c)), reversed(around(0.0, -y, radius + c)));
@@ -166,23 +164,15 @@ inline void MouldHalf::parting() {
 /// The ledge that lies on the carrier's plate, and the rim round it.
 inline void MouldHalf::underside() {
   const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
-  solid_.face(reversed(level({{at_.half_width, near_},
-                              {at_.rim_x, near_},
-                              {at_.rim_x, at_.rim_y},
-                              {from, at_.rim_y},
-                              {from, end_},
-                              {at_.half_width, end_}},
-                             0.0)));
+  solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y},
+                                 {from, end_}, {at_.half_width, end_}},
+      0.0)));
   if (!notches_.empty())
     for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
       solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
-  solid_.face(reversed(level({{at_.rim_x, near_},
-                              {at_.mould_x, near_},
-                              {at_.mould_x, at_.mould_y},
-                              {left, at_.mould_y},
-                              {left, at_.rim_y},
-                              {at_.rim_x, at_.rim_y}},
-                             rim_)));
+  solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y},
+                                 {left, at_.rim_y}, {at_.rim_x, at_.rim_y}},
+      rim_)));
   solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, 0.0}, {near_, 0.0}}, at_.rim_x)));
   Corners inner = stepped(0.0, -o_.clearance);  // along its top
   std::reverse(inner.begin(), inner.end());

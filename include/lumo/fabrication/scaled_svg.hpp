@@ -35,8 +35,7 @@ inline void write_svg(std::ostream& out, const Drawing& drawing) {
     }
     for (const Drawing::Label& label : drawing.labels)
       if (std::size_t(label.layer) == k)
-        svg.text(
-            at(label.at), label.words,
+        svg.text(at(label.at), label.words,
             {.size = 1e3 * (label.height / capitals), .anchor = Svg::left_out, .fill = layer.stroke, .stroke = "none"});
     svg.end_group();
   }

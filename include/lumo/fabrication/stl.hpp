@@ -26,8 +26,7 @@ inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
   word(std::uint32_t(surface.triangles.size()));
   for (const auto& t : surface.triangles) {
     const std::array<Vec3d, 3> corner{1e3 * surface.vertices[std::size_t(t[0])],
-                                      1e3 * surface.vertices[std::size_t(t[1])],
-                                      1e3 * surface.vertices[std::size_t(t[2])]};
+        1e3 * surface.vertices[std::size_t(t[1])], 1e3 * surface.vertices[std::size_t(t[2])]};
     point((corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized());
     for (const Vec3d& p : corner) point(p);
     bytes.append(2, '\0');

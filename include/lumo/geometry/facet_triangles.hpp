@@ -88,9 +88,8 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and
 /// no others. Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// nullopt if the outline is not simple or not counter-clockwise about `normal`.
-inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices,
-                                                                   const std::vector<int>& loop, const Vec3d& normal,
-                                                                   int facet, double slack) {
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(
+    const std::vector<Vec3d>& vertices, const std::vector<int>& loop, const Vec3d& normal, int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
   if (loop.size() == 3) {
     triangles.push_back({{loop[0], loop[1], loop[2]}, facet});
@@ -129,7 +128,7 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::ve
     at %= left.size();
     triangles.push_back(
         {{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]},
-         facet});
+            facet});
     left.erase(left.begin() + static_cast<std::ptrdiff_t>(at));
     ++at;  // the next corner but one: fewer slender triangles than a fan
   }

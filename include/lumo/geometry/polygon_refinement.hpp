@@ -309,8 +309,7 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
     } else {
       if (const auto side = encroached(place.triangle, round.center))
         split_outline(side->first, side->second, closest, changed);
-      else if (round.radius >= closest)
-        insert(place.triangle, round.center, changed);
+      else if (round.radius >= closest) insert(place.triangle, round.center, changed);
     }
     if (changed.empty()) continue;  // as good as the outline allows
     todo.push_back(t);

@@ -57,8 +57,8 @@ inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
-inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole,
-                                     const std::vector<std::vector<int>>& others) const {
+inline bool PolygonTriangles::bridge(
+    Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(
       std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
@@ -79,8 +79,8 @@ inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole,
     if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) ||
         crosses(from, to, hole))
       continue;
-    if (std::any_of(others.begin(), others.end(),
-                    [&](const std::vector<int>& other) { return crosses(from, to, other); }))
+    if (std::any_of(
+            others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); }))
       continue;
     std::vector<int> detour{to};
     for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);

@@ -134,7 +134,7 @@ inline int sure_orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const V
 inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
   if (const int sure = sure_orient2d(a, b, c); sure != 0) return sure;
   return detail::exact_minor(detail::exact_difference(b[0], a[0]), detail::exact_difference(b[1], a[1]),
-                             detail::exact_difference(c[0], a[0]), detail::exact_difference(c[1], a[1]))
+      detail::exact_difference(c[0], a[0]), detail::exact_difference(c[1], a[1]))
       .sign();
 }
 

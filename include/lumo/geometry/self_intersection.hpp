@@ -98,10 +98,8 @@ inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   std::array<int, 2> edge{};
   std::size_t shared = 0;
   for (int vertex : a) {
-    if (has(b, vertex))
-      edge[shared++] = vertex;
-    else
-      apex_a = vertex;
+    if (has(b, vertex)) edge[shared++] = vertex;
+    else apex_a = vertex;
   }
   for (int vertex : b)
     if (!has(a, vertex)) apex_b = vertex;
@@ -194,7 +192,7 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
     const Corners& t = triangles_[i].corners;
     const Vec3d &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
     boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin,
-                     elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
+        elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
     low = elementwise_min(low, boxes.back().low);
     high = elementwise_max(high, boxes.back().high);
   }

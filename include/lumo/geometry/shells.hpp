@@ -61,9 +61,8 @@ inline void check_edges(const ClosedSurface& input) {
       vertex_of.push_back(a);
     }
   }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
-    return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from);
-  });
+  std::sort(sides.begin(), sides.end(),
+      [](const Side& a, const Side& b) { return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from); });
   Groups fans(vertex_of.size());
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
@@ -76,8 +75,8 @@ inline void check_edges(const ClosedSurface& input) {
     const Side& a = sides[i];
     const Side& b = sides[i + 1];
     if (a.up == b.up)
-      throw MeshError(Reason::not_manifold,
-                      message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
+      throw MeshError(
+          Reason::not_manifold, message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
     fans.join(a.from, b.to);
     fans.join(a.to, b.from);
     i = end;
@@ -88,7 +87,7 @@ inline void check_edges(const ClosedSurface& input) {
     const int fan = fans.find(static_cast<int>(corner));
     if (known >= 0 && known != fan)
       throw MeshError(Reason::not_manifold,
-                      message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
+          message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
     known = fan;
   }
 }
@@ -132,20 +131,20 @@ inline double solid_angle(const Vec3d& from_a, const Vec3d& from_b, const Vec3d&
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
 inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles,
-                      const Shell& shell, const Vec3d& point) {
+    const Shell& shell, const Vec3d& point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
     angle += solid_angle(vertices[static_cast<std::size_t>(corners[0])], vertices[static_cast<std::size_t>(corners[1])],
-                         vertices[static_cast<std::size_t>(corners[2])], point);
+        vertices[static_cast<std::size_t>(corners[2])], point);
   }
   return angle / (4.0 * std::numbers::pi);
 }
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles,
-                         const std::vector<Shell>& shells) {
+inline void check_inside(
+    const ClosedSurface& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3d& point, const Shell* without) {
     double sum = 0.0;
     for (const Shell& shell : shells)
@@ -158,8 +157,8 @@ inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTr
     const double wanted = shells[i].volume > 0.0 ? 0.0 : 1.0;
     if (std::abs(around - wanted) > 0.25)
       throw MeshError(MeshError::Reason::not_manifold,
-                      message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume,
-                              " is wound by other shells ", around, " times, must be ", wanted));
+          message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume,
+              " is wound by other shells ", around, " times, must be ", wanted));
   }
   std::vector<char> used(input.vertices.size(), 0);
   for (const SurfaceTriangle& t : triangles)
@@ -167,13 +166,12 @@ inline void check_inside(const ClosedSurface& input, const std::vector<SurfaceTr
   for (std::size_t i = 0; i < used.size(); ++i)
     if (!used[i] && total(input.vertices[i], nullptr) < 0.75)
       throw MeshError(MeshError::Reason::bad_index,
-                      message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
+          message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
 inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices,
-                                        const std::vector<SurfaceTriangle>& triangles,
-                                        const std::vector<Shell>& shells) {
+    const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   std::vector<Vec3d> points;
   const auto at = [&](int vertex) -> const Vec3d& { return vertices[static_cast<std::size_t>(vertex)]; };
   for (const Shell& shell : shells) {

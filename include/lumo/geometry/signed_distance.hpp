@@ -40,8 +40,8 @@ class SignedDistance {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3d out = outward(n), way = p - n.at.point;
     const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
-    Sample s{sign * n.distance, n.distance > 0.0 ? Vec3d(sign / n.distance * way) : Vec3d(out.normalized()),
-             Mat3d::Zero()};
+    Sample s{
+        sign * n.distance, n.distance > 0.0 ? Vec3d(sign / n.distance * way) : Vec3d(out.normalized()), Mat3d::Zero()};
     if (n.at.feature == TrianglePoint::inside || !(n.distance > 0.0)) return s;
     Mat3d turning =
         Mat3d::Identity() -

@@ -50,22 +50,22 @@ inline void check_numbers(const ClosedSurface& input) {
   using Reason = MeshError::Reason;
   if (input.vertices.empty() || input.facets.empty())
     refuse_surface(Reason::degenerate, message("has ", input.vertices.size(), " vertices and ", input.facets.size(),
-                                               " facets, must have some of both"));
+                                           " facets, must have some of both"));
   if (input.vertices.size() > 100'000'000 || input.facets.size() > 100'000'000)
-    refuse_surface(Reason::out_of_memory, message("has ", input.vertices.size(), " vertices and ", input.facets.size(),
-                                                  " facets, at most 1e8 of each"));
+    refuse_surface(Reason::out_of_memory,
+        message("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, at most 1e8 of each"));
   for (std::size_t i = 0; i < input.vertices.size(); ++i)
     if (!(input.vertices[i].cwiseAbs().maxCoeff() <= largest_coordinate) || !input.vertices[i].allFinite())
       refuse_surface(Reason::not_finite, message("vertex ", i, " is at ", point_text(input.vertices[i]),
-                                                 ", coordinates must be finite and at most ", largest_coordinate));
+                                             ", coordinates must be finite and at most ", largest_coordinate));
   const auto count = static_cast<int>(input.vertices.size());
   std::vector<int> seen(input.vertices.size(), -1);
   for (std::size_t f = 0; f < input.facets.size(); ++f) {
     const std::vector<int>& loop = input.facets[f].loop;
     for (int vertex : loop)
       if (vertex < 0 || vertex >= count)
-        refuse_surface(Reason::bad_index,
-                       message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
+        refuse_surface(
+            Reason::bad_index, message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
     if (loop.size() < 3)
       refuse_surface(Reason::degenerate, message("facet ", f, " has ", loop.size(), " corners, must have at least 3"));
     for (int vertex : loop)
@@ -91,8 +91,8 @@ inline void check_duplicates(const std::vector<Vec3d>& vertices, double toleranc
       const double distance = (vertices[static_cast<std::size_t>(order[j].vertex)] - a).norm();
       if (distance <= tolerance)
         refuse_surface(MeshError::Reason::duplicate,
-                       message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", point_text(a), " are ",
-                               distance, " apart, must be more than ", tolerance));
+            message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", point_text(a), " are ", distance,
+                " apart, must be more than ", tolerance));
     }
 }
 
@@ -112,21 +112,20 @@ inline std::vector<SurfaceTriangle> check_facets(const ClosedSurface& input, dou
       size = std::max({size, (corner(i) - corner(0)).norm(), (corner(i + 1) - corner(i)).norm()});
     const Vec3d doubled = polygon_normal(input.vertices, loop);
     if (!(doubled.norm() > 2.0 * detail::flatness * size * size))
-      detail::refuse_surface(Reason::degenerate,
-                             message("facet ", f, " at ", detail::point_text(corner(0)), " has area ",
-                                     0.5 * doubled.norm(), ", must be more than ", detail::flatness * size * size));
+      detail::refuse_surface(
+          Reason::degenerate, message("facet ", f, " at ", detail::point_text(corner(0)), " has area ",
+                                  0.5 * doubled.norm(), ", must be more than ", detail::flatness * size * size));
     const Vec3d normal = doubled.normalized();
     for (std::size_t i = 1; i < loop.size(); ++i) {
       const double height = std::abs(normal.dot(corner(i) - corner(0)));
       if (loop.size() > 3 && height > detail::flatness * size)
-        detail::refuse_surface(Reason::degenerate,
-                               message("facet ", f, " at ", detail::point_text(corner(i)), " is not flat: ", height,
-                                       " off its plane, at most ", detail::flatness * size));
+        detail::refuse_surface(
+            Reason::degenerate, message("facet ", f, " at ", detail::point_text(corner(i)), " is not flat: ", height,
+                                    " off its plane, at most ", detail::flatness * size));
     }
     const auto pieces = facet_triangles(input.vertices, loop, normal, static_cast<int>(f), 2.0 * gap);
     if (!pieces)
-      detail::refuse_surface(
-          Reason::self_intersecting,
+      detail::refuse_surface(Reason::self_intersecting,
           message("the outline of facet ", f, " at ", detail::point_text(corner(0)), " crosses or touches itself"));
     triangles.insert(triangles.end(), pieces->begin(), pieces->end());
   }
@@ -154,22 +153,20 @@ inline SurfaceReport validate_surface(const ClosedSurface& input) {
     report.area += shell.area;
     report.volume += shell.volume;
     if (!(std::abs(shell.volume) > 1e-9 * shell.area * size))
-      detail::refuse_surface(
-          Reason::degenerate,
+      detail::refuse_surface(Reason::degenerate,
           message("the shell of facet ", triangles[static_cast<std::size_t>(shell.triangles[0])].facet,
-                  " encloses a volume of ", shell.volume, ", must be more than ", 1e-9 * shell.area * size));
+              " encloses a volume of ", shell.volume, ", must be more than ", 1e-9 * shell.area * size));
   }
   if (!(report.volume > 0.0))
-    detail::refuse_surface(Reason::not_manifold,
-                           message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
+    detail::refuse_surface(
+        Reason::not_manifold, message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
   if (const auto pair = SelfIntersection(input.vertices, triangles, detail::closeness * size).find()) {
     const SurfaceTriangle& a = triangles[static_cast<std::size_t>(pair->first)];
     const SurfaceTriangle& b = triangles[static_cast<std::size_t>(pair->second)];
-    detail::refuse_surface(
-        Reason::self_intersecting,
+    detail::refuse_surface(Reason::self_intersecting,
         message("facets ", std::min(a.facet, b.facet), " and ", std::max(a.facet, b.facet), " cross or touch near ",
-                detail::point_text(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
-                detail::closeness * size, " apart"));
+            detail::point_text(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
+            detail::closeness * size, " apart"));
   }
   check_inside(input, triangles, shells);
   report.cavities = cavity_points(input.vertices, triangles, shells);

@@ -184,21 +184,19 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 }  // namespace detail
 
 /// Reads a surface from a file's bytes; `kind`: ".obj" or ".stl", `name`: for messages. Throws as read_surface does.
-inline TriangleSurface parse_surface(std::string_view kind, const std::string& bytes, const std::string& name,
-                                     double unit_m) {
+inline TriangleSurface parse_surface(
+    std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
   TriangleSurface s;
   if (kind == ".obj") {
     s = detail::read_obj({bytes, name});
   } else {
     // A text, too, may begin with any 80 bytes; only the length distinguishes a binary file.
     const std::uint64_t count = bytes.size() >= 84 ? number_at<std::uint32_t>(&bytes[80], ByteOrder::little) : 0;
-    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count)
-      s = detail::read_stl_binary(bytes);
-    else if (bytes.rfind("solid", 0) == 0)
-      s = detail::read_stl_text({bytes, name});
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = detail::read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
     else
       throw InputError(message("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count,
-                               " triangles has ", 84 + 50 * count));
+          " triangles has ", 84 + 50 * count));
   }
   for (Vec3d& v : s.vertices) {
     if (!v.allFinite())

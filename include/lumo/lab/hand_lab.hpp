@@ -93,7 +93,7 @@ class HandLab {
           const auto p = map(l, joints).pixel(y, z);
           if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
             throw InvalidArgument(message("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ",
-                                          hand_.width, " x ", hand_.height));
+                hand_.width, " x ", hand_.height));
         }
   }
 
@@ -114,7 +114,7 @@ inline auto HandLab::map(int link, const HandJoints& joints) const -> sense::Lin
   const bool right = link >= 2;
   const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
   Eigen::Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px,
-                     0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
+      0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
   double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];  // image rows run down: −90° points up
   if (link % 2 == 1) {
     at += length * Eigen::Vector2d(std::cos(turn), std::sin(turn));
@@ -236,7 +236,7 @@ inline void HandLab::record_joints() {
   for (double t = 0.0; t < keys_.back().t_s; t += 1.0 / hand_.rig.motor.hz) {
     const HandTruth now = at(t);
     sense::JointSample s{lab_stamp(t), sense::JointVector(4), sense::JointVector(4), sense::JointVector::Zero(4),
-                         sense::Effort::current_A};
+        sense::Effort::current_A};
     for (int k = 0; k < 4; ++k) {
       s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
       s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * hand_.rig.motor.hz;

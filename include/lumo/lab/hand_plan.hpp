@@ -58,7 +58,7 @@ inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.
           {(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
     }
     std::sort(grasp.touches.begin(), grasp.touches.end(),
-              [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
+        [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
     plan.grasps.push_back(std::move(grasp));
   }
   return plan;

@@ -25,9 +25,8 @@ struct PadGrid {
 /// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as
 /// `sight` says. The pipeline's tracer must have `sight` for its readout; `body` must be symmetric. Throws
 /// InvalidArgument, MeshError, and PressFailure when a press does not converge.
-template <class P, Executor E>
-PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline,
-                         const E& executor, const ProgressReport& progress = {}) {
+template <class P, Executor E> PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid,
+    const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
   require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
   require_positive("spacing of the virtual lab's places", grid.spacing_m, "m");
@@ -41,7 +40,7 @@ PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid
   for (const ScenarioRecord& s : seen.scenarios)
     if (s.status != Status::converged)
       throw PressFailure(message("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m,
-                                 " mm (", to_string(s.status), ")"));
+          " mm (", to_string(s.status), ")"));
 
   const Eigen::Index bins = sight.bins, loads = Eigen::Index(grid.load_N.size());
   PadResponses r;

@@ -104,8 +104,8 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
 
 /// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name`
 /// stands in the message.
-inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key,
-                                            const std::string& name) {
+inline PadResponses pad_responses_from_text(
+    std::string_view text, const std::optional<std::string>& key, const std::string& name) {
   BlockReader reader(text, name);
   if (!text.starts_with(pad_file_head)) reader.fail("holds no responses of a pad");
   const auto last = text.rfind("checksum ");
@@ -136,8 +136,8 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 }
 
 /// nullopt if there is no such file. Throws InputError for one that cannot be used.
-inline std::optional<PadResponses> read_pad_responses(const std::string& path,
-                                                      const std::optional<std::string>& key = {}) {
+inline std::optional<PadResponses> read_pad_responses(
+    const std::string& path, const std::optional<std::string>& key = {}) {
   if (std::error_code unseen; !std::filesystem::exists(path, unseen)) return std::nullopt;
   const auto text = read_whole(path);
   if (!text) throw InputError(message(path, ": cannot be read"));

@@ -40,20 +40,20 @@ inline void validate(const PadResponses& r, const std::string& name) {
                      tilts = r.tilt_place_m.size();
   const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
   require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m),
-          "there must be at least 3 bins, ascending, with unloaded power each");
+      "there must be at least 3 bins, ascending, with unloaded power each");
   const Eigen::VectorXd& position_m = r.position_m;
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads,
-          "there must be at least 2 loads, ascending");
+      "there must be at least 2 loads, ascending");
   require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places,
-          "there must be at least 2 places, ascending from 0");
+      "there must be at least 2 places, ascending from 0");
   require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts,
-          "there must be a tilted approach at least at one place");
+      "there must be a tilted approach at least at one place");
   require(
       r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0,
       "a depth is missing or not positive");
   require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0,
-          "unloaded power must be finite and not negative");
+      "unloaded power must be finite and not negative");
   for (const auto* list : {&r.change, &r.tilt})
     for (const Eigen::MatrixXd& m : *list)
       require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
@@ -96,10 +96,10 @@ class PadLight {
     if (tilt_rad != 0.0) {
       const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
       add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N),
-                std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
+          std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
       if (s > 0.0)
         add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N),
-                  std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
+            std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
     return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
   }

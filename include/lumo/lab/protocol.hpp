@@ -91,8 +91,8 @@ inline LabPlan cycle_plan(int runs = 3) {
 /// imaging variation).
 inline LabPlan imaging_plan() {
   LabPlan plan{"imaging variation", 0.0, {}, {}};
-  plan.views = {{},        {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}},
-                {{}, 4.0}, {{}, 1.0, 0.0}};
+  plan.views = {
+      {}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
   for (int v = 0; v < int(plan.views.size()); ++v)
     for (int p = 0; p < 3; ++p)
       plan.contacts.push_back(

@@ -25,8 +25,8 @@ class SidePainter {
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the
   /// window's middle.
-  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
-                     RandomStream draws) const;
+  sense::Image paint(
+      const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -42,8 +42,8 @@ class SidePainter {
   std::vector<Pixel> pixels_;
 };
 
-inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m,
-                                std::uint64_t seed)
+inline SidePainter::SidePainter(
+    const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed)
     : view_(view) {
   const CameraRig& camera = view_.camera();
   const SideGeometry& side = view_.side();
@@ -52,7 +52,7 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, c
       if (!view_.shows(y, z)) {
         const Eigen::Vector2d corner = view_.pixel(y, z);
         throw InvalidArgument(message("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(),
-                                      "), outside the window of ", camera.width, " x ", camera.height, " px"));
+            "), outside the window of ", camera.width, " x ", camera.height, " px"));
       }
   const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px,
                blur = camera.blur_px * scale;
@@ -85,8 +85,8 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, c
     }
 }
 
-inline sense::Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
-                                       RandomStream draws) const {
+inline sense::Image SidePainter::paint(
+    const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const {
   const CameraRig& camera = view_.camera();
   sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {

@@ -51,7 +51,7 @@ class VirtualRig {
   /// `light` stays the caller's. Throws InvalidArgument for numbers out of range, or loads and places beyond
   /// those computed.
   VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {},
-             SideGeometry side = {});
+      SideGeometry side = {});
 
   const sense::Session& session() const { return session_; }
   const std::vector<sense::FrameRecord>& frames() const { return frames_; }
@@ -140,8 +140,8 @@ class VirtualCamera {
 
 static_assert(sense::Camera<VirtualCamera>);
 
-inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig,
-                              SideGeometry side)
+inline VirtualRig::VirtualRig(
+    const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -183,7 +183,7 @@ inline void VirtualRig::draw_contacts() {
     contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
     for (const LoadStep& s : c.steps)
       contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()),
-                                                 s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
+          s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
@@ -204,9 +204,9 @@ inline void VirtualRig::lay_out_time() {
       t += s.ramp_s;
       load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
-      session_.segments.push_back({lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place,
-                                   1e3 * c.y_m, c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi,
-                                   1e3 * light_->responses().diameter_m});
+      session_.segments.push_back(
+          {lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place, 1e3 * c.y_m,
+              c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi, 1e3 * light_->responses().diameter_m});
       t += s.hold_s;
     }
     phases_.push_back({t, t + release_s, load, 0.0, int(i)});
@@ -242,8 +242,8 @@ inline auto VirtualRig::at(double t_s) const -> Sampled {
   const Sampled &a = sampled_[i], &b = sampled_[j];
   const double share = index - double(i);
   if (a.contact != b.contact) return share < 0.5 ? a : b;
-  return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N),
-          a.contact};
+  return {
+      a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
 }
 
 /// Joint by joint: what sticks and errs is each one's own.
@@ -252,7 +252,7 @@ inline void VirtualRig::record_joints() {
   const double dt = 1.0 / m.hz;
   for (std::size_t i = 0; i < sampled_.size(); ++i)
     joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints),
-                       sense::JointVector(m.joints), sense::Effort::current_A});
+        sense::JointVector(m.joints), sense::Effort::current_A});
   for (int joint = 0; joint < m.joints; ++joint) {
     const bool last_joint = joint + 1 == m.joints;
     const std::uint64_t stream = last_joint ? 2 : 60;
@@ -320,17 +320,16 @@ inline void VirtualRig::record_frames() {
   std::vector<SideCamera> cameras;
   for (int trial = 0;
        trial == 0 || (trial < most_trials && !std::all_of(cameras.begin(), cameras.end(),
-                                                          [](const SideCamera& view) { return view.shows_side(); }));
+                                                 [](const SideCamera& view) { return view.shows_side(); }));
        ++trial) {
     const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(),
-                          noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
-                          noise_ * c.aim_sigma_m * once.normal()};
+        noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
+        noise_ * c.aim_sigma_m * once.normal()};
     cameras.clear();
     for (const LabView& v : plan_.views)
-      cameras.emplace_back(
-          c, side_,
+      cameras.emplace_back(c, side_,
           CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad,
-                      set.along_m + v.place.along_m, set.height_m + v.place.height_m});
+              set.along_m + v.place.along_m, set.height_m + v.place.height_m});
   }
   for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
   LampNoise lamps(l, seed_, 8);
@@ -349,13 +348,8 @@ inline void VirtualRig::record_frames() {
     TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
-      truth = {truth.stamp_ns,
-               s.contact,
-               now.y_m,
-               s.load_N,
-               now.tilt_rad,
-               s.equivalent_N,
-               light_->depth_m(now.y_m, s.equivalent_N)};
+      truth = {truth.stamp_ns, s.contact, now.y_m, s.load_N, now.tilt_rad, s.equivalent_N,
+          light_->depth_m(now.y_m, s.equivalent_N)};
     }
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
@@ -363,7 +357,7 @@ inline void VirtualRig::record_frames() {
     lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN *
                        (1.0 + noise_ * (l.ambient_drift * room.at(t) +
-                                        l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
+                                           l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
   }
 }
 

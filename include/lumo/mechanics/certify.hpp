@@ -25,7 +25,7 @@ struct PressedState {
 /// ContactSurface: a fault in one of these is found only by the policies' own tests.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<Material, Contact, Element>& physics,
-                      const Moving<Tool>& indenter, const PressedState& state);
+    const Moving<Tool>& indenter, const PressedState& state);
 
 namespace detail {
 
@@ -61,9 +61,8 @@ template <class Columns> Columns solved_transposed(const Mat3d& A, Columns b) {
 }
 
 // Adds the internal forces of all tetrahedra.
-template <class Material, class Element>
-void add_internal_forces(const TetMesh& mesh, const Material& material, const Element& element,
-                         const std::vector<Vec3d>& displacement, std::vector<Vec3d>& force) {
+template <class Material, class Element> void add_internal_forces(const TetMesh& mesh, const Material& material,
+    const Element& element, const std::vector<Vec3d>& displacement, std::vector<Vec3d>& force) {
   constexpr std::size_t points = std::size_t(Element::points);
   for (const auto& t : mesh.tets) {
     std::array<Eigen::Matrix<double, 3, Element::nodes>, points> slope;
@@ -95,9 +94,8 @@ void add_internal_forces(const TetMesh& mesh, const Material& material, const El
 }
 
 // Takes the contact pressure off the nodes' forces, and adds it to the push on an indenter.
-template <class Contact, class Tool>
-void add_pressure(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x,
-                  std::vector<Vec3d>& force, double* push) {
+template <class Contact, class Tool> void add_pressure(const ContactSurface& surface, const Contact& contact,
+    const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3d>& force, double* push) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
       const DistanceSample d = rigid.sample(surface.position(f, p, x));
@@ -112,7 +110,7 @@ void add_pressure(const ContactSurface& surface, const Contact& contact, const M
 
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<Material, Contact, Element>& physics,
-                      const Moving<Tool>& indenter, const PressedState& state) {
+    const Moving<Tool>& indenter, const PressedState& state) {
   std::vector<Vec3d> force(mesh.nodes.size(), Vec3d::Zero());
   detail::add_internal_forces(mesh, physics.material, physics.element, state.displacement, force);
   Positions x(3, Eigen::Index(mesh.nodes.size()));
@@ -121,10 +119,10 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
   for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
   const Carrier carrier{body.carrier};
   const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
-  detail::add_pressure(surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force,
-                       &push);
+  detail::add_pressure(
+      surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force, &push);
   detail::add_pressure(surface([](const Patch& p) { return p.meets_carrier; }), physics.contact,
-                       Moving<Carrier>{&carrier, Vec3d::Zero(), indenter.direction}, x, force, nullptr);
+      Moving<Carrier>{&carrier, Vec3d::Zero(), indenter.direction}, x, force, nullptr);
   for (const BoundaryFace& f : mesh.faces)
     if (body.patches[std::size_t(f.patch)].bonded)
       for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();

@@ -20,9 +20,8 @@ namespace lumo {
 /// material has moved, over its undeformed outline, with carrier and indenter; axes x and z in mm. Throws
 /// InvalidArgument for a state that has no displacement on this mesh, or when the indenter passes by; InputError when
 /// the stream fails.
-template <Indenter Tool>
-void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
-                     const MechanicalState& state);
+template <Indenter Tool> void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh,
+    const Scenario<Tool>& scenario, const MechanicalState& state);
 
 namespace detail {
 
@@ -39,9 +38,8 @@ struct BodyCut {
 
 /// Where the plane y = `at` cuts a tetrahedron or triangle with these corners, in order around the cut. A corner in the
 /// plane counts as beyond it.
-template <std::size_t N>
-std::vector<CutPoint> cut_across(const std::array<Vec3d, N>& corners, const std::array<double, N>& moved_mm,
-                                 double at) {
+template <std::size_t N> std::vector<CutPoint> cut_across(
+    const std::array<Vec3d, N>& corners, const std::array<double, N>& moved_mm, double at) {
   std::vector<CutPoint> points;
   for (std::size_t i = 0; i < N; ++i)
     for (std::size_t j = 0; j < N; ++j) {
@@ -134,7 +132,7 @@ inline void draw_colour_bar(Svg& svg, const plot::Frame& f, double most_mm) {
   const double left = f.right + 24.0, height = std::min(220.0, f.bottom - f.top);
   for (int k = 0; k < steps; ++k)
     svg.rect({left, f.top + height * (steps - 1 - k) / steps}, 18, height / steps + 0.5,
-             {.fill = moved_colour((k + 0.5) / steps)});
+        {.fill = moved_colour((k + 0.5) / steps)});
   for (const double part : {0.0, 0.5, 1.0})
     svg.text({left + 24, f.top + height * (1.0 - part) + 4}, short_number(part * most_mm));
   svg.text({left, f.top + height + 22}, "moved by [mm]");
@@ -148,12 +146,11 @@ inline Svg::Points to_px(const plot::Frame& f, const std::vector<CutPoint>& poin
 
 }  // namespace detail
 
-template <Indenter Tool>
-void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
-                     const MechanicalState& state) {
+template <Indenter Tool> void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh,
+    const Scenario<Tool>& scenario, const MechanicalState& state) {
   if (state.displacement.size() != mesh.nodes.size())
     throw InvalidArgument(message("picture: the state has ", state.displacement.size(), " displacements, the mesh ",
-                                  mesh.nodes.size(), " nodes"));
+        mesh.nodes.size(), " nodes"));
   const Touch touch = first_touch(body, mesh, scenario);
   const Vec3d tool = touch.origin + state.depth_m * scenario.direction();
   const double y = touch.point.y();
@@ -165,17 +162,17 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
 
   Svg svg(f.right + 130.0, f.bottom + 60.0);
   plot::headline(svg, f.left,
-                 "Pressed to " + short_number(state.force_N, 1) + " N: " + short_number(1e3 * state.depth_m) +
-                     " mm deep, " + short_number(1e6 * state.contact_area_m2, 1) + " mm² of contact",
-                 "cut at y = " + short_number(1e3 * y) + " mm; dashed: the surface before");
+      "Pressed to " + short_number(state.force_N, 1) + " N: " + short_number(1e3 * state.depth_m) + " mm deep, " +
+          short_number(1e6 * state.contact_area_m2, 1) + " mm² of contact",
+      "cut at y = " + short_number(1e3 * y) + " mm; dashed: the surface before");
   plot::x_axis(svg, f, "across x [mm]");
   plot::y_axis(svg, f, "height z [mm]");
   svg.begin_clip({f.left, f.top}, f.right - f.left, f.bottom - f.top);
   for (const RigidBox& box : body.carrier) {
     if (std::abs(y - box.center.y()) > box.half.y()) continue;
     const Vec3d low = 1e3 * (box.center - box.half), high = 1e3 * (box.center + box.half);
-    svg.rect({f.x(low.x()), f.y(high.z())}, f.x(high.x()) - f.x(low.x()), f.y(low.z()) - f.y(high.z()),
-             {.fill = "#8c8c8c"});
+    svg.rect(
+        {f.x(low.x()), f.y(high.z())}, f.x(high.x()) - f.x(low.x()), f.y(low.z()) - f.y(high.z()), {.fill = "#8c8c8c"});
   }
   for (const auto& area : cut.areas) {
     double moved = 0.0;

@@ -21,7 +21,7 @@ class PreparedBody;
 /// `Simulator sim{NeoHookean{.mu = 106.0_kPa, .lambda = 10.494_MPa}, SDFContact{}}`.
 /// `Solver` finds the states: `QuasiStatic<Cholmod>` with CHOLMOD's factors, VertexBlockDescent, or one's own.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element = QuadraticTet,
-          class Solver = QuasiStatic<>>
+    class Solver = QuasiStatic<>>
 requires PressSolver<Solver, Material, Contact, Element>
 struct Simulator {
   Material material = {};
@@ -45,10 +45,10 @@ struct Simulator {
 };
 
 template <class Material, class Contact> Simulator(Material, Contact) -> Simulator<Material, Contact>;
-template <class Material, class Contact, class Element>
-Simulator(Material, Contact, Element) -> Simulator<Material, Contact, Element>;
-template <class Material, class Contact, class Element, class Solver>
-Simulator(Material, Contact, Element, Solver) -> Simulator<Material, Contact, Element, Solver>;
+template <class Material, class Contact, class Element> Simulator(Material, Contact, Element)
+    -> Simulator<Material, Contact, Element>;
+template <class Material, class Contact, class Element, class Solver> Simulator(Material, Contact, Element, Solver)
+    -> Simulator<Material, Contact, Element, Solver>;
 
 /// A body ready to be pressed at many places.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Solver>

@@ -29,8 +29,8 @@ inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identi
   return p;
 }
 
-inline void make_quadratic(const Body& body, TetMesh& mesh,
-                           const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+inline void make_quadratic(
+    const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   std::map<std::pair<int, int>, int> middle;
   const auto middle_of = [&](int a, int b) {
     const std::pair<int, int> key = std::minmax(a, b);
@@ -62,9 +62,8 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   // from zero.
   for (const Vec3d& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
   if (body.sizing.edge)
-    input.edge = [&body, stretch](const Vec3d& p) {
-      return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z()));
-    };
+    input.edge = [&body, stretch](
+                     const Vec3d& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z())); };
   const auto filled = mesher.fill(input);
 
   TetMesh mesh;
@@ -92,7 +91,7 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   if (body.symmetry.x) mesh = mirrored(mesh, 0);
   if (body.symmetry.y) mesh = mirrored(mesh, 1);
   std::stable_sort(mesh.faces.begin(), mesh.faces.end(),
-                   [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
+      [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
   // The faces of a straight-sided mesh cut the curved profile short; only the quadratic one is held to the exact
   // volume.
   require_valid(mesh, order == 2 ? body.exact_volume_m3 : 0.0);

@@ -28,8 +28,8 @@ inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0,
 /// surface that was to be filled: finite, positive volumes, faces shared by two tetrahedra of opposite sense or on the
 /// boundary, boundary faces on their facets, volume and area those of the input to 1e-6. Throws MeshError: crashed for
 /// an answer that cannot be a mesh, inverted, open, not_manifold, or inaccurate.
-inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface, const RawFill& raw,
-                               double scale = 1.0);
+inline LinearTets checked_fill(
+    const MeshInput& input, const SurfaceReport& surface, const RawFill& raw, double scale = 1.0);
 
 namespace detail {
 
@@ -80,8 +80,8 @@ class FillCheck {
 inline void FillCheck::take_vertices(const RawFill& raw, double scale) {
   const std::size_t count = raw.coordinates.size() / 3, given = input_.vertices.size();
   if (count < given || raw.tets.size() < 4)
-    throw MeshError(Reason::crashed,
-                    message("mesher returned ", count, " vertices and ", raw.tets.size() / 4, " tetrahedra"));
+    throw MeshError(
+        Reason::crashed, message("mesher returned ", count, " vertices and ", raw.tets.size() / 4, " tetrahedra"));
   mesh_.vertices.reserve(count);
   for (std::size_t i = 0; i < count; ++i) {
     const double* c = &raw.coordinates[3 * i];
@@ -114,8 +114,8 @@ inline double FillCheck::take_tets(const std::vector<std::int32_t>& tets) {
     const int number = int(mesh_.tets.size());
     for (int k = 0; k < 4; ++k) {
       const auto& [a, b, c] = outward_faces[std::size_t(k)];
-      sides_.emplace_back(std::array<int, 3>{tet[std::size_t(a)], tet[std::size_t(b)], tet[std::size_t(c)]},
-                          4 * number + k);
+      sides_.emplace_back(
+          std::array<int, 3>{tet[std::size_t(a)], tet[std::size_t(b)], tet[std::size_t(c)]}, 4 * number + k);
     }
     mesh_.tets.push_back(tet);
   }
@@ -134,10 +134,10 @@ inline void FillCheck::find_boundary(const RawFill& raw) {
     while (end < sides_.size() && sides_[end].key == side.key) ++end;
     if (end - i > 2 || (end - i == 2 && side.odd == sides_[i + 1].odd))
       throw MeshError(Reason::not_manifold,
-                      message("tetrahedron ", side.from / 4, " overlaps its neighbour ", sides_[i + 1].from / 4));
+          message("tetrahedron ", side.from / 4, " overlaps its neighbour ", sides_[i + 1].from / 4));
     if (end - i == 1) {
-      const auto found = std::lower_bound(named.begin(), named.end(), side,
-                                          [](const SortedFace& a, const SortedFace& b) { return a.key < b.key; });
+      const auto found = std::lower_bound(
+          named.begin(), named.end(), side, [](const SortedFace& a, const SortedFace& b) { return a.key < b.key; });
       if (found == named.end() || found->key != side.key || found->from < 1 || found->from > int(input_.facets.size()))
         throw MeshError(Reason::open, message("a boundary face of tetrahedron ", side.from / 4, " lies on no facet"));
       boundary_.push_back({side.from, found->from - 1});
@@ -160,8 +160,8 @@ inline double FillCheck::take_faces(double reach) {
     for (int vertex : face)
       if (const double height = std::abs(normals[std::size_t(number)].dot(at(vertex) - at(facet.loop[0])));
           height > reach)
-        throw MeshError(Reason::inaccurate, message("boundary vertex ", vertex, " is ", height, " off facet ", number,
-                                                    ", at most ", reach));
+        throw MeshError(Reason::inaccurate,
+            message("boundary vertex ", vertex, " is ", height, " off facet ", number, ", at most ", reach));
     mesh_.faces.push_back(face);
     mesh_.patches.push_back(facet.patch);
   }
@@ -180,7 +180,7 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
   const auto compare = [](const char* what, double value, double wanted, const char* unit) {
     if (!(std::abs(value - wanted) <= tolerance * wanted))
       throw MeshError(MeshError::Reason::inaccurate, message("mesh ", what, " is ", value, ", the surface's is ",
-                                                             wanted, ", may differ by 1e-6 relative [unit", unit, "]"));
+                                                         wanted, ", may differ by 1e-6 relative [unit", unit, "]"));
   };
   compare("volume", volume, surface.volume, "^3");
   compare("area", area, surface.area, "^2");

@@ -34,7 +34,8 @@ namespace detail {
 inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) {
   const auto det = [](const Vec3d& u, const Vec3d& v, const Vec3d& w) { return u.dot(v.cross(w)); };
   return (det(a.col(0), b.col(1), c.col(2)) + det(a.col(0), c.col(1), b.col(2)) + det(b.col(0), a.col(1), c.col(2)) +
-          det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) + det(c.col(0), b.col(1), a.col(2))) /
+             det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) +
+             det(c.col(0), b.col(1), a.col(2))) /
          6.0;
 }
 
@@ -93,7 +94,7 @@ inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double vo
     for (double c : jacobian_coefficients(mesh, mesh.tets[e]))
       if (!(c > 0.0))
         throw MeshError(Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", c * 1e9,
-                                                  " mm3, must be > 0 over the whole element"));
+                                              " mm3, must be > 0 over the whole element"));
   std::map<std::pair<int, int>, int> edges;  // directed edges of the closed surface must pair up
   for (const BoundaryFace& f : mesh.faces)
     for (std::size_t k = 0; k < 3; ++k) ++edges[{f.nodes[k], f.nodes[(k + 1) % 3]}];
@@ -101,13 +102,13 @@ inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double vo
     const auto back = edges.find({edge.second, edge.first});
     if (count != 1 || back == edges.end() || back->second != 1)
       throw MeshError(count != 1 ? Reason::not_manifold : Reason::open,
-                      message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
+          message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
   }
   if (exact_volume_m3 > 0.0) {
     const double volume = measure(mesh).volume_m3;
     if (!(std::abs(volume / exact_volume_m3 - 1.0) <= volume_tolerance))
       throw MeshError(Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
-                                                  100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
+                                              100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
   }
 }
 

@@ -52,14 +52,14 @@ struct SizeField {
   static double trilinear(const std::array<double, 8>& c, const Vec3d& t) {
     const auto mix = [](double a, double b, double s) { return a + (b - a) * s; };
     return mix(mix(mix(c[0], c[1], t.x()), mix(c[2], c[3], t.x()), t.y()),
-               mix(mix(c[4], c[5], t.x()), mix(c[6], c[7], t.x()), t.y()), t.z());
+        mix(mix(c[4], c[5], t.x()), mix(c[6], c[7], t.x()), t.y()), t.z());
   }
 };
 
 /// Samples `edge` inside the box [low, high] only. Throws MeshError (not_finite) where it is not finite and positive;
 /// what `edge` itself throws passes through.
-inline SizeField SizeField::sample(const std::function<double(const Vec3d&)>& edge, const Vec3d& low,
-                                   const Vec3d& high) {
+inline SizeField SizeField::sample(
+    const std::function<double(const Vec3d&)>& edge, const Vec3d& low, const Vec3d& high) {
   SizeField field;
   if (!edge) return field;
   field.side = (high - low).maxCoeff();
@@ -69,8 +69,8 @@ inline SizeField SizeField::sample(const std::function<double(const Vec3d&)>& ed
     const double length = edge(point);
     if (std::isfinite(length) && length > 0.0) return length;
     throw MeshError(MeshError::Reason::not_finite,
-                    message("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
-                            ", must be finite and > 0, in the unit of the coordinates"));
+        message("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
+            ", must be finite and > 0, in the unit of the coordinates"));
   };
   struct Task {
     int cell;

@@ -46,7 +46,7 @@ struct Prism {
 
 [[noreturn]] inline void refuse_prism(const std::string& why) {
   throw MeshError(MeshError::Reason::degenerate,
-                  message("swept mesher: ", why, "; the surface must be a prism along y with one facet on each side"));
+      message("swept mesher: ", why, "; the surface must be a prism along y with one facet on each side"));
 }
 
 inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
@@ -69,7 +69,7 @@ inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
   const std::size_t n = p.at_high.size();
   if (input.facets.size() != n + 2 || input.vertices.size() != 2 * n)
     refuse_prism(message("an end has ", n, " edges, there are ", input.facets.size() - 2, " other facets and ",
-                         input.vertices.size(), " vertices"));
+        input.vertices.size(), " vertices"));
   std::map<std::pair<double, double>, int> below;
   for (const int v : input.facets[std::size_t(p.low_end)].loop) below[{at(v).x(), at(v).z()}] = v;
   std::map<std::pair<int, int>, int> edge;  // of the high end, directed → number
@@ -101,8 +101,8 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
   for (std::size_t i = 0; i < steps; ++i) layers[i + 1] = layers[i] + 1.0 / (double(steps) * thickness[i]);
   const double count = std::max(1.0, std::ceil(layers.back() - 1e-9));
   if (!(count <= double(SweptMesher::most_layers)))
-    throw MeshError(MeshError::Reason::out_of_memory,
-                    message("swept mesher: ", count, " layers are wanted, at most 10000"));
+    throw MeshError(
+        MeshError::Reason::out_of_memory, message("swept mesher: ", count, " layers are wanted, at most 10000"));
   std::vector<double> places{0.0};
   std::size_t i = 0;
   for (double k = 1.0; k < count; k += 1.0) {
@@ -118,8 +118,8 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
 using SectionWish = std::function<double(const Point2& point, double y)>;
 
 /// What one layer may be thick [share of the prism's length] at each of evenly spaced places along y.
-inline std::vector<double> layer_thickness(const Prism& prism, const std::vector<Point2>& points,
-                                           const SectionWish& wanted) {
+inline std::vector<double> layer_thickness(
+    const Prism& prism, const std::vector<Point2>& points, const SectionWish& wanted) {
   constexpr int places = 4 * SweptMesher::samples;
   const double length = prism.high - prism.low;
   std::vector<double> thickness;
@@ -216,8 +216,8 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
   const auto wanted = [&](const Point2& p, double y) {
     const double edge = input.edge ? input.edge(Vec3d(p[0], y, -p[1])) : std::numeric_limits<double>::infinity();
     if (!(edge > 0.0))
-      throw MeshError(MeshError::Reason::not_finite, message("swept mesher: wanted edge length at (", p[0], ", ", y,
-                                                             ", ", -p[1], ") is ", edge, ", must be > 0"));
+      throw MeshError(MeshError::Reason::not_finite,
+          message("swept mesher: wanted edge length at (", p[0], ", ", y, ", ", -p[1], ") is ", edge, ", must be > 0"));
     return edge;
   };
   auto section = PolygonRefinement::of(prism.section);
@@ -230,8 +230,8 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
   std::vector<double> places;
   if (filled) places = detail::layer_places(detail::layer_thickness(prism, section->points(), wanted));
   if (!filled || section->points().size() * places.size() > most_vertices)
-    throw MeshError(MeshError::Reason::out_of_memory,
-                    "swept mesher: the wanted edges are too short, at most 5 million vertices");
+    throw MeshError(
+        MeshError::Reason::out_of_memory, "swept mesher: the wanted edges are too short, at most 5 million vertices");
   return checked_fill(input, surface, detail::Sweep(prism, *section, places).fill(input));
 }
 

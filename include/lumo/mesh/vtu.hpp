@@ -59,9 +59,8 @@ inline std::string base64(std::span<const unsigned char> bytes) {
 }
 
 // VTK's inline binary: the number of bytes as UInt64, then the values, encoded as one piece.
-template <class T>
-void vtu_array(std::ostream& out, std::string_view type, std::string_view name, int components,
-               const std::vector<T>& values) {
+template <class T> void vtu_array(
+    std::ostream& out, std::string_view type, std::string_view name, int components, const std::vector<T>& values) {
   const std::uint64_t size = values.size() * sizeof(T);
   std::vector<unsigned char> bytes(sizeof size + size);
   std::memcpy(bytes.data(), &size, sizeof size);
@@ -74,14 +73,10 @@ void vtu_array(std::ostream& out, std::string_view type, std::string_view name, 
 inline std::string xml_attribute(std::string_view s) {
   std::string out;
   for (const char c : s) {
-    if (c == '&')
-      out += "&amp;";
-    else if (c == '<')
-      out += "&lt;";
-    else if (c == '"')
-      out += "&quot;";
-    else
-      out += c;
+    if (c == '&') out += "&amp;";
+    else if (c == '<') out += "&lt;";
+    else if (c == '"') out += "&quot;";
+    else out += c;
   }
   return out;
 }
@@ -90,7 +85,7 @@ inline void write_vtu(std::ostream& out, const TetMesh& mesh, const std::span<co
   for (const NodeField& f : fields)
     if ((f.components != 1 && f.components != 3) || f.values.size() != mesh.nodes.size() * std::size_t(f.components))
       throw InvalidArgument(message("field '", f.name, "' has ", f.values.size(), " values of ", f.components,
-                                    " components, the mesh has ", mesh.nodes.size(), " nodes"));
+          " components, the mesh has ", mesh.nodes.size(), " nodes"));
 
   const std::size_t per_tet = std::size_t(mesh.nodes_per_tet());
   std::vector<std::int64_t> connectivity, offsets;

@@ -100,8 +100,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
       : GaussianProcess(data, config) {
     if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
       throw InvalidArgument(message("Gaussian process: needs ", x_.rows(),
-                                    " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(),
-                                    " and ", h.noise));
+          " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
     condition(h);
   }
 
@@ -152,7 +151,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
     const Eigen::ArrayXd variance = inverse.diagonal().array().inverse();
     return {(output_mean_ + output_scale_ * (y_.array() - alpha.array() * variance)).matrix(),
-            (output_scale_ * output_scale_ * variance).matrix()};
+        (output_scale_ * output_scale_ * variance).matrix()};
   }
 
   /// K(X, x) after forward substitution: V with posterior covariance k(a, b) − V(a)ᵀV(b), in standardised units.
@@ -196,8 +195,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
           message("Gaussian process has ", n, " observations of ", d, " inputs, must have at least 1 of each"));
     if (data.y.size() != n || data.lower.size() != d || data.upper.size() != d)
       throw InvalidArgument(message("Gaussian process has ", n, " observations of ", d, " inputs, but ", data.y.size(),
-                                    " outputs, ", data.lower.size(), " lower and ", data.upper.size(),
-                                    " upper bounds"));
+          " outputs, ", data.lower.size(), " lower and ", data.upper.size(), " upper bounds"));
     if (!data.x.allFinite() || !data.y.allFinite() || !data.lower.allFinite() || !data.upper.allFinite())
       throw InvalidArgument("Gaussian process: observations and bounds must be finite numbers");
     inverse_width_ = (data.upper - data.lower).unaryExpr([](double w) { return w > 0.0 ? 1.0 / w : 0.0; });
@@ -234,7 +232,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return {u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0};
   }
   static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u,
-                         Eigen::VectorXd* gradient) {
+      Eigen::VectorXd* gradient) {
     const auto value = likelihood(unpack(u), gradient != nullptr);
     if (!std::isfinite(value.log_likelihood)) return std::numeric_limits<double>::infinity();
     if (gradient) *gradient = -value.posterior_gradient / double(n);
@@ -246,7 +244,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return u;
   }
   Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start,
-                  const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const {
+      const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const {
     const Eigen::Index d = x_.rows();
     const HyperparameterPrior p = prior();
     Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(p.min_length_scale)),

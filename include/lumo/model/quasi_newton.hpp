@@ -39,9 +39,9 @@ struct QuasiNewton {
   /// `function(x, gradient)` returns the value and fills the gradient. The search steps back from values that are not
   /// finite. `start` is moved between the bounds. `hessian`, positive definite, from the search for a like minimum
   /// saves steps. Throws InvalidArgument if sizes differ or the value at the start is not finite.
-  template <class Function>
-  Minimum minimize(Function&& function, const Eigen::VectorXd& start, const Eigen::VectorXd& lower,
-                   const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
+  template <class Function> Minimum minimize(Function&& function, const Eigen::VectorXd& start,
+      const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+      const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
 
  private:
   struct Point {
@@ -57,8 +57,8 @@ struct QuasiNewton {
 namespace detail {
 
 /// Variables that may move: one at a bound that the gradient pushes it against stays there.
-inline std::vector<Eigen::Index> free_variables(const Minimum& at, const Eigen::VectorXd& lower,
-                                                const Eigen::VectorXd& upper) {
+inline std::vector<Eigen::Index> free_variables(
+    const Minimum& at, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
   std::vector<Eigen::Index> free;
   for (Eigen::Index i = 0; i < at.x.size(); ++i)
     if (!((at.x[i] <= lower[i] && at.gradient[i] >= 0.0) || (at.x[i] >= upper[i] && at.gradient[i] <= 0.0)))
@@ -95,9 +95,8 @@ inline void QuasiNewton::update(Eigen::MatrixXd& hessian, const Eigen::VectorXd&
   hessian += y * y.transpose() / s.dot(y) - hs * hs.transpose() / curvature;
 }
 
-template <class Function>
-Minimum QuasiNewton::minimize(Function&& function, const Eigen::VectorXd& start, const Eigen::VectorXd& lower,
-                              const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& known) const {
+template <class Function> Minimum QuasiNewton::minimize(Function&& function, const Eigen::VectorXd& start,
+    const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(

@@ -23,7 +23,7 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
 
   /// Designs (d × n each) inside [lower, upper], at least one in all. Throws InvalidArgument as GaussianProcess::fit().
   SuccessModel(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed, const Eigen::VectorXd& lower,
-               const Eigen::VectorXd& upper, const typename GaussianProcess<Kernel>::Config& config = {})
+      const Eigen::VectorXd& upper, const typename GaussianProcess<Kernel>::Config& config = {})
       : process_(GaussianProcess<Kernel>::fit(labelled(succeeded, failed, lower, upper), config)) {}
 
   /// log P(success) at the columns of `x`, from log least_probability to 0.
@@ -48,7 +48,7 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
 
  private:
   static TrainingData labelled(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed,
-                               const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
+      const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
     Eigen::MatrixXd x(lower.size(), succeeded.cols() + failed.cols());
     x << succeeded, failed;
     Eigen::VectorXd y(x.cols());

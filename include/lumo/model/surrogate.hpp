@@ -48,7 +48,7 @@ struct MinimumOverTerms {
   int outputs(int objectives) const {
     if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
       throw InvalidArgument(message("minimum over terms needs a positive number of terms for each of ", objectives,
-                                    " objectives, has ", terms.size(), " numbers"));
+          " objectives, has ", terms.size(), " numbers"));
     return std::accumulate(terms.begin(), terms.end(), 0);
   }
   int objective(int output) const {

@@ -47,11 +47,8 @@ inline DesignSpace finger_space(const PadDimensions& pad = {});
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
 inline std::vector<FingerDesign> reference_designs() {
-  return {baseline_design(),
-          {4.0, 8.0, 8.0, 5.0, 2.0},
-          {8.0, 4.0, 6.0, 4.0, 2.0},
-          {5.0, 10.0, 10.0, 6.0, 3.0},
-          {10.0, 5.0, 8.0, 6.0, 1.0}};
+  return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0},
+      {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
@@ -94,29 +91,25 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;
-  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"},
-                     {"h_ep", 1.0, 20.0, step, "mm"},
-                     {"w_s", 4.0, 15.0, step, "mm"},
-                     {"h_s", 2.0, 15.0, step, "mm"},
-                     {"w_v", 0.0, 7.5, step, "mm"}};
+  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"}, {"h_ep", 1.0, 20.0, step, "mm"}, {"w_s", 4.0, 15.0, step, "mm"},
+      {"h_s", 2.0, 15.0, step, "mm"}, {"w_v", 0.0, 7.5, step, "mm"}};
   const double unbounded = -std::numeric_limits<double>::infinity();
-  space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"},
-                       {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
+  space.constraints = {
+      {"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
   const auto refusal = [pad](const char* where, double value) {
     return InfeasibleDesign(std::string("t_min ") + where, value, pad.t_min, "mm",
-                            message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
-                                    " mm is below its limit ", pad.t_min, " mm"));
+        message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
+            " mm is below its limit ", pad.t_min, " mm"));
   };
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
-                  [pad, refusal](std::span<const double> x) {
-                    return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad));
-                  }}};
+      [pad, refusal](
+          std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
   if (pad.t_min_beside)
     space.rules.push_back(
         {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
-         [pad, refusal](std::span<const double> x) {
-           return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
-         }});
+            [pad, refusal](std::span<const double> x) {
+              return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
+            }});
   return space;
 }
 

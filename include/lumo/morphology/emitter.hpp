@@ -112,8 +112,7 @@ class Emitter {
                     { e.intensity(0.5) } -> std::convertible_to<double>;
                   })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
-    else
-      return nullptr;
+    else return nullptr;
   }
   template <class E> static const Calls calls;
 
@@ -156,22 +155,17 @@ template <class E> void validate_model(const E& model) {
 
 }  // namespace detail
 
-template <class E>
-const Emitter::Calls Emitter::calls = {
-    [](const void* e) -> Vec3d { return model<E>(e).center; },
+template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
     [](const void* e) -> double { return model<E>(e).power_W; },
-    [](const void* e) -> int { return model<E>(e).channel; },
-    [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+    [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
     [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
-    intensity_of<E>(),
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
     [](const void* e) -> bool {
       if constexpr (requires {
                       { model<E>(e).in_air } -> std::convertible_to<bool>;
                     })
         return model<E>(e).in_air;
-      else
-        return false;
+      else return false;
     },
     [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
     [](const void* e) { detail::validate_model(model<E>(e)); }};

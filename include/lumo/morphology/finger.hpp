@@ -21,8 +21,8 @@ struct FingerOptions {
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
-      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y,
-              factor * max_turn_rad, factor * shortest_chord};
+      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
+          factor * shortest_chord};
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -76,26 +76,20 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
-    case SectionTag::stem_top:
-      return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
-    case SectionTag::stem_side:
-      return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base:
-      return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
+    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
+    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::void_inner:
       return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
     case SectionTag::void_roof:
       return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
     case SectionTag::void_wall:
-      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()},
-              false,       false,
-              supported,   Dielectric{},
-              false};
-    case SectionTag::side:
-      return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
+      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported,
+          Dielectric{}, false};
+    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
     default:
-      return {"dome",      EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
-              Dielectric{}};
+      return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
+          Dielectric{}};
   }
 }
 
@@ -133,15 +127,10 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
     }
     const bool air = s.design.w_v > 0.0;
     require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
-    for (const double side :
-         {1.0,
-          -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
-      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height},
-                                               along,
-                                               {0, 0, side * 0.5 * led.width_x},
-                                               0.5 * led.power_W / led.count,
-                                               0,
-                                               air});
+    for (const double side : {1.0,
+             -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
+      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along,
+          {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
   const auto r = o.readout;
   body.touched = o.touched;
@@ -219,7 +208,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   }
   Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
   body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()},
-                          o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+      o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
   for (int k = 0; k < n; ++k) {
     middle.loop.push_back(2 * k);
     end.loop.push_back(2 * (n - 1 - k) + 1);

@@ -64,8 +64,8 @@ inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<d
   if (angles_rad[0] != 0.0)
     throw InvalidArgument(message("lobe: the first angle is ", angles_rad[0], " rad, must be 0 rad"));
   for (std::size_t k = 0; k < n; ++k) {
-    require_in_range("angle of a lobe", angles_rad[k], k > 0 ? angles_rad[k - 1] + 1e-9 : 0.0, pi * (1.0 + 1e-12),
-                     "rad");
+    require_in_range(
+        "angle of a lobe", angles_rad[k], k > 0 ? angles_rad[k - 1] + 1e-9 : 0.0, pi * (1.0 + 1e-12), "rad");
     require_in_range("intensity of a lobe", density_[k], 0.0, 1e300, "");
     cosine_.push_back(std::cos(angles_rad[k]));
   }

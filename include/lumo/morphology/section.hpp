@@ -22,14 +22,10 @@ enum class Twin {
 
 constexpr std::string_view to_string(Twin twin) {
   switch (twin) {
-    case Twin::no_void:
-      return "no_void";
-    case Twin::bonded_base:
-      return "bonded_base";
-    case Twin::unsupported_base:
-      return "unsupported_base";
-    default:
-      return "design";
+    case Twin::no_void: return "no_void";
+    case Twin::bonded_base: return "bonded_base";
+    case Twin::unsupported_base: return "unsupported_base";
+    default: return "design";
   }
 }
 
@@ -60,8 +56,8 @@ struct Chords {
 };
 
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
-inline HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords,
-                                const PadDimensions& pad = {});
+inline HalfSection half_section(
+    const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
 
 namespace detail {
 
@@ -84,12 +80,9 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
   for (int k = 0; k <= count; ++k) {
     const double want = measure.back() * k / count;
     while (at + 1 < measure.size() && measure[at + 1] < want) ++at;
-    if (k == 0)
-      angles.push_back(0.0);
-    else if (k == count)
-      angles.push_back(0.5 * pi);
-    else
-      angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
+    if (k == 0) angles.push_back(0.0);
+    else if (k == count) angles.push_back(0.5 * pi);
+    else angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
   }
   return angles;
 }

@@ -84,18 +84,18 @@ inline std::optional<Estimate> ContactTerms::score() const {
   };
   // Errors of the three terms are taken as independent; finite changes, because the cube root has no slope at zero.
   const double a = std::max(with(form->value + form->error, stable->value, stiff->value),
-                            with(form->value - form->error, stable->value, stiff->value));
+      with(form->value - form->error, stable->value, stiff->value));
   const double b = std::max(with(form->value, stable->value + stable->error, stiff->value),
-                            with(form->value, stable->value - stable->error, stiff->value));
+      with(form->value, stable->value - stable->error, stiff->value));
   const double c = std::max(with(form->value, stable->value, stiff->value + stiff->error),
-                            with(form->value, stable->value, stiff->value - stiff->error));
+      with(form->value, stable->value, stiff->value - stiff->error));
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
 /// count.
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
-                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
+    double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
   const auto at = [&](double load) -> const MechanicalState* {
     for (const MechanicalState& s : states)
       if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
@@ -110,8 +110,8 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(),
-                        error.overlap};
+    q.stable = Estimate{
+        contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);

@@ -85,8 +85,8 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
-  const auto least = std::min_element(pairs.begin(), pairs.end(),
-                                      [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
+  const auto least = std::min_element(
+      pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
   std::set<std::size_t> wanted;
   for (const Separation& p : pairs) {
     const bool within_reach =
@@ -97,12 +97,11 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
 }
 
 /// nullopt if no two states can be compared. Cost: all pairs.
-inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
-                                                    const OpticalError& error = {}) {
+inline std::optional<Separation> optical_separation(
+    const std::vector<ObservedState>& states, const OpticalError& error = {}) {
   const std::vector<Separation> pairs = detail::separations(states);
-  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) {
-    return a.distance.value < b.distance.value;
-  });
+  const auto closest = std::min_element(pairs.begin(), pairs.end(),
+      [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;
   least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);

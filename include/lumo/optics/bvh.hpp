@@ -177,7 +177,7 @@ class BvhScene {
     std::vector<Range> parts{range};
     for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
       std::sort(parts.begin(), parts.end(),
-                [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
+          [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
       std::array<Range, 2> halves;
       if (!split(parts[tried], halves)) {
         ++tried;

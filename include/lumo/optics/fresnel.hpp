@@ -32,9 +32,8 @@ template <class S> Vec3<S> reflect(const Vec3<S>& d, const Vec3<S>& n) { return 
 
 /// Refracted direction of the unit direction `d` by Snell's law; `n` is the unit normal on the side that light comes
 /// from.
-template <class S>
-Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std::type_identity_t<S>& index_ratio,
-                const std::type_identity_t<S>& cosine_behind) {
+template <class S> Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std::type_identity_t<S>& index_ratio,
+    const std::type_identity_t<S>& cosine_behind) {
   return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
 }
 

@@ -40,7 +40,7 @@ class OpticalScene {
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
   /// indices or optics.
   OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-               const std::vector<double>& contact_field, Symmetry images, const Config& config)
+      const std::vector<double>& contact_field, Symmetry images, const Config& config)
       : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
     require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
     require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
@@ -112,8 +112,8 @@ class OpticalScene {
     const int known = labels_[image][std::size_t(p.face)];
     if (known != mixed) return known;
     const Vec3d undeformed = reference(p);
-    return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed,
-                  image);
+    return region(
+        faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed, image);
   }
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
@@ -190,8 +190,8 @@ class OpticalScene {
   static constexpr int mixed = -2;
   static constexpr double largest_coordinate_m = 1e6;
   static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
-  void add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                 const std::vector<double>& contact_field) {
+  void add_faces(
+      const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field) {
     const std::size_t nodes = mesh.nodes.size();
     if (!displacement.empty() && displacement.size() != nodes)
       throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));

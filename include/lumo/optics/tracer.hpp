@@ -115,7 +115,7 @@ class Tracer {
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
   Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
-                 const RayFocus& focus = {}) const {
+      const RayFocus& focus = {}) const {
     return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
   }
 
@@ -123,7 +123,7 @@ class Tracer {
   /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
   /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-                 const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+      const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
     check(body, symmetry, focus);
     const Medium medium{body.medium};
     const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
@@ -131,19 +131,17 @@ class Tracer {
     using Scene = std::remove_const_t<decltype(scene)>;
     const LightNodes nodes(surface, symmetry);
     const double replicates = config_.replicates;
-    const FaceSet lambertian(surface, symmetry, {.total = config_.carrier_rays / replicates},
-                             [&](int t) { return nodes.of(t)[0] >= 0; });
+    const FaceSet lambertian(
+        surface, symmetry, {.total = config_.carrier_rays / replicates}, [&](int t) { return nodes.of(t)[0] >= 0; });
     const FaceSet exits(surface, symmetry,
-                        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus},
-                        [&](int t) {
-                          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
-                                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
-                        });
+        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus}, [&](int t) {
+          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
+                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
+        });
     const int channels = readout_.channels(body), colors = color_count(body.emitters);
     require_in_range("readout channels", channels, 0, 1 << 24, "");
-    const LitBody<Scene, Medium, Readout> lit{
-        surface, scene, medium,  BeerLambert(body.surroundings).refractive_index(), readout_, channels,
-        nodes,   exits, symmetry};
+    const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
+        readout_, channels, nodes, exits, symmetry};
     PathTracer<Scene, Medium, Readout> path(lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
     struct Color {
       RayPattern pattern;
@@ -153,7 +151,7 @@ class Tracer {
     for (int c = 0; c < colors; ++c) {
       std::vector<Emitter> emitters;
       std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
-                   [&](const Emitter& e) { return e.channel() == c; });
+          [&](const Emitter& e) { return e.channel() == c; });
       const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
       light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
     }
@@ -219,9 +217,8 @@ class Tracer {
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
   }
-  template <class Scene>
-  void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern, const OwenSobol& sequence,
-                      PathTracer<Scene, Medium, Readout>& path) const {
+  template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
+      const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
     // A body may have been pressed onto an emitter that was in air.
     const auto covered = [&](const PrimaryRay& ray) {
       const RayHit in = body.scene.first_hit(ray.origin, ray.direction, true),
@@ -239,17 +236,16 @@ class Tracer {
       for (std::uint32_t i = 0; i < beam.rays; ++i) {
         const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
         path.run({.ray = ray,
-                  .mirror = beam.mirror,
-                  .power_W = beam.power_W,
-                  .inside = !air || covered(ray),
-                  // Few ways from a face and an emitter lead through an opening.
-                  .gathers_direct = !connected && beam.source.has_intensity() && !air});
+            .mirror = beam.mirror,
+            .power_W = beam.power_W,
+            .inside = !air || covered(ray),
+            // Few ways from a face and an emitter lead through an opening.
+            .gathers_direct = !connected && beam.source.has_intensity() && !air});
       }
     }
   }
-  template <class Scene>
-  RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body, const FaceSet& lambertian,
-                                 const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
+  template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,
+      const FaceSet& lambertian, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
     const double images = (body.symmetry.x ? 2.0 : 1.0) * (body.symmetry.y ? 2.0 : 1.0);
     RadiosityTransport transport(body.nodes.size(), body.channels);
     for (std::size_t k = 0; k < lambertian.size(); ++k)
@@ -260,10 +256,10 @@ class Tracer {
         x.ray.direction =
             reflected(Lambertian{}, -lit, lit, sequence(x.index, 0), sequence(x.index, 1), lambertian[k].mirror);
         path.run({.ray = x.ray,
-                  .mirror = lambertian[k].mirror,
-                  .power_W = 1.0 / images,
-                  .from_emitter = false,
-                  .inside = inside});
+            .mirror = lambertian[k].mirror,
+            .power_W = 1.0 / images,
+            .from_emitter = false,
+            .inside = inside});
         transport.add(path.accounts().take(), body.nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
       }
     return transport;

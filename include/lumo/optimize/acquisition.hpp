@@ -17,7 +17,7 @@ namespace lumo {
 /// pending designs.
 template <class A, class Models, class R>
 concept Acquisition = requires(const A& acquisition, const Models& models, const R& reduction, const Evidence& evidence,
-                               std::uint64_t seed, const Eigen::MatrixXd& x) {
+    std::uint64_t seed, const Eigen::MatrixXd& x) {
   { acquisition.prepare(models, reduction, evidence, seed)(x) } -> std::convertible_to<Eigen::VectorXd>;
 };
 
@@ -43,9 +43,8 @@ inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
 }
 
 /// Objectives that stand in draw `s`: the drawn ones, and the observed ones unless they are drawn, too.
-template <Reduction R>
-Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s, const R& reduction,
-                                    const Evidence& evidence, bool noisy) {
+template <Reduction R> Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s,
+    const R& reduction, const Evidence& evidence, bool noisy) {
   const Eigen::Index observed = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
   Eigen::MatrixXd outputs(Eigen::Index(draws.size()), observed + drawn);
   if (observed > 0) outputs.leftCols(observed) = evidence.outputs;

@@ -71,9 +71,9 @@ struct LocalSearchCandidates {
     std::vector<Climber> team = best_of(designs, request, score);
     for (int round = 0; round < rounds; ++round)
       if (!climb(team, round, request, score)) break;
-    return std::max_element(team.begin(), team.end(),
-                            [](const Climber& a, const Climber& b) { return a.score < b.score; })
-        ->x;
+    return std::max_element(team.begin(), team.end(), [](const Climber& a, const Climber& b) {
+      return a.score < b.score;
+    })->x;
   }
 
  private:
@@ -99,13 +99,13 @@ struct LocalSearchCandidates {
     all.insert(all.end(), near.begin(), near.end());
     return all;
   }
-  std::vector<Climber> best_of(const std::vector<Design>& designs, const CandidateRequest& request,
-                               const Score& score) const {
+  std::vector<Climber> best_of(
+      const std::vector<Design>& designs, const CandidateRequest& request, const Score& score) const {
     const Eigen::VectorXd scores = score(design_columns(designs, request.sampler.dimensions()));
     std::vector<std::size_t> order(designs.size());
     std::iota(order.begin(), order.end(), std::size_t(0));
     std::stable_sort(order.begin(), order.end(),
-                     [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
+        [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
     std::vector<Climber> team;
     for (std::size_t i = 0; i < order.size() && team.size() < climbers; ++i)
       team.push_back({designs[order[i]], scores[Eigen::Index(order[i])], reach});
@@ -118,8 +118,8 @@ struct LocalSearchCandidates {
     std::vector<std::size_t> owner;
     for (std::size_t c = 0; c < team.size(); ++c) {
       if (team[c].stuck) continue;
-      for (Design& x : sampler.moves(team[c].x, team[c].reach, random_moves,
-                                     combine(combine(request.key, 3 + std::uint64_t(round)), c)))
+      for (Design& x : sampler.moves(
+               team[c].x, team[c].reach, random_moves, combine(combine(request.key, 3 + std::uint64_t(round)), c)))
         if (!request.taken.contains(x)) {
           moves.push_back(std::move(x));
           owner.push_back(c);

@@ -34,8 +34,8 @@ class DesignSampler {
       const Variable& v = space_.variables[i];
       if (!names.insert(v.name).second) throw InvalidArgument(message("variable ", v.name, " is there twice"));
       if (!std::isfinite(v.lower) || !std::isfinite(v.upper) || v.lower > v.upper || !std::isfinite(v.upper - v.lower))
-        throw InvalidArgument(message("variable ", v.name, " has bounds ", v.lower, " and ", v.upper,
-                                      ", must be finite, the lower first"));
+        throw InvalidArgument(message(
+            "variable ", v.name, " has bounds ", v.lower, " and ", v.upper, ", must be finite, the lower first"));
       if (!std::isfinite(v.step) || v.step < 0.0)
         throw InvalidArgument(message("variable ", v.name, " has step ", v.step, ", must be finite and >= 0"));
       Axis axis;
@@ -45,7 +45,7 @@ class DesignSampler {
         axis.nodes = std::floor((v.upper - v.origin) / v.step + slack) - axis.first_node + 1.0;
         if (!(axis.nodes >= 1.0) || axis.nodes > 1e15)
           throw InvalidArgument(message("variable ", v.name, " has ", std::max(0.0, axis.nodes), " nodes of step ",
-                                        v.step, " between ", v.lower, " and ", v.upper, ", must have 1 to 1e15"));
+              v.step, " between ", v.lower, " and ", v.upper, ", must have 1 to 1e15"));
       }
       axes_.push_back(axis);
       if (axis.nodes > 0.0 && axis.nodes <= 65536.0)
@@ -53,9 +53,9 @@ class DesignSampler {
     }
     for (const LinearConstraint& c : space_.constraints)
       if (c.coefficients.size() != dimensions() || !(c.lower <= c.upper))
-        throw InvalidArgument(message("constraint ", c.name, " has ", c.coefficients.size(),
-                                      " coefficients and limits ", c.lower, " and ", c.upper, ", must have ",
-                                      dimensions(), " and the lower limit first"));
+        throw InvalidArgument(
+            message("constraint ", c.name, " has ", c.coefficients.size(), " coefficients and limits ", c.lower,
+                " and ", c.upper, ", must have ", dimensions(), " and the lower limit first"));
     if (std::all_of(axes_.begin(), axes_.end(), [](const Axis& a) { return a.nodes > 0.0; })) list();
   }
 
@@ -171,7 +171,7 @@ class DesignSampler {
     std::snprintf(digits, sizeof digits, "%.14g", x);
     const double rounded = std::strtod(digits, nullptr);
     return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x,
-                      v.lower, v.upper);
+        v.lower, v.upper);
   }
   double place(std::size_t i, double unit) const {
     const Variable& v = space_.variables[i];
@@ -244,7 +244,7 @@ class DesignSampler {
   /// does not matter.
   static double excess(const LinearConstraint& c, const Design& x) {
     const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum),
-                                                   std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
+                                     std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
     return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
   }
   /// Moves single lattice variables by the steps that the excess is worth, in an order that depends on the key, if that

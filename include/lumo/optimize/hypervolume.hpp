@@ -32,7 +32,7 @@ inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
   for (const Eigen::Index i : order) {
     const bool beaten = y.rows() == 2 ? !front.empty() && dominates(y.col(front.back()), y.col(i))
                                       : std::any_of(front.begin(), front.end(),
-                                                    [&](Eigen::Index k) { return dominates(y.col(k), y.col(i)); });
+                                            [&](Eigen::Index k) { return dominates(y.col(k), y.col(i)); });
     if (!beaten) front.push_back(i);
   }
   return front;
@@ -119,8 +119,8 @@ inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& refer
     for (const Eigen::Index i : order) best = std::max(best, y(0, i));
     return best - reference[0];
   }
-  std::stable_sort(order.begin(), order.end(),
-                   [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
+  std::stable_sort(
+      order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
   double volume = 0.0, widest = reference[0];
   for (std::size_t k = 0; k < order.size(); ++k) {
     const double bottom = k + 1 < order.size() ? y(m - 1, order[k + 1]) : reference[m - 1];

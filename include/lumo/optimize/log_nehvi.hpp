@@ -62,10 +62,10 @@ struct LogNehvi {
   /// than the identity.
   template <CovarianceKernel Kernel, Reduction R>
   Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-                           const Evidence& evidence, std::uint64_t seed) const {
+      const Evidence& evidence, std::uint64_t seed) const {
     if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
       throw InvalidArgument(message("closed-form improvement needs one model for each of ", evidence.reference.size(),
-                                    " objectives, has ", models.size(), " outputs to reduce"));
+          " objectives, has ", models.size(), " outputs to reduce"));
     const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
     const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
     std::vector<ConditionalPosterior<Kernel>> posteriors;

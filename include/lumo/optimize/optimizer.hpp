@@ -20,7 +20,7 @@ namespace lumo {
 /// configuration and the trials before it, to the bit; so whoever keeps the trials can restore() them and go on. No
 /// design is asked twice, except after a failure that may be retried.
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi,
-          CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
+    CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
 requires Acquisition<AcquisitionPolicy, std::vector<GaussianProcess<Kernel>>, R>
 class Optimizer {
  public:

@@ -42,7 +42,7 @@ struct QLogNehvi {
   template <CovarianceKernel Kernel, Reduction R> class Prepared {
    public:
     Prepared(const QLogNehvi& config, const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-             const Evidence& evidence, const BaseSamples& samples)
+        const Evidence& evidence, const BaseSamples& samples)
         : tau_relu_(config.tau_relu), tau_max_(config.tau_max), reduction_(reduction), candidate_(samples.candidate) {
       const Eigen::MatrixXd base = base_points(evidence, config.noisy);
       std::vector<Eigen::MatrixXd> drawn;
@@ -97,7 +97,7 @@ struct QLogNehvi {
   /// Models are referred to, not copied: they must outlive the result.
   template <CovarianceKernel Kernel, Reduction R>
   Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-                              const Evidence& evidence, std::uint64_t seed) const {
+      const Evidence& evidence, std::uint64_t seed) const {
     const Eigen::Index base = base_points(evidence, noisy).cols();
     BaseSamples samples;
     for (std::size_t j = 0; j < models.size(); ++j) {

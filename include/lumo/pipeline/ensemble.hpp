@@ -71,9 +71,8 @@ template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmet
 
 /// `symmetry`: of the body. `once`: planes in which one of two mirrored states stands for both if tool and body are
 /// symmetric.
-template <Indenter Tool>
-ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry,
-                                Symmetry once = {true, true}) {
+template <Indenter Tool> ContactPlan<Tool> plan_contacts(
+    const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry, Symmetry once = {true, true}) {
   ContactPlan<Tool> plan;
   for (const Scenario<Tool>& s : scenarios) {
     validate(s);
@@ -86,9 +85,9 @@ ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Sy
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
       std::size_t place = 0;
-      while (place < plan.places.size() &&
-             !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].y_m == home.y_m &&
-               plan.places[place].tilt == home.tilt))
+      while (
+          place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad &&
+                                            plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
         ++place;
       if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
       plan.places[place].solves.push_back(k);

@@ -68,7 +68,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
   Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m,
-           const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
+      const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k) {
       records_.push_back(solved[k].record);
@@ -115,8 +115,8 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     for (std::size_t i : undecided_states(observed, tolerance)) {
       const std::size_t solve = plan_.images[observed[i].scenario].solve;
       const auto& candidates = records_[solve].states;
-      const auto it = std::find_if(candidates.begin(), candidates.end(),
-                                   [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
+      const auto it = std::find_if(
+          candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
       states.push_back({solve, std::size_t(it - candidates.begin())});
     }
     std::sort(states.begin(), states.end());

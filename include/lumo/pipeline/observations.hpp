@@ -55,9 +55,8 @@ struct Observations {
 };
 
 /// The record of a scenario, before it is lit, from its states on `mesh`.
-template <Indenter Tool>
-ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
-                         const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
+template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
+    const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
   ScenarioRecord record;
   record.diameter_m = 2.0 * contact_radius(scenario.indenter);
   record.angle_rad = scenario.angle_rad;
@@ -81,8 +80,8 @@ ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<T
 
 /// Did all scenarios converge, or were held where that is accepted?
 inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
-  return std::all_of(scenarios.begin(), scenarios.end(),
-                     [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
+  return std::all_of(
+      scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
 /// All states that can be compared for J_obs.
@@ -92,7 +91,7 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
     for (const StateRecord& s : scenarios[k].states)
       if (s.change.size() > 0)
         states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change,
-                          scenarios[k].tilt});
+            scenarios[k].tilt});
   return states;
 }
 
@@ -100,9 +99,8 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
 using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 
 /// The record of a scenario from that of its mirror image.
-template <Indenter Tool>
-ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels,
-                        const ScenarioImage& image) {
+template <Indenter Tool> ScenarioRecord mirrored(
+    ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {

@@ -46,8 +46,7 @@ template <class Pad, Indenter Tool> struct Pressed {
   Timing seconds;
 };
 
-template <class P>
-using PadOf =
+template <class P> using PadOf =
     decltype(std::declval<const P&>().simulator.prepare(std::declval<const Body&>(), std::declval<const TetMesh&>()));
 
 namespace detail {
@@ -74,9 +73,8 @@ template <Indenter Tool> std::vector<std::size_t> longest_first(const ContactPla
 }
 
 /// Records of all scenarios from those that were solved.
-template <Indenter Tool>
-std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels,
-                                     const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
+template <Indenter Tool> std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios,
+    const ChannelImages& channels, const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
   std::vector<ScenarioRecord> records;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
     records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
@@ -86,8 +84,8 @@ std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenario
 /// Meshes of different places give the same unloaded response up to their facets. That difference would hide small
 /// changes: changes are taken on one mesh and added to the common mean. `watts` names the mean power or its standard
 /// error.
-inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses,
-                                            const std::vector<double> Response::*watts, int channels) {
+inline std::vector<double> mean_per_emitted(
+    const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)
     for (std::size_t b = 0; b < mean.size(); ++b)
@@ -104,7 +102,7 @@ template <class Light> ChannelImages channel_images(const Body& body, const Ligh
 /// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
 template <Indenter Tool> bool images_known(const ContactPlan<Tool>& plan, const ChannelImages& images) {
   return std::none_of(plan.images.begin(), plan.images.end(),
-                      [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+      [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
 }
 
 /// Counts the steps of one stage, from any thread.
@@ -130,9 +128,9 @@ class StageReport {
 
 /// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
 /// that fails is a status in its record.
-template <class P, Indenter Tool, Executor E>
-Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                              const E& executor, const ProgressReport& progress = {}) {
+template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(const Body& body,
+    const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
+    const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   Pressed<PadOf<P>, Tool> out;
@@ -185,9 +183,8 @@ bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, con
 /// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
 /// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
 /// every executor. Throws InvalidArgument, also unless has_image_channels().
-template <class P, class Pad, Indenter Tool, Executor E>
-Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor,
-                     const ProgressReport& progress = {}) {
+template <class P, class Pad, Indenter Tool, Executor E> Observations observe(const Body& body,
+    const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   if (!detail::images_known(pressed.plan, images))
@@ -234,9 +231,9 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
 }
 
 /// Presses and lights a body in every scenario.
-template <class P, Indenter Tool, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                     const E& executor, const ProgressReport& progress = {}) {
+template <class P, Indenter Tool, Executor E> Observations observe(const Body& body,
+    const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
+    const ProgressReport& progress = {}) {
   return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
 }
 

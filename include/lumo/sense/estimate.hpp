@@ -34,9 +34,8 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
 
 /// Profile → unloaded reference → location. Pictures that cannot be read have no profile and no estimate. Throws
 /// InvalidArgument for profiles of other bins.
-template <class MakeLocalizer>
-std::vector<FrameEstimate> locate(const std::vector<Profile>& profiles, const FingerOptics& finger,
-                                  MakeLocalizer make_localizer) {
+template <class MakeLocalizer> std::vector<FrameEstimate> locate(
+    const std::vector<Profile>& profiles, const FingerOptics& finger, MakeLocalizer make_localizer) {
   auto localizer = make_localizer(finger);
   std::vector<FrameEstimate> list;
   for (Profile p : profiles) {
@@ -53,7 +52,7 @@ std::vector<FrameEstimate> locate(const std::vector<Profile>& profiles, const Fi
 /// each frame. Throws InputError without joint samples, InvalidArgument for parts that do not fit.
 template <class MakeCamera, ContactJacobian J, class MakeLocalizer = BayesLocalizer (*)(const FingerOptics&)>
 std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_camera, const FingerModel<J>& finger,
-                                    MakeLocalizer make_localizer = bayes_localizer) {
+    MakeLocalizer make_localizer = bayes_localizer) {
   const std::vector<JointSample> samples = on_frames_clock(recording);
   if (samples.size() < 2 || finger.joints.torque.empty())
     throw InputError("the log has no joint samples to estimate a force from");
@@ -63,7 +62,7 @@ std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_
   auto localizer = make_localizer(finger.optics);
   using Estimator = ForceEstimator<decltype(camera), decltype(motors), decltype(localizer), GreenProfile, J>;
   Estimator estimator(camera, motors, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
-                      finger.jacobian, force_config(finger, rates));
+      finger.jacobian, force_config(finger, rates));
   const ContactTorques torques(samples, finger.joints.torque);
   const StreamAssumptions& assumed = finger.assumptions;
   const double gap_s = std::max(assumed.joint_gap_s, assumed.joint_gap_periods * rates.joint_period_s);

@@ -109,10 +109,10 @@ inline std::vector<AssumptionVariant> assumption_variants() {
   const auto wetted = [](SurfaceOptics tool) { return [tool](Changed& a) { a.finger.touched = tool; }; };
   return {
       {"pad width", "20 mm, t_min only above",
-       [](Changed& a) {
-         a.finger.pad.width = 20.0;
-         a.finger.pad.t_min_beside = false;
-       }},
+          [](Changed& a) {
+            a.finger.pad.width = 20.0;
+            a.finger.pad.t_min_beside = false;
+          }},
       {"end faces", "held, clear", [](Changed& a) { a.finger.bonded_ends = true; }},
       {"tilt plane", "y–z", [](Changed& a) { a.tilt = TiltPlane::yz; }},
       {"friction", "0.3", friction(0.3)},
@@ -138,10 +138,9 @@ inline std::vector<AssumptionVariant> assumption_variants() {
 /// their result is the only one. `pipeline_for(assumptions)` gives the tools with their silicone and friction. Throws
 /// InfeasibleDesign for the usual assumptions, and MeshError if the machine's limits ended a mesh: another try may have
 /// them all.
-template <class PipelineFor, Executor E>
-std::vector<AssumptionResult> evaluate_assumptions(const FingerDesign& design, const AssumptionStudy& study,
-                                                   const PipelineFor& pipeline_for, const E& executor,
-                                                   const ProgressReport& progress = {}) {
+template <class PipelineFor, Executor E> std::vector<AssumptionResult> evaluate_assumptions(const FingerDesign& design,
+    const AssumptionStudy& study, const PipelineFor& pipeline_for, const E& executor,
+    const ProgressReport& progress = {}) {
   const auto result = [](Evaluation e) {
     std::string why = failure_of(e);
     return AssumptionResult{std::move(why), std::move(e)};
@@ -179,15 +178,13 @@ std::vector<AssumptionResult> evaluate_assumptions(const FingerDesign& design, c
 }
 
 /// Both lists are in the order of the designs.
-inline AssumptionEffect effect_of(const std::vector<AssumptionScore>& usual,
-                                  const std::vector<AssumptionScore>& varied) {
+inline AssumptionEffect effect_of(
+    const std::vector<AssumptionScore>& usual, const std::vector<AssumptionScore>& varied) {
   AssumptionEffect effect;
   std::vector<std::size_t> both;
   for (std::size_t k = 0; k < usual.size() && k < varied.size(); ++k) {
-    if (usual[k].whole() && varied[k].whole())
-      both.push_back(k);
-    else
-      effect.lost += usual[k].whole();
+    if (usual[k].whole() && varied[k].whole()) both.push_back(k);
+    else effect.lost += usual[k].whole();
   }
   effect.compared = both.size();
   std::vector<Estimate> contact, observation;

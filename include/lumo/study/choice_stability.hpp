@@ -23,8 +23,7 @@ struct SeedStudy {
 /// for a search that found no choice. Throws InvalidArgument for fewer than two observed trials.
 template <class MakeOptimizer, Executor E, class Watch>
 std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, const std::vector<Trial>& trials,
-                                                      const SeedStudy& study, const MakeOptimizer& make_optimizer,
-                                                      const E& executor, const Watch& watch) {
+    const SeedStudy& study, const MakeOptimizer& make_optimizer, const E& executor, const Watch& watch) {
   std::vector<const Trial*> observed;
   for (const Trial& t : trials)
     if (t.state == Trial::State::observed) observed.push_back(&t);

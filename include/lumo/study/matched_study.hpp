@@ -59,12 +59,12 @@ inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_
 }
 
 /// Median over scenarios of the norm of the response change at one load; nullopt if a scenario has none.
-inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N,
-                                             const OpticalError& error) {
+inline std::optional<Estimate> median_change(
+    const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
     const auto state = std::find_if(s.states.begin(), s.states.end(),
-                                    [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
+        [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
     if (state == s.states.end()) return std::nullopt;
     const Estimate d =
         response_distance(state->change, Eigen::MatrixXd::Zero(state->change.rows(), state->change.cols()));
@@ -73,15 +73,14 @@ inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& 
   if (norms.empty()) return std::nullopt;
   std::sort(norms.begin(), norms.end(), [](const Estimate& a, const Estimate& b) { return a.value < b.value; });
   const Estimate &low = norms[(norms.size() - 1) / 2], &high = norms[norms.size() / 2];
-  return Estimate{0.5 * (low.value + high.value),
-                  0.5 * (low.error + high.error)};  // errors of the mesh are alike in all scenarios
+  return Estimate{
+      0.5 * (low.value + high.value), 0.5 * (low.error + high.error)};  // errors of the mesh are alike in all scenarios
 }
 
 namespace detail {
 
-template <class P, Executor E>
-VariantResult evaluate_variant(const Finger& wanted, const Ensemble& ensemble, const MatchedStudy& study,
-                               const P& pipeline, const E& executor, const ProgressReport& progress) {
+template <class P, Executor E> VariantResult evaluate_variant(const Finger& wanted, const Ensemble& ensemble,
+    const MatchedStudy& study, const P& pipeline, const E& executor, const ProgressReport& progress) {
   Body body = finger(wanted.design, wanted.silicone, wanted.options);
   if (!study.light) body.regions = 0;
   VariantResult result;
@@ -108,9 +107,8 @@ VariantResult evaluate_variant(const Finger& wanted, const Ensemble& ensemble, c
 
 /// The design itself, then its variants, in the order of `study.twins`. A failure in one leaves the others whole.
 /// Throws InfeasibleDesign, and MeshError if the machine's limits ended a mesh: another try may have them all.
-template <class P, Executor E>
-std::vector<VariantResult> compare_variants(Finger design, const Ensemble& ensemble, const MatchedStudy& study,
-                                            const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
+template <class P, Executor E> std::vector<VariantResult> compare_variants(Finger design, const Ensemble& ensemble,
+    const MatchedStudy& study, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   std::vector<Twin> twins = {Twin::none};
   twins.insert(twins.end(), study.twins.begin(), study.twins.end());
   std::vector<VariantResult> results;

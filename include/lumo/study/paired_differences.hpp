@@ -37,10 +37,8 @@ inline std::optional<PairedSummary> summarize(const std::vector<Estimate>& diffe
   PairedSummary s;
   std::vector<double> sorted;
   for (const Estimate& d : differences) {
-    if (std::abs(d.value) <= 2.0 * d.error)
-      ++s.undecided;
-    else
-      ++(d.value > 0.0 ? s.positive : s.negative);
+    if (std::abs(d.value) <= 2.0 * d.error) ++s.undecided;
+    else ++(d.value > 0.0 ? s.positive : s.negative);
     s.above_zero += d.value > 0.0;
     sorted.push_back(d.value);
   }

@@ -141,8 +141,8 @@ class Cholmod {
     cholmod_sparse view = view_of(reordered_);
     if (!factor_) factor_ = own(cholmod_copy_factor(symbolic_.get(), common_.get()));
     common_->status = CHOLMOD_OK;
-    const detail::BlasStay stay(sizeof(double) *
-                                ((factor_->x ? 0 : factor_->xsize) + factor_->maxcsize + 8 * factor_->n));
+    const detail::BlasStay stay(
+        sizeof(double) * ((factor_->x ? 0 : factor_->xsize) + factor_->maxcsize + 8 * factor_->n));
     const detail::WithoutOpenMp one_thread;
     cholmod_factorize(&view, factor_.get(), common_.get());
     if (common_->status == CHOLMOD_OK && factor_->minor == factor_->n) return FactorStatus::positive_definite;

@@ -80,11 +80,10 @@ class StrictObject {
     for (const auto& item : object_.items()) {
       const std::string& key = item.key();
       if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
-      const auto nearest = std::min_element(asked_.begin(), asked_.end(), [&](const auto& a, const auto& b) {
-        return distance(a, key) < distance(b, key);
-      });
+      const auto nearest = std::min_element(asked_.begin(), asked_.end(),
+          [&](const auto& a, const auto& b) { return distance(a, key) < distance(b, key); });
       throw InputError(message(where_, ": key '", printable(key), "' is not known",
-                               nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
+          nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
     }
   }
   [[noreturn]] void fail(const char* key, const char* why) const {
@@ -261,8 +260,8 @@ inline sense::Session session_from_json(std::string_view json, const std::string
     detail::for_each_item(j, where, [&](const Json& i, Where at) { s.links.push_back(detail::read_link(i, at)); });
   });
   top.with("segments", [&](const Json& j, Where where) {
-    detail::for_each_item(j, where,
-                          [&](const Json& i, Where at) { s.segments.push_back(detail::read_segment(i, at)); });
+    detail::for_each_item(
+        j, where, [&](const Json& i, Where at) { s.segments.push_back(detail::read_segment(i, at)); });
   });
   top.finish();
   validate(s, name);
@@ -292,14 +291,10 @@ inline nlohmann::ordered_json to_json(const sense::SessionLink& l) {
     return v;
   };
   const auto mm = [](double low, double high) { return std::vector<double>{millimetres(low), millimetres(high)}; };
-  return {{"name", l.link.name},
-          {"joints", l.link.joints},
-          {"holes_mm", flat(l.link.hole_m, true)},
-          {"hole_radius_mm", millimetres(l.link.hole_radius_m)},
-          {"holes_px", flat(l.hole_px, false)},
-          {"z_clockwise", l.link.z_clockwise},
-          {"pad_y_mm", mm(l.link.y_low_m, l.link.y_high_m)},
-          {"pad_z_mm", mm(l.link.z_low_m, l.link.z_high_m)}};
+  return {{"name", l.link.name}, {"joints", l.link.joints}, {"holes_mm", flat(l.link.hole_m, true)},
+      {"hole_radius_mm", millimetres(l.link.hole_radius_m)}, {"holes_px", flat(l.hole_px, false)},
+      {"z_clockwise", l.link.z_clockwise}, {"pad_y_mm", mm(l.link.y_low_m, l.link.y_high_m)},
+      {"pad_z_mm", mm(l.link.z_low_m, l.link.z_high_m)}};
 }
 
 }  // namespace detail
@@ -311,14 +306,11 @@ inline std::string to_json(const sense::Session& s) {
   const auto clock = [](const sense::ClockMap& m) {
     return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}};
   };
-  Json j{{"format", "lumo-log"},   {"version", 1},           {"title", s.title}, {"clock", s.clock},
-         {"material", s.material}, {"theta_mm", s.theta_mm}, {"video", s.video}};
-  j["leds"] = {{"count", s.led_count},
-               {"pitch_mm", detail::millimetres(s.led_pitch_m)},
-               {"first_y_mm", detail::millimetres(s.led_first_y_m)},
-               {"depth_mm", detail::millimetres(s.led_depth_m)},
-               {"camera_distance_mm", detail::millimetres(s.camera_distance_m)},
-               {"distal", {s.distal.x(), s.distal.y()}}};
+  Json j{{"format", "lumo-log"}, {"version", 1}, {"title", s.title}, {"clock", s.clock}, {"material", s.material},
+      {"theta_mm", s.theta_mm}, {"video", s.video}};
+  j["leds"] = {{"count", s.led_count}, {"pitch_mm", detail::millimetres(s.led_pitch_m)},
+      {"first_y_mm", detail::millimetres(s.led_first_y_m)}, {"depth_mm", detail::millimetres(s.led_depth_m)},
+      {"camera_distance_mm", detail::millimetres(s.camera_distance_m)}, {"distal", {s.distal.x(), s.distal.y()}}};
   j["joint_to_origin_mm"] = detail::millimetres(s.joint_to_origin_m);
   j["joint_to_joint_mm"] = Json::array();
   for (const double l : s.joint_to_joint_m) j["joint_to_joint_mm"].push_back(detail::millimetres(l));
@@ -330,16 +322,9 @@ inline std::string to_json(const sense::Session& s) {
   for (const sense::SessionLink& l : s.links) j["links"].push_back(detail::to_json(l));
   j["segments"] = Json::array();
   for (const sense::Segment& g : s.segments)
-    j["segments"].push_back({{"from_ns", g.from_ns},
-                             {"to_ns", g.to_ns},
-                             {"kind", g.kind_name()},
-                             {"place", g.place},
-                             {"y_mm", g.y_mm},
-                             {"repetition", g.repetition},
-                             {"cycle", g.cycle},
-                             {"load_N", g.load_N},
-                             {"angle_deg", g.angle_deg},
-                             {"diameter_mm", g.diameter_mm}});
+    j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind_name()}, {"place", g.place},
+        {"y_mm", g.y_mm}, {"repetition", g.repetition}, {"cycle", g.cycle}, {"load_N", g.load_N},
+        {"angle_deg", g.angle_deg}, {"diameter_mm", g.diameter_mm}});
   try {
     return j.dump(2) + "\n";
   } catch (const nlohmann::json::exception&) {
@@ -364,11 +349,11 @@ inline sense::Recording read_log_folder(const std::string& path) {
   });
   table("joint.csv", [&](std::istream& in, const std::string& name) { log.joints = sense::read_joint_log(in, name); });
   table("wrench.csv",
-        [&](std::istream& in, const std::string& name) { log.wrenches = sense::read_wrench_log(in, name); });
-  table("marker.csv",
-        [&](std::istream& in, const std::string& name) { log.markers = sense::read_marker_log(in, name); });
+      [&](std::istream& in, const std::string& name) { log.wrenches = sense::read_wrench_log(in, name); });
+  table(
+      "marker.csv", [&](std::istream& in, const std::string& name) { log.markers = sense::read_marker_log(in, name); });
   table("photodiode.csv",
-        [&](std::istream& in, const std::string& name) { log.photodiodes = sense::read_photodiode_log(in, name); });
+      [&](std::istream& in, const std::string& name) { log.photodiodes = sense::read_photodiode_log(in, name); });
   validate(log);
   return log;
 }
@@ -388,8 +373,7 @@ sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::Mc
 /// others; each file whole or not at all. Throws InputError, and InvalidArgument before anything is written for what
 /// could not be read again.
 inline void write_log_folder(const sense::Recording& log) {
-  const std::pair<const char*, std::string> files[] = {
-      {"session.json", to_json(log.session)},
+  const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
       {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
       {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints)},
       {"wrench.csv", log.wrenches.empty() ? "" : wrench_log_text(log.wrenches)},
@@ -397,8 +381,7 @@ inline void write_log_folder(const sense::Recording& log) {
       {"photodiode.csv", log.photodiodes.empty() ? "" : photodiode_log_text(log.photodiodes)}};
   for (const auto& [name, text] : files) {
     std::error_code error;
-    if (!text.empty())
-      write_whole(log.path + '/' + name, text);
+    if (!text.empty()) write_whole(log.path + '/' + name, text);
     else if (!std::filesystem::remove(log.path + '/' + name, error) && error)
       throw InputError(message(log.path, '/', name, ": cannot be removed"));
   }

@@ -39,14 +39,14 @@ namespace lumo {
 inline sense::ImageView view_of(const cv::Mat& m) {
   if (m.empty() || m.depth() != CV_8U || (m.channels() != 1 && m.channels() != 3)) return {};
   return {m.data, m.cols, m.rows, std::ptrdiff_t(m.step[0]),
-          m.channels() == 1 ? sense::PixelFormat::grey : sense::PixelFormat::bgr};
+      m.channels() == 1 ? sense::PixelFormat::grey : sense::PixelFormat::bgr};
 }
 
 /// A matrix of the same pixels. Throws InvalidArgument for a view without any.
 inline cv::Mat matrix_of(const sense::ImageView& v) {
   if (v.empty()) throw InvalidArgument("image to write is empty");
   return {v.height, v.width, v.format == sense::PixelFormat::grey ? CV_8UC1 : CV_8UC3,
-          const_cast<std::uint8_t*>(v.data), std::size_t(v.stride)};
+      const_cast<std::uint8_t*>(v.data), std::size_t(v.stride)};
 }
 
 /// How to decode: pixels as the camera gave them, not turned.
@@ -59,8 +59,8 @@ inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, sense::PixelForm
   if (file.size() > std::size_t(std::numeric_limits<int>::max()) || !sense::is_decodable(sense::picture_header(file)))
     return {};
   try {
-    return cv::imdecode(cv::Mat(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data())),
-                        flags_of(format));
+    return cv::imdecode(
+        cv::Mat(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data())), flags_of(format));
   } catch (const cv::Exception&) {
     return {};
   }
@@ -135,22 +135,22 @@ static_assert(sense::PictureDecoder<ImageDecoder>);
 class FolderCamera {
  public:
   /// `folder` holds the files of the records. Throws InputError when it is no folder.
-  FolderCamera(std::string folder, std::vector<sense::FrameRecord> records,
-               sense::PixelFormat format = sense::PixelFormat::bgr)
+  FolderCamera(
+      std::string folder, std::vector<sense::FrameRecord> records, sense::PixelFormat format = sense::PixelFormat::bgr)
       : folder_(std::move(folder)), records_(std::move(records)), format_(format) {
     std::error_code error;
     if (!std::filesystem::is_directory(folder_, error)) throw InputError(message(folder_, ": no such folder"));
   }
   /// All .png, .jpg, .jpeg and .bmp files of a folder by name, at a rate. Throws InputError when there are none.
-  static FolderCamera by_name(const std::string& folder, double frames_per_s,
-                              sense::PixelFormat format = sense::PixelFormat::bgr) {
+  static FolderCamera by_name(
+      const std::string& folder, double frames_per_s, sense::PixelFormat format = sense::PixelFormat::bgr) {
     require_positive("frame rate", frames_per_s, "1/s");
     std::vector<std::string> names;
     std::error_code error;
     for (std::filesystem::directory_iterator i(folder, error), end; !error && i != end; i.increment(error)) {
       std::string ending = i->path().extension().string();
-      std::transform(ending.begin(), ending.end(), ending.begin(),
-                     [](unsigned char c) { return char(std::tolower(c)); });
+      std::transform(
+          ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
       if (ending == ".png" || ending == ".jpg" || ending == ".jpeg" || ending == ".bmp")
         names.push_back(i->path().filename().string());
     }
@@ -307,8 +307,7 @@ class V4l2Camera {
     const bool gained = c.set(cv::CAP_PROP_GAIN, config.gain);
     if (int(c.get(cv::CAP_PROP_FRAME_WIDTH)) != config.width || int(c.get(cv::CAP_PROP_FRAME_HEIGHT)) != config.height)
       throw InputError(message(config.device, ": gives ", c.get(cv::CAP_PROP_FRAME_WIDTH), " x ",
-                               c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ", config.width, " x ",
-                               config.height));
+          c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ", config.width, " x ", config.height));
     if (!manual || !exposed || !gained)
       throw InputError(message(config.device, ": does not let its exposure and gain be locked"));
     exposure_s_ = 1e-4 * c.get(cv::CAP_PROP_EXPOSURE);
@@ -321,8 +320,8 @@ class V4l2Camera {
     try {
       std::vector<int> ready;
       // A timeout of 0 would wait for ever.
-      if (!cv::VideoCapture::waitAny(capture_, ready,
-                                     std::max<std::int64_t>(1'000'000, std::llround(1e9 * config_.wait_s))) ||
+      if (!cv::VideoCapture::waitAny(
+              capture_, ready, std::max<std::int64_t>(1'000'000, std::llround(1e9 * config_.wait_s))) ||
           ready.empty())
         return std::nullopt;
       if (!capture_[0].grab()) return fail();
@@ -331,8 +330,8 @@ class V4l2Camera {
     } catch (const cv::Exception&) {
       return fail();
     }
-    return sense::Frame{view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_,
-                        grabbed_ - 1};
+    return sense::Frame{
+        view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_, grabbed_ - 1};
   }
   sense::StreamState state() const { return state_; }
   double exposure_s() const { return exposure_s_; }  ///< in force

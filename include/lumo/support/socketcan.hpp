@@ -68,7 +68,7 @@ class MiniCheetahMotors {
     if (config_.offset_rad.size() == 1) config_.offset_rad.resize(n, config_.offset_rad[0]);
     if (config_.sign.size() != n || config_.offset_rad.size() != n)
       throw InvalidArgument(message("motors: ", n, " identifiers, ", config_.sign.size(), " signs and ",
-                                    config_.offset_rad.size(), " offsets, must be as many"));
+          config_.offset_rad.size(), " offsets, must be as many"));
     for (std::size_t i = 0; i < n; ++i) {
       require_in_range("motor's CAN identifier", config_.motors[i], 0.0, 255.0, "");
       if (std::count(config_.motors.begin(), config_.motors.end(), config_.motors[i]) > 1)
@@ -128,8 +128,8 @@ class MiniCheetahMotors {
  private:
   sense::JointSample sample() {
     const auto n = Eigen::Index(answer_.size());
-    sense::JointSample s{config_.now(), sense::JointVector(n), sense::JointVector(n), sense::JointVector(n),
-                         config_.unit};
+    sense::JointSample s{
+        config_.now(), sense::JointVector(n), sense::JointVector(n), sense::JointVector(n), config_.unit};
     for (Eigen::Index i = 0; i < n; ++i) {
       auto& a = answer_[std::size_t(i)];
       const double sign = config_.sign[std::size_t(i)];

@@ -111,10 +111,9 @@ inline SqliteJournal::SqliteJournal(const std::string& path, const std::string& 
     if (line.ends_with(',')) line.pop_back();
     return line;
   };
-  throw StoreError(
-      StoreError::Reason::different,
+  throw StoreError(StoreError::Reason::different,
       message("store ", path, " belongs to another problem: it has ", line_of(stored, std::size_t(a - stored.begin())),
-              ", asked for is ", line_of(problem, std::size_t(b - problem.begin()))));
+          ", asked for is ", line_of(problem, std::size_t(b - problem.begin()))));
 }
 
 inline SqliteJournal::SqliteJournal(const std::string& path) : path_(path) {
@@ -151,7 +150,7 @@ inline std::vector<JournalEntry> SqliteJournal::entries() const {
     throw StoreError(StoreError::Reason::unusable, message(path_, " is not a store of lumo"));
   if (const auto v = number_of("PRAGMA user_version"); v != format)
     throw StoreError(StoreError::Reason::unusable,
-                     message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
+        message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
   std::vector<JournalEntry> list;
   std::string before;
   bool whole = false;
@@ -165,13 +164,13 @@ inline std::vector<JournalEntry> SqliteJournal::entries() const {
     } catch (const StoreError& e) {  // SQLite itself found damage
       if (e.reason() != StoreError::Reason::corrupt) throw;
       throw StoreError(StoreError::Reason::corrupt,
-                       message("store ", path_, " is damaged at entry ", list.size(), ": ", sqlite3_errmsg(db_.get())));
+          message("store ", path_, " is damaged at entry ", list.size(), ": ", sqlite3_errmsg(db_.get())));
     }
   };
   while (next()) {
     const auto kind = journal_kind(text(s, 1));
     JournalEntry e{sqlite3_column_int64(s.get(), 0), kind.value_or(JournalEntry::Kind::problem), text(s, 2), text(s, 3),
-                   text(s, 4)};
+        text(s, 4)};
     const std::string found = text(s, 5);
     if (!kind || e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
       throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size()));
@@ -181,8 +180,8 @@ inline std::vector<JournalEntry> SqliteJournal::entries() const {
     list.push_back(std::move(e));
   }
   if (!whole)
-    throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged after entry ",
-                                                          std::int64_t(list.size()) - 1, ": entries are missing"));
+    throw StoreError(StoreError::Reason::corrupt,
+        message("store ", path_, " is damaged after entry ", std::int64_t(list.size()) - 1, ": entries are missing"));
   return list;
 }
 
@@ -299,7 +298,7 @@ inline std::string SqliteJournal::digest_of(const JournalEntry& e, const std::st
   const XXH128_hash_t h = XXH3_128bits(all.data(), all.size());
   char hex[33];
   std::snprintf(hex, sizeof hex, "%016llx%016llx", static_cast<unsigned long long>(h.high64),
-                static_cast<unsigned long long>(h.low64));
+      static_cast<unsigned long long>(h.low64));
   return hex;
 }
 

@@ -48,16 +48,15 @@ namespace detail {
   using Reason = MeshError::Reason;
   switch (result.outcome) {
     case JobOutcome::timed_out:
-      throw MeshError(Reason::timed_out,
-                      message("TetGen was stopped: it took longer than the limit of ", time_s, " s"));
+      throw MeshError(
+          Reason::timed_out, message("TetGen was stopped: it took longer than the limit of ", time_s, " s"));
     case JobOutcome::out_of_memory:
       throw MeshError(Reason::out_of_memory,
-                      message("TetGen was stopped: it needed more memory than the limit of ", memory, " bytes"));
+          message("TetGen was stopped: it needed more memory than the limit of ", memory, " bytes"));
     case JobOutcome::lost:
-      throw MeshError(Reason::out_of_memory,
-                      "TetGen's helper process was lost three times: killed, or without memory for its job");
-    default:
-      break;
+      throw MeshError(
+          Reason::out_of_memory, "TetGen's helper process was lost three times: killed, or without memory for its job");
+    default: break;
   }
   if (result.detail > 0) throw MeshError(Reason::crashed, message("TetGen died of signal ", result.detail));
   throw MeshError(Reason::crashed, message("TetGen or its helper process gave up, code ", -result.detail));

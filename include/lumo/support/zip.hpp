@@ -26,8 +26,8 @@ static_assert(Archiver<Zip>);
 inline std::string Zip::pack(std::span<const ArchivedFile> files) const {
   zip_error_t error;
   zip_error_init(&error);
-  const std::unique_ptr<zip_source_t, void (*)(zip_source_t*)> buffer(zip_source_buffer_create(nullptr, 0, 0, &error),
-                                                                      zip_source_free);
+  const std::unique_ptr<zip_source_t, void (*)(zip_source_t*)> buffer(
+      zip_source_buffer_create(nullptr, 0, 0, &error), zip_source_free);
   if (!buffer) refuse(zip_error_strerror(&error));
   zip_t* const opened = zip_open_from_source(buffer.get(), ZIP_TRUNCATE, &error);
   if (opened == nullptr) refuse(zip_error_strerror(&error));

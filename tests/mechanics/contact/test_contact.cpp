@@ -98,7 +98,7 @@ TEST_CASE("contact forces and stiffness are the derivatives of the contact energ
   check_contact_derivatives(Sphere{10e-3}, Vec3d(3.7e-3, 4.2e-3, 4e-3) - 5e-3 * direction, direction, 0.6e-3);
   // The carrier from above: a plate, and a rib below it that goes deeper.
   check_contact_derivatives(Carrier{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}},
-                            Vec3d(4e-3, 4e-3, 4.2e-3), Vec3d(0, 0, -1), 0.3e-3);
+      Vec3d(4e-3, 4e-3, 4.2e-3), Vec3d(0, 0, -1), 0.3e-3);
 }
 
 TEST_CASE("contact area and overlap of known fields are exact up to the facets") {

@@ -45,9 +45,10 @@ TEST_CASE(
     CHECK(with_tool.traction.norm() < 1e-6);  // the tool went along
     for (int c = 0; c < 3; ++c) {
       const double h = 1e-4 * slip;
-      const Vec3d slope = (history.answer(0, 0, at + step + h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction -
-                           history.answer(0, 0, at + step - h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction) /
-                          (2 * h);
+      const Vec3d slope =
+          (history.answer(0, 0, at + step + h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction -
+              history.answer(0, 0, at + step - h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction) /
+          (2 * h);
       CHECK((slope + answer.stiffness.col(c)).norm() < 1e-5 * 1e9);
     }
   }
@@ -130,8 +131,8 @@ TEST_CASE("half and quarter models carry the whole body's friction") {
 TEST_CASE("contact at vertices has the friction too, and the law's bounds") {
   const auto [body, mesh] =
       test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(6), test::even(6), test::even(4), 1);
-  const Simulator<NeoHookean, VertexContact, LinearTet, QuasiStatic<Cholmod>> sim{NeoHookean{1e5, 2e6},
-                                                                                  VertexContact{1e10, 0.5}};
+  const Simulator<NeoHookean, VertexContact, LinearTet, QuasiStatic<Cholmod>> sim{
+      NeoHookean{1e5, 2e6}, VertexContact{1e10, 0.5}};
   const auto states = sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 20 * pi / 180, 0.0, {0.5, 1.0}});
   for (const MechanicalState& s : states) {
     REQUIRE(s.status == Status::converged);

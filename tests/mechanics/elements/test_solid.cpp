@@ -19,7 +19,7 @@ const NeoHookean kMaterial{.mu = 1e5, .lambda = 9.9e6};
 }  // namespace
 
 TEMPLATE_TEST_CASE("shape functions of an element sum to one and reproduce linear fields", "", QuadraticTet, LinearTet,
-                   LinearPatchTet) {
+    LinearPatchTet) {
   // Corners, then the middles of edges.
   Eigen::Matrix<double, 3, 10> place;
   place << 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0.5, 0,  //
@@ -86,7 +86,7 @@ TEST_CASE("a patch of linear tetrahedra without the cure is those tetrahedra") {
 }
 
 TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere and no force on free interior nodes",
-                   "", QuadraticTet, LinearTet, LinearPatchTet) {
+    "", QuadraticTet, LinearTet, LinearPatchTet) {
   const TetMesh mesh = test::small_mesh<TestType>();
   const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{});
   Mat3d F;
@@ -113,8 +113,8 @@ TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere 
   CHECK((work - test::small_size.prod() * first_piola(kMaterial, F)).norm() < 1e-12 * work.norm());
 }
 
-TEMPLATE_TEST_CASE("rigid motion makes no force, and rotation turns forces with it", "", QuadraticTet, LinearTet,
-                   LinearPatchTet) {
+TEMPLATE_TEST_CASE(
+    "rigid motion makes no force, and rotation turns forces with it", "", QuadraticTet, LinearTet, LinearPatchTet) {
   const TetMesh mesh = test::small_mesh<TestType>();
   const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{});
   const Mat3d Q = Eigen::AngleAxisd(0.8, Vec3d(1, 2, 3).normalized()).toRotationMatrix();
@@ -132,8 +132,8 @@ TEMPLATE_TEST_CASE("rigid motion makes no force, and rotation turns forces with 
   CHECK(solid.energy(Q * bent) == Approx(solid.energy(bent)).epsilon(1e-12));
 }
 
-TEMPLATE_TEST_CASE("forces and tangent of a solid are the derivatives of its energy", "", QuadraticTet, LinearTet,
-                   LinearPatchTet) {
+TEMPLATE_TEST_CASE(
+    "forces and tangent of a solid are the derivatives of its energy", "", QuadraticTet, LinearTet, LinearPatchTet) {
   for (bool cure : {true, false}) {
     const TetMesh mesh = test::small_mesh<TestType>();
     const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{cure});
@@ -217,9 +217,7 @@ TEST_CASE("elements with mean dilatation do not lock, the linear one does") {
     CHECK(quadratic == Approx(1.0).margin(0.06));
     CHECK(patches == Approx(1.0).margin(0.12));
     for (double locking : {linear, uncured})
-      if (nu > 0.4)
-        CHECK(locking > 1.5);
-      else
-        CHECK(locking == Approx(1.0).margin(0.12));
+      if (nu > 0.4) CHECK(locking > 1.5);
+      else CHECK(locking == Approx(1.0).margin(0.12));
   }
 }

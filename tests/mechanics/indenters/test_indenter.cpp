@@ -48,8 +48,8 @@ TriangleSurface brick(const Vec3d& half) {
   TriangleSurface s;
   for (int k = 0; k < 8; ++k)
     s.vertices.emplace_back(k & 1 ? half.x() : -half.x(), k & 2 ? half.y() : -half.y(), k & 4 ? half.z() : -half.z());
-  s.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
-                 {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+  s.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4}, {2, 6, 3}, {3, 6, 7}, {0, 4, 2},
+      {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
   return s;
 }
 
@@ -164,7 +164,7 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
   double sag = 0.0;  // the facets lie inside the sphere by this much
   for (const auto& t : surface.triangles) {
     const Vec3d middle = (surface.vertices[std::size_t(t[0])] + surface.vertices[std::size_t(t[1])] +
-                          surface.vertices[std::size_t(t[2])]) /
+                             surface.vertices[std::size_t(t[2])]) /
                          3.0;
     sag = std::max(sag, R - middle.norm());
   }
@@ -212,7 +212,7 @@ TEST_CASE(
       CHECK(std::abs(high.distance - low.distance) <= 2e-7 * 1.03);
     }
   test::check_distance_laws(MeshIndenter(brick({6e-3, 4e-3, 3e-3}), 24), 40e-3, 0.1,
-                            0.1);  // most points are off the grid; near its edges the spline is round
+      0.1);  // most points are off the grid; near its edges the spline is round
 }
 
 TEST_CASE("signs hold where many thin triangles meet, as the winding number has them") {
@@ -221,7 +221,7 @@ TEST_CASE("signs hold where many thin triangles meet, as the winding number has 
   constexpr int sides = 7;
   for (int k = 0; k < sides; ++k)
     s.vertices.emplace_back((k % 2 ? 1e-3 : 4e-3) * std::cos(2 * pi * k / sides),
-                            (k % 2 ? 1e-3 : 4e-3) * std::sin(2 * pi * k / sides), -3e-3);
+        (k % 2 ? 1e-3 : 4e-3) * std::sin(2 * pi * k / sides), -3e-3);
   for (int k = 0; k < sides; ++k) {
     s.triangles.push_back({0, 2 + k, 2 + (k + 1) % sides});
     s.triangles.push_back({1, 2 + (k + 1) % sides, 2 + k});
@@ -262,8 +262,8 @@ TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
     double brute = 1e9;
     for (const auto& t : s.triangles)
       brute = std::min(brute, (closest_on_triangle(p, s.vertices[std::size_t(t[0])], s.vertices[std::size_t(t[1])],
-                                                   s.vertices[std::size_t(t[2])]) -
-                               p)
+                                   s.vertices[std::size_t(t[2])]) -
+                                  p)
                                   .norm());
     CHECK(tree.distance(p) == Approx(brute).margin(1e-15));
     CHECK(winding_number(s, p) == Approx(solid ? 1.0 : 0.0).margin(1e-9));
@@ -279,7 +279,7 @@ TEST_CASE("surfaces read from files are those that were written, in any of three
   const TemporaryFolder folder;
   const TriangleSurface s = brick({6e-3, 4e-3, 3e-3});
   for (const auto& path : {folder.write("a.obj", obj_of(s, 1e-3)), folder.write("b.stl", binary_stl_of(s, 1e-3)),
-                           folder.write("c.stl", text_stl_of(s, 1e-3))}) {
+           folder.write("c.stl", text_stl_of(s, 1e-3))}) {
     const TriangleSurface back = read_surface(path);
     CHECK(back.vertices.size() == 8);
     CHECK(back.triangles.size() == 12);
@@ -287,10 +287,9 @@ TEST_CASE("surfaces read from files are those that were written, in any of three
   }
   CHECK(validate_surface(read_surface(folder.write("d.obj", obj_of(s, 25.4e-3)), 25.4e-3)).volume ==
         Approx(12e-3 * 8e-3 * 6e-3));
-  const auto quads =
-      folder.write("q.obj",
-                   "# a cube\no cube\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
-                   "f -8 -5 -6 -7\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\r\nf 4 1 5 8");
+  const auto quads = folder.write("q.obj",
+      "# a cube\no cube\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
+      "f -8 -5 -6 -7\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\r\nf 4 1 5 8");
   CHECK(validate_surface(read_surface(quads)).volume == Approx(1e-9));
   CHECK(read_surface(folder.write("CAD.STL", binary_stl_of(s, 1e-3))).triangles.size() == 12);
   // A prism over an L and one over a star, whose polygons are not convex from any corner that a fan could start at:
@@ -311,8 +310,8 @@ TEST_CASE("surfaces read from files are those that were written, in any of three
             .volume == Approx(5e-9));
   const auto star = read_surface(folder.write(
       "star.obj", prism({{2, 0}, {0.5, 0.5}, {0, 2}, {-0.5, 0.5}, {-2, 0}, {-0.5, -0.5}, {0, -2}, {0.5, -0.5}})));
-  CHECK(validate_surface(star).volume ==
-        Approx(4e-9));  // four triangles of base 1 and height 1.5 on a square of side 1
+  CHECK(
+      validate_surface(star).volume == Approx(4e-9));  // four triangles of base 1 and height 1.5 on a square of side 1
 }
 
 TEST_CASE("bad surface files are refused with one line that says where") {
@@ -393,6 +392,6 @@ TEST_CASE("tools of impossible size are refused in one line") {
   CHECK_THROWS_WITH(validate(Box{{1e-3, 1e-3, 1e-3}, 1e-3}), Catch::Contains("edge radius"));
   CHECK_THROWS_AS(validate(Cylinder{10e-3, std::nan(""), 0.0}), InvalidArgument);
   CHECK_THROWS_AS(validate(Capsule{10e-3, -1e-3}), InvalidArgument);
-  CHECK_THROWS_WITH(validate(Oriented{Sphere{}, Mat3d(2.0 * Mat3d::Identity())}),
-                    Catch::Contains("must be a rotation"));
+  CHECK_THROWS_WITH(
+      validate(Oriented{Sphere{}, Mat3d(2.0 * Mat3d::Identity())}), Catch::Contains("must be a rotation"));
 }

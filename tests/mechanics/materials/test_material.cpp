@@ -153,11 +153,11 @@ TEST_CASE("material parameters out of range are refused in one line") {
   CHECK_THROWS_WITH(validate(NeoHookean{.mu = -1.0}), Catch::Contains("shear modulus") && Catch::Contains("-1 Pa"));
   CHECK_THROWS_AS(validate(NeoHookean{.mu = std::nan("")}), InvalidArgument);
   CHECK_THROWS_AS(validate(NeoHookean{.lambda = -1.0}), InvalidArgument);
-  CHECK_THROWS_WITH(validate(StableNeoHookean{.lambda = -1.0}),
-                    Catch::Contains("Lame parameter lambda") && Catch::Contains("-1 Pa"));
+  CHECK_THROWS_WITH(
+      validate(StableNeoHookean{.lambda = -1.0}), Catch::Contains("Lame parameter lambda") && Catch::Contains("-1 Pa"));
   CHECK_THROWS_WITH(validate(MooneyRivlin{.c10 = 0.0, .c01 = 0.0}), Catch::Contains("shear modulus"));
   CHECK_THROWS_WITH(validate(Yeoh{.c2 = -1.0}),
-                    Catch::Contains("Yeoh c2"));  // without a third term it softens until nothing is left
+      Catch::Contains("Yeoh c2"));  // without a third term it softens until nothing is left
   CHECK_NOTHROW(
       validate(Yeoh{.c1 = 3e4, .c2 = -2.9e3, .c3 = 100.0}));  // least slope at s = 2.9e3/300: c1 − c2²/(3 c3) = 2 kPa
   CHECK_THROWS_AS(validate(Yeoh{.c1 = 3e4, .c2 = -3.0e3, .c3 = 100.0}), InvalidArgument);

@@ -15,8 +15,8 @@ using namespace lumo;
 static_assert(PressSolver<VertexBlockDescent, NeoHookean, SDFContact, LinearTet>);
 static_assert(PressSolver<QuasiStatic<>, NeoHookean, SDFContact, QuadraticTet>);
 static_assert(!PressSolver<int, NeoHookean, SDFContact, LinearTet>);
-static_assert(DilatationalMaterial<NeoHookean> && DilatationalMaterial<StableNeoHookean> &&
-              !DilatationalMaterial<MooneyRivlin>);
+static_assert(
+    DilatationalMaterial<NeoHookean> && DilatationalMaterial<StableNeoHookean> && !DilatationalMaterial<MooneyRivlin>);
 
 // The name that users type.
 template struct lumo::Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>;
@@ -239,8 +239,8 @@ TEST_CASE("a body that nothing holds rests until it is touched, and then its mom
   const DescentModel<StableNeoHookean, SDFContact, LinearTet> model(body, mesh, {}, {{}, {1e9}, {}}, config);
   const Sphere sphere{10e-3};
   const Touch touch{Vec3d(4e-3, 3e-3, test::small_size.z() + 5e-3), Vec3d(4e-3, 3e-3, test::small_size.z())};
-  Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(model, sphere, touch, -Vec3d::UnitZ(), config,
-                                                                 Serial{});
+  Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(
+      model, sphere, touch, -Vec3d::UnitZ(), config, Serial{});
   const auto momentum = [&](const Positions& before) {
     Vec3d sum = Vec3d::Zero();
     for (Eigen::Index v = 0; v < before.cols(); ++v)
@@ -382,9 +382,9 @@ TEST_CASE("an element is refused on a mesh of another order") {
   wrong(LinearTet{}, test::small_mesh<QuadraticTet>());
   wrong(QuadraticTet{}, test::small_mesh<LinearTet>());
   const Bench quadratic = block(2, 2);
-  CHECK_THROWS_AS((Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>{}.press(quadratic.body,
-                                                                                            quadratic.mesh, kPress)),
-                  InvalidArgument);
+  CHECK_THROWS_AS((Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>{}.press(
+                      quadratic.body, quadratic.mesh, kPress)),
+      InvalidArgument);
 }
 
 namespace {
@@ -404,7 +404,7 @@ TEST_CASE("a step that ends in NaN is a status, and what is given is the state b
   for (const MechanicalState& s : sim.press(b.body, b.mesh, kPress)) {
     CHECK(s.status == (s.load_N > 0.2 ? Status::non_finite : s.status));
     for (const double v :
-         {s.force_N, s.met_force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.penetration_m})
+        {s.force_N, s.met_force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.penetration_m})
       CHECK(std::isfinite(v));
     CHECK_FALSE(std::isnan(s.residual_N));
     for (const Vec3d& u : s.displacement) CHECK(u.allFinite());

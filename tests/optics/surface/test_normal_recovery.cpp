@@ -40,7 +40,7 @@ Errors errors(int cells, int order) {
   int count = 0;
   for (std::size_t f = 0; f < scene.face_count(); ++f)
     for (const auto& [b1, b2] :
-         {std::pair(0.2, 0.2), std::pair(0.6, 0.2), std::pair(0.2, 0.6), std::pair(0.45, 0.45)}) {
+        {std::pair(0.2, 0.2), std::pair(0.6, 0.2), std::pair(0.2, 0.6), std::pair(0.45, 0.45)}) {
       ScenePoint at;
       at.face = int(f);
       at.b1 = b1;
@@ -64,7 +64,7 @@ Errors errors(int cells, int order) {
 }  // namespace
 
 TEST_CASE("Recovered normals of a dented sphere: nearer to the exact ones than those of the faces, and of second order",
-          "[scene]") {
+    "[scene]") {
   const Errors coarse = errors(8, 2), fine = errors(16, 2), finest = errors(32, 2);
   for (const Errors& e : {coarse, fine, finest}) {
     INFO(e.recovered << " recovered, " << e.own << " of the faces");

@@ -27,10 +27,8 @@ TEST_CASE("The tree finds the wall of a cube, wherever it lies", "[rays]") {
       double exact = 1e9;
       for (int a = 0; a < 3; ++a) exact = std::min(exact, ((d[a] > 0 ? 0.01 : -0.01) - p[a]) / d[a]);
       const RayHit hit = scene.first_hit(center + p, d, true);
-      if (!hit)
-        ++misses;
-      else
-        worst = std::max(worst, std::abs(hit.t - exact));
+      if (!hit) ++misses;
+      else worst = std::max(worst, std::abs(hit.t - exact));
       CHECK(!scene.first_hit(center + p, d, false));  // from outside one meets fronts only
     }
     CHECK(misses == 0);

@@ -31,7 +31,7 @@ int main(int argc, char** argv) {
   FingerOptions coarse;
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
   const Silicone card = dragon_skin();
-  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, Cholmod> simulator{
+  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, QuasiStatic<Cholmod>> simulator{
       {.mu = card.mu_Pa, .b = 1.0, .lambda = card.lambda_Pa}, {.thickness_m = 50e-6}};
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   Pipeline<TetgenMesher, decltype(simulator), Light> pipeline{
@@ -53,8 +53,8 @@ int main(int argc, char** argv) {
   const auto evaluate_design = [&](const Design& x) {
     Body body = finger(FingerDesign::from(x), card, coarse);
     for (Emitter& e : body.emitters) e = own::LensedLed{.center = e.center(), .exponent = 4.0, .power_W = e.power_W()};
-    const Scores scores = evaluate(body, contacts.scenarios(), pipeline, TbbExecutor{2},
-                                   std::tuple{own::EvenSight{.load_N = 2.0}, &rigidity});
+    const Scores scores = evaluate(
+        body, contacts.scenarios(), pipeline, TbbExecutor{2}, std::tuple{own::EvenSight{.load_N = 2.0}, &rigidity});
     TrialResult v;
     v.why = failed_press(scores.observations.scenarios);
     if (v.why.empty()) v.outputs = {scores.objectives[0]->value, scores.objectives[1]->value};

@@ -14,9 +14,8 @@ using namespace lumo::sense;
 namespace {
 
 /// Observations mean(place) + factor · normal numbers; place and fold run through all combinations.
-template <class Mean>
-LabelledResponses draw(int places, int repeats, Mean mean, const Eigen::MatrixXd& factor, std::uint64_t seed,
-                       std::vector<int>* fold = nullptr) {
+template <class Mean> LabelledResponses draw(int places, int repeats, Mean mean, const Eigen::MatrixXd& factor,
+    std::uint64_t seed, std::vector<int>* fold = nullptr) {
   synthetic::Normal normal(seed);
   LabelledResponses d{
       Eigen::MatrixXd(factor.rows(), places * repeats), {}, Eigen::VectorXd::LinSpaced(places, -0.025, 0.025)};
@@ -52,7 +51,7 @@ template <Decoder D> void check_laws(const D& decoder) {
   std::reverse(turned.place.begin(), turned.place.end());
   const auto model = decoder.fit(d), other = decoder.fit(turned);
   for (const Eigen::VectorXd& x : {Eigen::VectorXd{{1.0, 0.0, 0.0}}, Eigen::VectorXd{{0.4, 0.5, 0.1}},
-                                   Eigen::VectorXd{{9.0, -9.0, 1e6}}, Eigen::VectorXd{{0.0, 0.0, 0.0}}}) {
+           Eigen::VectorXd{{9.0, -9.0, 1e6}}, Eigen::VectorXd{{0.0, 0.0, 0.0}}}) {
     const Decoding a = model.decode(x), b = other.decode(x);
     CHECK(a.probability.sum() == Approx(1.0));
     CHECK(a.probability[a.place] == a.probability.maxCoeff());
@@ -138,7 +137,7 @@ TEST_CASE("shrinkage keeps few observations of many features decodable", "[decod
 }
 
 TEST_CASE("leave-one-repetition-out: every observation is decoded once, by a model that has not seen its repetition",
-          "[decoder]") {
+    "[decoder]") {
   // One feature; repetition 2 of place 1 looks like place 0. Templates without it: place 0 at 0, place 1 at 1.
   LabelledResponses d{Eigen::MatrixXd(1, 6), {0, 1, 0, 1, 0, 1}, Eigen::VectorXd{{-0.005, 0.005}}};
   d.response << 0.0, 1.0, 0.0, 1.0, 0.0, 0.1;

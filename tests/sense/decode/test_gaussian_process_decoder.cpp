@@ -51,7 +51,7 @@ TEST_CASE("a Gaussian process decodes places, and gives the coordinate between t
 }
 
 TEST_CASE("decoders compared on the same folds: pooled over seeds, none of the better ones is worse than templates",
-          "[decoder]") {
+    "[decoder]") {
   int right[4] = {}, all = 0;
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
     std::vector<int> fold;

@@ -71,8 +71,8 @@ TEST_CASE("slopes, decoding tasks and cycles are those that were put in", "[segm
   REQUIRE(slopes.size() == 3);
   for (int place = 0; place < 3; ++place)
     for (int r = 0; r < 2; ++r)
-      CHECK((slopes[std::size_t(place)].col(r) - (place + 1) * (1.0 + 0.1 * r) * Eigen::Vector3d(1, 2, 3)).norm() <
-            1e-9);
+      CHECK(
+          (slopes[std::size_t(place)].col(r) - (place + 1) * (1.0 + 0.1 * r) * Eigen::Vector3d(1, 2, 3)).norm() < 1e-9);
   // By hand: medians (1.05, 2.1, 3.15) · (place + 1); neighbours differ by 1.05 √(14/3), re-contacts by 0.05 (place +
   // 1) √(14/3), whose median is the second place's.
   CHECK(*recontact_metrics(slopes).Q == Approx(10.5));
@@ -91,9 +91,8 @@ TEST_CASE("slopes, decoding tasks and cycles are those that were put in", "[segm
   CHECK(common_loads(holds, 2.0) == std::vector<double>{2.0, 5.0, 10.0});
   CHECK(common_loads(holds, 4.0) == std::vector<double>{5.0, 10.0});
   auto fewer = holds;  // one re-contact ends early
-  fewer.erase(std::find_if(fewer.begin(), fewer.end(), [](const HoldResponse& h) {
-    return h.segment.kind == SegmentKind::hold && h.segment.load_N == 10.0;
-  }));
+  fewer.erase(std::find_if(fewer.begin(), fewer.end(),
+      [](const HoldResponse& h) { return h.segment.kind == SegmentKind::hold && h.segment.load_N == 10.0; }));
   CHECK(common_loads(fewer, 2.0) == std::vector<double>{2.0, 5.0});
 
   const auto runs = cycle_runs(holds);

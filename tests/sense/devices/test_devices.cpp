@@ -52,8 +52,8 @@ struct Bus {
 
 }  // namespace
 
-TEST_CASE("motors over a socket pair: commands go out, samples come back in the joints' order and direction",
-          "[device]") {
+TEST_CASE(
+    "motors over a socket pair: commands go out, samples come back in the joints' order and direction", "[device]") {
   Bus bus;
   FakeMotor fake{bus.motor.get(), {}};
   MiniCheetahMotors::Config c;

@@ -52,8 +52,8 @@ TEST_CASE("a folder of images is a camera, a damaged file is a frame without pix
   const TemporaryFolder folder;
   for (int k = 0; k < 3; ++k) write_image(folder / ("f" + std::to_string(k) + ".png"), picture(k).view());
   std::ofstream(folder / "bad.png") << "\x89PNG broken";
-  FolderCamera camera(folder.path.string(),
-                      {{10, "f1.png", 0.001, 64.0}, {20, "bad.png"}, {30, "gone.png"}, {40, "f0.png"}});
+  FolderCamera camera(
+      folder.path.string(), {{10, "f1.png", 0.001, 64.0}, {20, "bad.png"}, {30, "gone.png"}, {40, "f0.png"}});
   auto f = camera.next();
   REQUIRE(f);
   CHECK(same(f->image, picture(1)));

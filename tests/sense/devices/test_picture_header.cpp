@@ -30,9 +30,8 @@ Bytes png_that_claims(std::uint32_t width, std::uint32_t height) {
 TEST_CASE("headers of what OpenCV writes say what the picture is") {
   for (const PixelFormat format : {PixelFormat::grey, PixelFormat::bgr})
     for (const auto& [width, height] : {std::pair(1, 1), std::pair(640, 480), std::pair(3, 300)})
-      for (const auto& [ending, kind] :
-           {std::pair(".png", PictureHeader::Format::png), std::pair(".jpg", PictureHeader::Format::jpeg),
-            std::pair(".bmp", PictureHeader::Format::bmp)}) {
+      for (const auto& [ending, kind] : {std::pair(".png", PictureHeader::Format::png),
+               std::pair(".jpg", PictureHeader::Format::jpeg), std::pair(".bmp", PictureHeader::Format::bmp)}) {
         const auto h = picture_header(encode_image(ending, Image::black(width, height, format).view()));
         INFO(ending << ' ' << width << " x " << height);
         REQUIRE(h);
@@ -47,10 +46,10 @@ TEST_CASE("what is cut before its size, or is something else, has no header") {
     const Bytes file = encode_image(ending, Image::black(5, 4, PixelFormat::bgr).view());
     for (std::size_t n = 0; n < 24; ++n) CHECK_FALSE(picture_header(std::span(file).first(n)));
   }
-  for (const std::string& text :
-       {std::string(), std::string("GIF89a0000000000000000000000000000"),
-        std::string("P6 4 3 255\n000000000000000000000000000"), std::string("\xff\xd8\xff\xda\0\x8\0\0\0\0\0\0", 12),
-        std::string("\xff\xd8\xff\xc0\0\x4\x8\0\x1\0\x1\x3", 12), std::string("\xff\xd8\xff\xe0\0\x1\0\0\0\0\0\0", 12)})
+  for (const std::string& text : {std::string(), std::string("GIF89a0000000000000000000000000000"),
+           std::string("P6 4 3 255\n000000000000000000000000000"), std::string("\xff\xd8\xff\xda\0\x8\0\0\0\0\0\0", 12),
+           std::string("\xff\xd8\xff\xc0\0\x4\x8\0\x1\0\x1\x3", 12),
+           std::string("\xff\xd8\xff\xe0\0\x1\0\0\0\0\0\0", 12)})
     CHECK_FALSE(picture_header(bytes_of(text)));
   // A BMP's rows may run downwards; its least number has no counterpart.
   Bytes bmp = encode_image(".bmp", Image::black(5, 4, PixelFormat::bgr).view());
@@ -66,7 +65,7 @@ TEST_CASE("a few bytes cannot ask for gigabytes") {
   ImageDecoder decode;
   CHECK_FALSE(decode(encode_image(".png", Image::black(7, 6, PixelFormat::bgr).view())).empty());
   for (const auto& [width, height] :
-       {std::pair(30000u, 30000u), std::pair(40000u, 1u), std::pair(0u, 5u), std::pair(0xffffffffu, 0xffffffffu)}) {
+      {std::pair(30000u, 30000u), std::pair(40000u, 1u), std::pair(0u, 5u), std::pair(0xffffffffu, 0xffffffffu)}) {
     const Bytes file = png_that_claims(width, height);
     REQUIRE(picture_header(file));
     CHECK_FALSE(is_decodable(picture_header(file)));

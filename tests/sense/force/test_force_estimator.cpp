@@ -159,9 +159,8 @@ struct Scene {
     for (std::int64_t t = 0; t < length; t += ms) {
       const double torque = (t >= 500 * ms ? force * (arm_m + y) : 0.0) + 0.01 * normal();
       actuator.items.push_back(
-          {t,
-           {t, JointVector::Constant(1, 1e-4 * normal()), JointVector::Constant(1, 0.01 * normal()),
-            JointVector::Constant(1, torque), Effort::current_A}});
+          {t, {t, JointVector::Constant(1, 1e-4 * normal()), JointVector::Constant(1, 0.01 * normal()),
+                  JointVector::Constant(1, torque), Effort::current_A}});
     }
   }
 };
@@ -223,31 +222,30 @@ const Image& odd_picture(int which) {
 std::vector<FaultKind> camera_faults() {
   return {
       {"frames dropped", Fault::frame_dropped,
-       [](Scene& s, std::uint64_t seed) {
-         synthetic::Normal normal(seed);
-         std::erase_if(s.camera.items, [&](const auto& i) {
-           return i.stamp >= fault_from && i.stamp < fault_to && normal.uniform() < 0.5;
-         });
-       }},
+          [](Scene& s, std::uint64_t seed) {
+            synthetic::Normal normal(seed);
+            std::erase_if(s.camera.items,
+                [&](const auto& i) { return i.stamp >= fault_from && i.stamp < fault_to && normal.uniform() < 0.5; });
+          }},
       {"frames missing", Fault::frames_missing,
-       [](Scene& s, std::uint64_t) {
-         std::erase_if(s.camera.items, [](const auto& i) { return i.stamp >= fault_from && i.stamp < fault_to; });
-       }},
+          [](Scene& s, std::uint64_t) {
+            std::erase_if(s.camera.items, [](const auto& i) { return i.stamp >= fault_from && i.stamp < fault_to; });
+          }},
       {"picture repeated", Fault::frame_repeated,
-       [](Scene& s, std::uint64_t) {
-         const Image* frozen = nullptr;
-         for (auto& i : s.camera.items)
-           if (i.stamp >= fault_from && i.stamp < fault_to) i.image = frozen ? frozen : (frozen = i.image);
-       }},
+          [](Scene& s, std::uint64_t) {
+            const Image* frozen = nullptr;
+            for (auto& i : s.camera.items)
+              if (i.stamp >= fault_from && i.stamp < fault_to) i.image = frozen ? frozen : (frozen = i.image);
+          }},
       {"stamp repeated", Fault::frame_repeated,
-       [](Scene& s, std::uint64_t) {
-         for (auto& i : s.camera.items)
-           if (i.stamp >= fault_from && i.stamp < fault_to) i.stamp = fault_from;
-       }},
+          [](Scene& s, std::uint64_t) {
+            for (auto& i : s.camera.items)
+              if (i.stamp >= fault_from && i.stamp < fault_to) i.stamp = fault_from;
+          }},
       {"frames late", Fault::frame_late, frames_do([](auto& i, auto&) { i.arrival += 200 * ms; })},
       {"frames from the past", Fault::frame_time, frames_do([](auto& i, auto&) { i.stamp -= 1000 * ms; })},
       {"frames from the beginning of time", Fault::frame_time,
-       frames_do([](auto& i, auto&) { i.stamp = std::numeric_limits<std::int64_t>::min(); })},
+          frames_do([](auto& i, auto&) { i.stamp = std::numeric_limits<std::int64_t>::min(); })},
       {"frames from the future", Fault::frame_time, frames_do([](auto& i, auto&) { i.stamp += 5'000 * ms; })},
       {"another size", Fault::frame_corrupt, frames_do([](auto& i, auto&) { i.image = &odd_picture(4); })},
       {"garbage", Fault::exposure_changed, frames_do([](auto& i, auto& n) {
@@ -271,10 +269,10 @@ std::vector<FaultKind> camera_faults() {
          if (n.uniform() < 0.7) i.image = &odd_picture(3);
        })},
       {"camera unplugged", Fault::camera_lost,
-       [](Scene& s, std::uint64_t) {
-         s.camera.unplugged_from = fault_from;
-         s.camera.unplugged_to = fault_to;
-       }},
+          [](Scene& s, std::uint64_t) {
+            s.camera.unplugged_from = fault_from;
+            s.camera.unplugged_to = fault_to;
+          }},
   };
 }
 
@@ -282,19 +280,20 @@ std::vector<FaultKind> joint_faults() {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   return {
       {"joint samples from the end of time", Fault::joint_time,
-       joints_do([](auto& i, auto&) { i.sample.stamp_ns = std::numeric_limits<std::int64_t>::max(); })},
+          joints_do([](auto& i, auto&) { i.sample.stamp_ns = std::numeric_limits<std::int64_t>::max(); })},
       {"joint samples dropped", Fault::joint_dropped,
-       [](Scene& s, std::uint64_t seed) {
-         synthetic::Normal normal(seed);
-         std::erase_if(s.actuator.items, [&](const auto& i) {
-           return i.arrival >= fault_from && i.arrival < fault_to && normal.uniform() < 0.7;
-         });
-       }},
+          [](Scene& s, std::uint64_t seed) {
+            synthetic::Normal normal(seed);
+            std::erase_if(s.actuator.items, [&](const auto& i) {
+              return i.arrival >= fault_from && i.arrival < fault_to && normal.uniform() < 0.7;
+            });
+          }},
       {"torque missing", Fault::joint_not_finite, joints_do([nan](auto& i, auto&) { i.sample.effort[0] = nan; })},
       {"joint stream silent", Fault::joint_missing,
-       [](Scene& s, std::uint64_t) {
-         std::erase_if(s.actuator.items, [](const auto& i) { return i.arrival >= fault_from && i.arrival < fault_to; });
-       }},
+          [](Scene& s, std::uint64_t) {
+            std::erase_if(
+                s.actuator.items, [](const auto& i) { return i.arrival >= fault_from && i.arrival < fault_to; });
+          }},
       {"torque stuck", Fault::torque_stuck, joints_do([](auto& i, auto&) { i.sample.effort[0] = 0.31; })},
       {"torque spiking", Fault::torque_spike, joints_do([](auto& i, auto& n) {
          if (n.uniform() < 0.05) i.sample.effort[0] += n.uniform() < 0.5 ? 6.0 : -6.0;
@@ -306,15 +305,15 @@ std::vector<FaultKind> joint_faults() {
          if (n.uniform() < 0.5) i.sample.velocity_rad_per_s[0] = 1e200;
        })},
       {"position out of range", Fault::position_jump,
-       joints_do([](auto& i, auto&) { i.sample.position_rad[0] = -1e300; })},
+          joints_do([](auto& i, auto&) { i.sample.position_rad[0] = -1e300; })},
       {"driver at its end", Fault::torque_saturated, joints_do([](auto& i, auto&) { i.sample.saturated = true; })},
       {"encoder jumps", Fault::position_jump,
-       joints_do([](auto& i, auto& n) { i.sample.position_rad[0] += n.uniform() < 0.5 ? 3.0 : 0.0; })},
+          joints_do([](auto& i, auto& n) { i.sample.position_rad[0] += n.uniform() < 0.5 ? 3.0 : 0.0; })},
       {"actuator unplugged", Fault::actuator_lost,
-       [](Scene& s, std::uint64_t) {
-         s.actuator.unplugged_from = fault_from;
-         s.actuator.unplugged_to = fault_to;
-       }},
+          [](Scene& s, std::uint64_t) {
+            s.actuator.unplugged_from = fault_from;
+            s.actuator.unplugged_to = fault_to;
+          }},
   };
 }
 
@@ -336,7 +335,7 @@ void run_faults(int seeds) {
       Scene scene(y, force, 1000 + std::uint64_t(seed));
       kind.plant(scene, 77 + std::uint64_t(seed));
       Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
-                          estimator_config());
+          estimator_config());
       bool all_finite = true, all_ok = true, all_right = true, seen = false, ok_before = true;
       for (std::int64_t t = 0; t < Scene::length; t += 5 * ms) {
         scene.clock.now = t;
@@ -376,7 +375,7 @@ TEST_CASE("from frames and currents to place and force, with intervals", "[estim
   for (const double y : {-20e-3, 0.0, 14e-3}) {
     Scene scene(y, 9.0, 5);
     Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
-                        estimator_config());
+        estimator_config());
     ForceEstimate e;
     for (std::int64_t t = 0; t < 1500 * ms; t += 10 * ms) {
       scene.clock.now = t;
@@ -404,8 +403,8 @@ TEST_CASE("an error of the map widens place and force as a shift of the place wo
     Scene scene(10e-3, 9.0, 5);
     auto c = estimator_config();
     c.map_sigma_m = 1e-3 * k;
-    Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
-                        c);
+    Estimator estimator(
+        scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m}, c);
     for (std::int64_t t = 0; t < 1000 * ms; t += 10 * ms) {
       scene.clock.now = t;
       e[k] = estimator.step(t);
@@ -422,10 +421,10 @@ TEST_CASE("one stream alone: what is not known is not given as a number", "[esti
   Scene blind(8e-3, 9.0, 6), numb(8e-3, 9.0, 7);
   blind.camera.items.clear();
   numb.actuator.items.clear();
-  Estimator a(blind.camera, blind.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
-              estimator_config());
-  Estimator b(numb.camera, numb.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
-              estimator_config());
+  Estimator a(
+      blind.camera, blind.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m}, estimator_config());
+  Estimator b(
+      numb.camera, numb.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m}, estimator_config());
   ForceEstimate e, f;
   for (std::int64_t t = 0; t < 2000 * ms; t += 10 * ms) {
     blind.clock.now = numb.clock.now = t;
@@ -493,8 +492,8 @@ TEST_CASE("two contacts on one joint: both places, no forces, the null direction
   int k = 0;
   for (auto& i : scene.camera.items) i.image = &pictures().get(-15e-3, 12.0, k++ % Pictures::kinds, 10e-3);
   for (auto& i : scene.actuator.items) i.sample.effort[0] += 4.0 * (arm_m - 15e-3) + 5.0 * (arm_m + 10e-3);
-  Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
-                      estimator_config());
+  Estimator estimator(
+      scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m}, estimator_config());
   ForceEstimate e;
   for (std::int64_t t = 0; t < 1000 * ms; t += 10 * ms) {
     scene.clock.now = t;
@@ -525,8 +524,8 @@ TEST_CASE("two contacts on one joint: both places, no forces, the null direction
   CHECK(std::abs((arm_m + y0) * e.null_directions(0, 1) + (arm_m + y1) * e.null_directions(1, 1)) < 1e-9);
 }
 
-TEST_CASE("the estimator works on recordings and with the paper's localiser, and repeats itself to the bit",
-          "[estimator]") {
+TEST_CASE(
+    "the estimator works on recordings and with the paper's localiser, and repeats itself to the bit", "[estimator]") {
   const UnloadedReference reference = unloaded();
   const Scene scene(5e-3, 7.0, 3);
   const auto run = [&] {
@@ -545,7 +544,7 @@ TEST_CASE("the estimator works on recordings and with the paper's localiser, and
     c.max_samples = 100000;
     c.filter.history = 4096;
     Peak estimator(camera, actuator, {readout(), reference},
-                   PeakLocalizer({readout().positions_m(), reference.noise()}), MomentArm{arm_m}, c);
+        PeakLocalizer({readout().positions_m(), reference.noise()}), MomentArm{arm_m}, c);
     return estimator.step(1000 * ms);
   };
   const ForceEstimate a = run(), b = run();
@@ -602,8 +601,8 @@ TEST_CASE("forces of two contacts carry the errors of torques, places and map", 
   CHECK(drowned.contact[0].force_variance_N2 > 5.0 * 5.0);
   for (std::size_t i = 0; i < 2; ++i) {
     const double truth = *plain.contact[i].y_m < 0.0 ? 4.0 : 5.0;
-    CHECK(plain.contact[i].force_variance_N2 >
-          0.0);  // without any offset of the torque there are still noise and places
+    CHECK(
+        plain.contact[i].force_variance_N2 > 0.0);  // without any offset of the torque there are still noise and places
     CHECK(std::abs(*plain.contact[i].force_N - truth) < 3.0 * std::sqrt(plain.contact[i].force_variance_N2));
     CHECK(off.contact[i].y_variance_m2 - plain.contact[i].y_variance_m2 == Approx(1e-6));
     CHECK(off.contact[i].force_variance_N2 > plain.contact[i].force_variance_N2);
@@ -623,7 +622,7 @@ TEST_CASE("over many scenes intervals of place and force hold what they promise"
     const double offset = 0.02 * draw();  // of the torque, as its configuration assumes; learnt before the touch
     for (auto& i : scene.actuator.items) i.sample.effort[0] += offset;
     Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
-                        estimator_config());
+        estimator_config());
     ForceEstimate e;
     for (std::int64_t t = 0; t < 1500 * ms; t += 10 * ms) {
       scene.clock.now = t;
@@ -640,8 +639,8 @@ TEST_CASE("over many scenes intervals of place and force hold what they promise"
   CHECK(inside_force >= 50);
 }
 
-TEST_CASE("one joint of several that is stuck is seen, an effort in steps is not taken for a stuck one",
-          "[estimator]") {
+TEST_CASE(
+    "one joint of several that is stuck is seen, an effort in steps is not taken for a stuck one", "[estimator]") {
   synthetic::Normal normal(2);
   JointMonitor::Config c;
   c.joints = 2;
@@ -684,8 +683,8 @@ TEST_CASE("parts that do not fit are refused", "[estimator]") {
     Scene s(0.0, 1.0, 1);
     auto config = estimator_config();
     change(config);
-    CHECK_THROWS_AS(Estimator(s.camera, s.actuator, {readout(), u}, localizer(u), MomentArm{arm_m}, config),
-                    InvalidArgument);
+    CHECK_THROWS_AS(
+        Estimator(s.camera, s.actuator, {readout(), u}, localizer(u), MomentArm{arm_m}, config), InvalidArgument);
   };
   refuses([](auto& config) { config.torque[0].rest_velocity_rad_per_s = 0.0; });
   refuses([](auto& config) { config.torque[0].torque_constant_Nm_per_A = std::nan(""); });
@@ -702,6 +701,6 @@ TEST_CASE("parts that do not fit are refused", "[estimator]") {
       Estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m}, c),
       InvalidArgument);
   CHECK_THROWS_AS(Estimator(scene.camera, scene.actuator, {readout(), UnloadedReference{}}, localizer(reference),
-                            MomentArm{arm_m}, estimator_config()),
-                  InvalidArgument);
+                      MomentArm{arm_m}, estimator_config()),
+      InvalidArgument);
 }

@@ -41,7 +41,7 @@ struct HandScene {
     if (link % 2 == 0) return {x + length * std::cos(first), y + length * std::sin(first), first};
     const double turned = first + q2;
     return {x + 2.0 * length * std::cos(first) + length * std::cos(turned),
-            y + 2.0 * length * std::sin(first) + length * std::sin(turned), turned};
+        y + 2.0 * length * std::sin(first) + length * std::sin(turned), turned};
   }
   static bool clockwise(int link) { return link < 2; }  // the fingers' pads face each other
   static HandLink link(int k) {

@@ -59,8 +59,8 @@ TEST_CASE("links are found by their holes to a fraction of a pixel, and are not 
   CHECK_FALSE(register_link(HandScene{}.paint().view(), HandScene::link(0), outside));
 }
 
-TEST_CASE("contacts on several links at once are found where they are, bright and dark, whatever the lamps do",
-          "[hand]") {
+TEST_CASE(
+    "contacts on several links at once are found where they are, bright and dark, whatever the lamps do", "[hand]") {
   HandObserver hand = practised_hand();
   CHECK(hand.references(0) == 25);
   double worst = 0.0;
@@ -101,8 +101,8 @@ TEST_CASE("two contacts on one link are two, and what cannot be seen or compared
   s.touches = {{2, -15.0, 25.0}, {2, 14.0, 28.0}};
   HandEstimate e = hand.observe(1, s.sample(), s.paint().view());
   for (const auto& c : e.contacts)
-    UNSCOPED_INFO(c.link << " y " << 1e3 * c.y_m << " z " << 1e3 * c.z_m << " peak " << c.peak_DN << " area "
-                         << 1e6 * c.area_m2);
+    UNSCOPED_INFO(
+        c.link << " y " << 1e3 * c.y_m << " z " << 1e3 * c.z_m << " peak " << c.peak_DN << " area " << 1e6 * c.area_m2);
   REQUIRE(e.contacts.size() == 2);
   CHECK(1e3 * e.contacts[0].y_m == Approx(-15.0).margin(2.0));
   CHECK(1e3 * e.contacts[1].y_m == Approx(14.0).margin(2.0));
@@ -184,7 +184,7 @@ RecordedHand recorded_hand() {
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     JointVector zero = JointVector::Zero(4);
     joints.push_back({SceneCamera::stamp(i) + 5'000'000'000 - 10'000'000 + 4'000'000, scenes[i].sample(), zero, zero,
-                      Effort::torque_Nm});
+        Effort::torque_Nm});
   }
   return log;
 }
@@ -192,7 +192,7 @@ RecordedHand recorded_hand() {
 }  // namespace
 
 TEST_CASE("a hand's log: free pictures are references, joints are taken at the pictures' times on their own clock",
-          "[hand]") {
+    "[hand]") {
   auto [scenes, session, joints] = recorded_hand();
   const TimeSeries positions = joint_positions(joints, session);
   CHECK((*positions.at(SceneCamera::stamp(7) - 10'000'000, 0.1) - Eigen::VectorXd(scenes[7].sample())).norm() < 1e-12);
@@ -235,9 +235,9 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   joints.erase(joints.begin() + 17, joints.end());
   int unseen = 0;
   observe_hand(again, blind, joint_positions(joints, session), session,
-               [&](const std::optional<HandEstimate>& e, const ImageView&) {
-                 if (e) unseen += e->seen == std::vector<bool>(4, false) && e->contacts.empty();
-               });
+      [&](const std::optional<HandEstimate>& e, const ImageView&) {
+        if (e) unseen += e->seen == std::vector<bool>(4, false) && e->contacts.empty();
+      });
   CHECK(unseen == 7);
   CHECK_THROWS_AS(hand_observer(Session{}), InvalidArgument);
   joints[3].position_rad = JointVector::Zero(2);
@@ -281,27 +281,27 @@ TEST_CASE("a live hand is reported picture by picture, with the joints at the ti
       JointVector joints(4);
       joints << q, 0.06, -q, -0.06;
       return JointSample{std::int64_t(double(Stage::stamp(0)) + 40e6 * k), joints, JointVector::Zero(4),
-                         JointVector::Zero(4), Effort::torque_Nm};
+          JointVector::Zero(4), Effort::torque_Nm};
     }
     StreamState state() const { return StreamState::open; }
   } motors{&stage};
   HandObserver hand = practised_hand();
   int reported = 0;
   observe_hand_live(camera, motors, hand, Session{},
-                    [&](const HandEstimate& e, const ImageView& image) {
-                      const int k = reported++;
-                      INFO("picture " << k);
-                      CHECK(e.stamp_ns == Stage::stamp(k));
-                      CHECK(image.width == 640);
-                      const bool known = k != 7;  // 6 is near enough to the samples before it
-                      CHECK(std::count(e.seen.begin(), e.seen.end(), true) == (known ? 4 : 0));
-                      CHECK(e.contacts.size() == (known && k >= 3 ? 1u : 0u));
-                      if (!e.contacts.empty()) {
-                        CHECK(e.contacts[0].link == 1);
-                        CHECK(1e3 * e.contacts[0].y_m == Approx(8.0).margin(0.6));
-                      }
-                      return true;
-                    },
-                    {.name = "hand", .max_gap_s = 0.06});
+      [&](const HandEstimate& e, const ImageView& image) {
+        const int k = reported++;
+        INFO("picture " << k);
+        CHECK(e.stamp_ns == Stage::stamp(k));
+        CHECK(image.width == 640);
+        const bool known = k != 7;  // 6 is near enough to the samples before it
+        CHECK(std::count(e.seen.begin(), e.seen.end(), true) == (known ? 4 : 0));
+        CHECK(e.contacts.size() == (known && k >= 3 ? 1u : 0u));
+        if (!e.contacts.empty()) {
+          CHECK(e.contacts[0].link == 1);
+          CHECK(1e3 * e.contacts[0].y_m == Approx(8.0).margin(0.6));
+        }
+        return true;
+      },
+      {.name = "hand", .max_gap_s = 0.06});
   CHECK(reported == 10);
 }

@@ -25,9 +25,8 @@ Eigen::Isometry3d pose(const Vec3d& at, double angle = 0.0, const Vec3d& axis = 
 
 /// Two joints, 70 mm apart, pads 45 mm beyond their joints; the second is skewed so that nothing cancels by symmetry.
 SerialChain two_links() {
-  return SerialChain(
-      {{pose({0, 0, 0}), Vec3d::UnitX(), pose({0, 0.045, 0.01})},
-       {pose({0.002, 0.07, 0}, 0.3, {0, 1, 1}), Vec3d(1, 0.1, 0), pose({0, 0.045, 0.008}, 0.2, Vec3d::UnitY())}});
+  return SerialChain({{pose({0, 0, 0}), Vec3d::UnitX(), pose({0, 0.045, 0.01})},
+      {pose({0.002, 0.07, 0}, 0.3, {0, 1, 1}), Vec3d(1, 0.1, 0), pose({0, 0.045, 0.008}, 0.2, Vec3d::UnitY())}});
 }
 
 JointVector angles(double a, double b) {
@@ -194,7 +193,7 @@ TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one stat
       const auto [q, v] = motion(1e-3 * i);
       const double torque = truth.unloaded(q, v) + truth.noise_Nm * normal();
       list.push_back({i * 1'000'000LL, JointVector::Constant(1, q), JointVector::Constant(1, v),
-                      JointVector::Constant(1, torque / 0.9), Effort::current_A});
+          JointVector::Constant(1, torque / 0.9), Effort::current_A});
     }
     return list;
   };
@@ -202,8 +201,8 @@ TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one stat
   start.torque_constant_Nm_per_A = 0.9;
   const auto sweep = run(
       [](double t) {
-        return std::pair(1.2 * std::sin(0.9 * t) + 0.5 * std::sin(2.3 * t),
-                         1.08 * std::cos(0.9 * t) + 1.15 * std::cos(2.3 * t));
+        return std::pair(
+            1.2 * std::sin(0.9 * t) + 0.5 * std::sin(2.3 * t), 1.08 * std::cos(0.9 * t) + 1.15 * std::cos(2.3 * t));
       },
       12000);
   const auto full = identify_unloaded(sweep, 0, start);
@@ -310,7 +309,7 @@ TEST_CASE("contact torques are motor minus model, on the frames' clock", "[torqu
   std::vector<JointSample> samples;
   for (int i = 0; i < 5; ++i)
     samples.push_back({i * 1'000'000LL, JointVector::Constant(1, 0.1 * i), JointVector::Zero(1),
-                       JointVector::Constant(1, 1.0 + i), Effort::current_A});
+        JointVector::Constant(1, 1.0 + i), Effort::current_A});
   const ContactTorques torques(samples, {m}, ClockMap{0, 1.0, 0.0, 0.0}, 0.5e-3);
   const auto v = torques.at(1'000'000'000 + 1'000'000);  // 1.5 ms of the joints' clock
   REQUIRE(v);

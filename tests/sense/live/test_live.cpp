@@ -83,16 +83,16 @@ class BenchMotor {
   explicit BenchMotor(Bench& bench) : bench_(&bench) {}
   std::optional<JointSample> next() {
     if (bench_->backlog > 0 && bench_->backlog-- > 0)
-      return JointSample{bench_->now, JointVector::Zero(1), JointVector::Zero(1), JointVector::Zero(1),
-                         Effort::torque_Nm};
+      return JointSample{
+          bench_->now, JointVector::Zero(1), JointVector::Zero(1), JointVector::Zero(1), Effort::torque_Nm};
     if (state() != StreamState::open || next_ > bench_->now) return std::nullopt;
     const std::int64_t t = std::exchange(next_, next_ + 2 * ms);
     const TorqueModel m = bench_->joint();
     double torque = m.unloaded(0.3, 0.0) + bench_->force_N(t) * (Bench::joint_to_origin_m + Bench::place_m) +
                     m.noise_Nm * normal_();
     if (bench_->step_Nm > 0.0) torque = bench_->step_Nm * std::round(torque / bench_->step_Nm);
-    return JointSample{t, JointVector::Constant(1, 0.3), JointVector::Zero(1), JointVector::Constant(1, torque),
-                       Effort::torque_Nm};
+    return JointSample{
+        t, JointVector::Constant(1, 0.3), JointVector::Zero(1), JointVector::Constant(1, torque), Effort::torque_Nm};
   }
   StreamState state() const {
     return !bench_->with_motor || bench_->now >= bench_->motor_goes_ns ? StreamState::failed : StreamState::open;
@@ -153,7 +153,7 @@ TEST_CASE("force and place are reported picture by picture while the streams com
 }
 
 TEST_CASE("a motor whose driver gives torque in steps is not taken for stuck, and what had queued up does not count",
-          "[live]") {
+    "[live]") {
   Bench bench;
   bench.step_Nm = 36.0 / 4095.0;
   bench.noise_Nm = 0.002;
@@ -258,8 +258,8 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   }
 }
 
-TEST_CASE("a recorder leaves out what goes back in time or cannot be seen, and reports what it cannot write",
-          "[live]") {
+TEST_CASE(
+    "a recorder leaves out what goes back in time or cannot be seen, and reports what it cannot write", "[live]") {
   const TemporaryFolder folder;
   const std::string name = folder.path.string();
   std::filesystem::create_directories(name + "/frames");
@@ -368,8 +368,8 @@ TEST_CASE("pictures that the disk is too far behind with are left out and counte
   CHECK(read_log_folder(folder.path.string()).frames.size() == recorder.frames());
 }
 
-TEST_CASE("a plan is announced in the order of time, moved where it begins too soon, and keeps what was done",
-          "[live]") {
+TEST_CASE(
+    "a plan is announced in the order of time, moved where it begins too soon, and keeps what was done", "[live]") {
   const auto segment = [](double from_s, double to_s, int place) {
     Segment s;
     s.from_ns = std::int64_t(1e9 * from_s);

@@ -54,17 +54,17 @@ TEST_CASE("a finger before a live camera is located picture by picture, until th
   LiveScene camera(100);
   int reported = 0;
   locate_live(camera, finger, peak_localizer,
-              [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
-                const int k = int(std::lround(double(stamp_ns - LiveScene::stamp(0)) / 33'333'333.0));
-                ++reported;
-                INFO("picture " << k << " " << to_string(faults));
-                CHECK(e.has_value() == (k != 60 && k != 70));
-                if (k == 60) CHECK(faults.has(Fault::frame_corrupt));
-                if (k == 70) CHECK(faults.has(Fault::frame_black));
-                if (e) CHECK(e->contacts == (k < 45 ? 0 : 1));
-                if (e && k > 48) CHECK(e->contact[0].y_m == Approx(LiveScene::place(k)).margin(1.5e-3));
-                return true;
-              });
+      [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
+        const int k = int(std::lround(double(stamp_ns - LiveScene::stamp(0)) / 33'333'333.0));
+        ++reported;
+        INFO("picture " << k << " " << to_string(faults));
+        CHECK(e.has_value() == (k != 60 && k != 70));
+        if (k == 60) CHECK(faults.has(Fault::frame_corrupt));
+        if (k == 70) CHECK(faults.has(Fault::frame_black));
+        if (e) CHECK(e->contacts == (k < 45 ? 0 : 1));
+        if (e && k > 48) CHECK(e->contact[0].y_m == Approx(LiveScene::place(k)).margin(1.5e-3));
+        return true;
+      });
   CHECK(reported == 100 - 31);  // the first second is rest
 }
 
@@ -72,14 +72,14 @@ TEST_CASE("a report may end the run, and a camera that shows no finger is refuse
   LiveScene camera(100), nothing(100, false), none(0), one(1);
   int count = 0;
   locate_live(camera, finger, peak_localizer,
-              [&](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return ++count < 5; });
+      [&](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return ++count < 5; });
   CHECK(count == 5);
   CHECK(camera.state() == StreamState::open);
   const auto refused = [&](auto& scene) {
     try {
       locate_live(scene, finger, peak_localizer,
-                  [](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return true; },
-                  {.name = "the camera", .patience_s = 0.2});
+          [](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return true; },
+          {.name = "the camera", .patience_s = 0.2});
     } catch (const InputError& e) {
       return std::string(e.what());
     }

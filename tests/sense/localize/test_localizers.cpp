@@ -251,7 +251,7 @@ TEST_CASE("a contact near a clear end, which throws its light back, is found whe
       const double y = (k % 2 == 0 ? 1.0 : -1.0) * (23.0e-3 + 0.1e-3 * k);
       Profile p = bump(y, 20.0, 4e-3, 0.3, normal);
       const Profile image = bump(std::copysign(60e-3, y) - y, 10.0, 4e-3, 0.0,
-                                 normal);  // the pad ends at ±30 mm, half of the light comes back
+          normal);  // the pad ends at ±30 mm, half of the light comes back
       p.value += image.value;
       auto c = bayes(0.3);
       c.from_m = -27.5e-3;

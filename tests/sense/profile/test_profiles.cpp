@@ -24,8 +24,8 @@ AxisMap map_of(const View& v, double sigma_px = 0.1) {
 }
 
 /// Mean green of all pixels whose centre lies in the bin and the band: straight from the definition.
-Eigen::VectorXd direct_profile(const View& v, const Image& image, const LongitudinalBins& bins, double low,
-                               double high) {
+Eigen::VectorXd direct_profile(
+    const View& v, const Image& image, const LongitudinalBins& bins, double low, double high) {
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(bins.size()), count = sum;
   for (int y = 0; y < image.height; ++y)
     for (int x = 0; x < image.width; ++x) {
@@ -146,12 +146,12 @@ TEST_CASE("every n-th line along the finger is read, level or upright", "[profil
     const auto bins = LongitudinalBins::uniform(-25.0_mm, 25.0_mm, 25);
     const auto profile = [&](int step) {
       GreenProfile readout({.map = map_of(v),
-                            .bins = bins,
-                            .band_low_m = -5.0_mm,
-                            .band_high_m = 5.0_mm,
-                            .width = v.width,
-                            .height = v.height,
-                            .row_step = step});
+          .bins = bins,
+          .band_low_m = -5.0_mm,
+          .band_high_m = 5.0_mm,
+          .width = v.width,
+          .height = v.height,
+          .row_step = step});
       Profile p;
       REQUIRE(readout.read(Frame{image.view(), 0}, p));
       return p.value;
@@ -164,7 +164,7 @@ TEST_CASE("every n-th line along the finger is read, level or upright", "[profil
 }
 
 TEST_CASE("where the perspective is beyond what a camera sees, the rest of the map is the best for what is left",
-          "[profiles]") {
+    "[profiles]") {
   // Places as y = b s/(1 + c s) with c = 0.6 has them, which the fit does not take. Independent: scan a and b for c =
   // ½.
   Eigen::Matrix2Xd pixel = Eigen::Matrix2Xd::Zero(2, 5);
@@ -278,7 +278,7 @@ TEST_CASE("no row of LEDs, no detection", "[leds]") {
   const View v;
   CHECK_FALSE(LedDetector{}.find(Image::black(64, 48).view()));
   CHECK_FALSE(LedDetector{}.find(synthetic::paint(
-                                     v, [](double, double) { return 60.0; }, 3.0, 8)
+      v, [](double, double) { return 60.0; }, 3.0, 8)
                                      .view()));
   const auto four = synthetic::paint(
       v, [](double y, double across) { return y > 16e-3 ? 8.0 : synthetic::leds(y, across); }, 2.0, 4);

@@ -68,7 +68,7 @@ void record(const std::string& folder) {
     const double s = 0.4e-9 * double(t), q = 0.75 * std::sin(s), v = 0.3 * std::cos(s);
     const double torque = m.unloaded(q, v) + force(t) * (joint_to_origin_m + place(t)) + m.noise_Nm * normal();
     log.joints.push_back({t + joint_clock_ahead, JointVector::Constant(1, q), JointVector::Constant(1, v),
-                          JointVector::Constant(1, torque / constant), Effort::current_A});
+        JointVector::Constant(1, torque / constant), Effort::current_A});
   }
   log.session.segments = {{0, 480 * ms, SegmentKind::unloaded}};
   write_log_folder(log);
@@ -99,8 +99,8 @@ SeenFinger seen_finger(const Recording& log) {
       read_image(log.path + "/frames/" + log.frames[0].file).view());
   REQUIRE(leds);
   CHECK(leds->map.y_m(leds->map.u_px(Eigen::Vector2d(160.0, 120.0))) == Approx(0.0).margin(0.1e-3));
-  SeenFinger s{GreenProfile({leds->map, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), -7.0_mm, 7.0_mm, 320, 240}),
-               {}};
+  SeenFinger s{
+      GreenProfile({leds->map, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), -7.0_mm, 7.0_mm, 320, 240}), {}};
   Profile p;
   FolderCamera first(log.path + "/frames", log.frames);
   for (auto f = first.next(); f && f->stamp_ns <= session.segments.at(0).to_ns; f = first.next())
@@ -165,8 +165,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   config.torque = {torque};
   config.joints.period_s = 2e-3;
   config.filter.torque_bias_Nm = 0.01;
-  Estimator estimator(camera, actuator, {readout, unloaded}, BayesLocalizer(localizer),
-                      MomentArm{session.joint_to_origin_m}, config);
+  Estimator estimator(
+      camera, actuator, {readout, unloaded}, BayesLocalizer(localizer), MomentArm{session.joint_to_origin_m}, config);
   const ContactTorques torques(joints, {torque});
   std::vector<ForceSample> samples;
   double location_error = 0.0;

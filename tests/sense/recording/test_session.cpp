@@ -33,8 +33,8 @@ TEST_CASE("a session reads back as it was written", "[session]") {
   s.joint_to_origin_m = 0.0475;
   s.torque_constant_Nm_per_A = {0.91, 0.88};
   s.joint_clock = {1'700'000'000'000'000'001, -0.25, 2e-5, 1e-4};
-  s.segments = {{1, 9'007'199'254'740'993, SegmentKind::hold, 3, 5.0, 1, -1, 10.0, -30.0, 10.0},
-                {5, 6, SegmentKind::unloaded}};
+  s.segments = {
+      {1, 9'007'199'254'740'993, SegmentKind::hold, 3, 5.0, 1, -1, 10.0, -30.0, 10.0}, {5, 6, SegmentKind::unloaded}};
   s.segments.push_back({7, 8});
   s.segments.back().set_kind_name("slide");  // a kind of the recording's own keeps its name
   SessionLink link;
@@ -198,10 +198,8 @@ TEST_CASE("damaged sessions are read or refused in one line, never worse", "[ses
     std::string bad = good;
     for (int n = 1 + int(3.0 * draw.uniform()); n > 0; --n) {
       const auto at = std::size_t(draw.uniform() * double(bad.size()));
-      if (draw.uniform() < 0.5)
-        bad[at] = char(256.0 * draw.uniform());
-      else
-        bad.erase(at, std::size_t(6.0 * draw.uniform()));
+      if (draw.uniform() < 0.5) bad[at] = char(256.0 * draw.uniform());
+      else bad.erase(at, std::size_t(6.0 * draw.uniform()));
     }
     const std::string what = fault_of(bad);
     REQUIRE(what.find('\n') == std::string::npos);

@@ -59,8 +59,8 @@ TEST_CASE("tables read back as they were written, to the bit", "[log]") {
   const auto w = from(wrench_log_text(wrench), wrenches);
   const auto m =
       from(marker_log_text(marker), [](std::istream& in, const std::string& n) { return read_marker_log(in, n); });
-  const auto l = from(photodiode_log_text(light),
-                      [](std::istream& in, const std::string& n) { return read_photodiode_log(in, n); });
+  const auto l = from(
+      photodiode_log_text(light), [](std::istream& in, const std::string& n) { return read_photodiode_log(in, n); });
   REQUIRE(s.size() == 40);
   for (std::size_t i = 0; i < 40; ++i) {
     CHECK((s[i].stamp_ns == samples[i].stamp_ns && s[i].position_rad == samples[i].position_rad &&
@@ -177,17 +177,10 @@ TEST_CASE("damaged tables are read or refused in one line, never worse", "[log]"
     for (int n = 1 + int(4.0 * draw.uniform()); n > 0; --n) {
       const auto at = std::size_t(draw.uniform() * double(bad.size()));
       switch (int(4.0 * draw.uniform())) {
-        case 0:
-          bad[at] = char(256.0 * draw.uniform());
-          break;
-        case 1:
-          bad.erase(at, std::size_t(8.0 * draw.uniform()));
-          break;
-        case 2:
-          bad.insert(at, bad.substr(std::size_t(draw.uniform() * double(bad.size())), 9));
-          break;
-        default:
-          bad.insert(at, 1, ",\n\r-e.9"[int(7.0 * draw.uniform())]);
+        case 0: bad[at] = char(256.0 * draw.uniform()); break;
+        case 1: bad.erase(at, std::size_t(8.0 * draw.uniform())); break;
+        case 2: bad.insert(at, bad.substr(std::size_t(draw.uniform() * double(bad.size())), 9)); break;
+        default: bad.insert(at, 1, ",\n\r-e.9"[int(7.0 * draw.uniform())]);
       }
       if (bad.empty()) bad = "x";
     }
@@ -215,15 +208,15 @@ TEST_CASE("stamps at the ends of 64 bits overflow nothing", "[log]") {
   CHECK(ClockMap{limit - 5, 0.25, 0.0, 0.0}(limit - 1'000'000'000) == limit - 750'000'000);
   std::istringstream far("stamp_ns,displacement_m\n9223372036854775807,0\n");
   CHECK_THROWS_WITH(read_marker_log(far, "m.csv"),
-                    Catch::Contains("m.csv:2: column stamp_ns") && Catch::Contains("beyond the range"));
+      Catch::Contains("m.csv:2: column stamp_ns") && Catch::Contains("beyond the range"));
   CHECK_THROWS_AS(marker_log_text({{std::numeric_limits<std::int64_t>::min(), 0.0}}), InvalidArgument);
   CHECK_THROWS_AS(marker_log_text({{5, 0.0}, {5, 0.1}}), InvalidArgument);
-  CHECK_THROWS_AS(TimeSeries({0, std::numeric_limits<std::int64_t>::max()}, Eigen::MatrixXd::Zero(1, 2)),
-                  InvalidArgument);
+  CHECK_THROWS_AS(
+      TimeSeries({0, std::numeric_limits<std::int64_t>::max()}, Eigen::MatrixXd::Zero(1, 2)), InvalidArgument);
 }
 
-TEST_CASE("normal force over time: positive where the finger is pressed, tared, on the clock that is asked for",
-          "[log]") {
+TEST_CASE(
+    "normal force over time: positive where the finger is pressed, tared, on the clock that is asked for", "[log]") {
   // The sensor's clock is 2 s behind and runs 1e-6 too slow; it reads 0.5 N too much, and the object presses with 3 N
   // at 1 s.
   Session session;
@@ -241,8 +234,8 @@ TEST_CASE("normal force over time: positive where the finger is pressed, tared, 
 
   const auto second = [&](double s) { return session.wrench_clock(std::int64_t(1e9 * s)); };
   session.segments = {{second(0.0), second(0.5), SegmentKind::unloaded},
-                      {second(0.9), second(1.1), SegmentKind::hold, 1, -15.0, 0},
-                      {second(1.8), second(3.0), SegmentKind::hold, 2, -5.0, 0}};
+      {second(0.9), second(1.1), SegmentKind::hold, 1, -15.0, 0},
+      {second(1.8), second(3.0), SegmentKind::hold, 2, -5.0, 0}};
   session.segments.back().load_N = 4.0;
   const LogTruth truth = LogTruth::from_log(session, samples);
   CHECK(*truth.at(second(1.0)).force_N == Approx(3.0));
@@ -257,5 +250,5 @@ TEST_CASE("normal force over time: positive where the finger is pressed, tared, 
 
   session.wrench_clock.drift = -0.1;
   CHECK_THROWS_AS(LogTruth::from_log(session, {{0}, {1}, {2}, {3}, {4}, {5}, {6}}),
-                  InvalidArgument);  // two of them come to the same nanosecond
+      InvalidArgument);  // two of them come to the same nanosecond
 }

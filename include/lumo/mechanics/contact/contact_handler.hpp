@@ -32,24 +32,19 @@ template <ContactHandler Contact> constexpr ContactPoints contact_points() {
                   { Contact::points } -> std::convertible_to<ContactPoints>;
                 })
     return Contact::points;
-  else
-    return ContactPoints::surface;
+  else return ContactPoints::surface;
 }
 
 /// Coulomb's coefficient of a law; 0 where it has none.
 template <ContactHandler Contact> double friction_coefficient(const Contact& contact) {
-  if constexpr (requires { contact.friction; })
-    return contact.friction;
-  else
-    return 0.0;
+  if constexpr (requires { contact.friction; }) return contact.friction;
+  else return 0.0;
 }
 
 /// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
 template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
-  if constexpr (requires { contact.area_per_vertex_m2; })
-    return contact.area_per_vertex_m2;
-  else
-    return 0.0;
+  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
+  else return 0.0;
 }
 
 /// Response of a spring of `stiffness` [N/m³] to a gap; 0 while it is open.

@@ -27,16 +27,15 @@ struct SetOverlap {
 /// overlaps are no measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a
 /// smooth contact grows as the distance to its edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3),
 /// scaled by its own slope, *is* that distance; inside it is continued linearly.
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
-                           const Moving<Tool>& rigid, const Positions& x);
+template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
+    const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
 template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
-                                  const std::vector<double>& b, const Positions& x);
+inline SetOverlap contact_overlap(
+    const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
 
 namespace detail {
 
@@ -60,9 +59,8 @@ template <class S> struct ClipPolygon {
       if (a.field[k] > 0.0) kept.push_back(a);
       if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
         const S t = a.field[k] / (a.field[k] - b.field[k]);
-        kept.push_back({a.u + t * (b.u - a.u),
-                        a.v + t * (b.v - a.v),
-                        {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
+        kept.push_back({a.u + t * (b.u - a.u), a.v + t * (b.v - a.v),
+            {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
       }
     }
     corners = std::move(kept);
@@ -112,8 +110,8 @@ struct EdgeSample {
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of
 // contact. With G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the
 // distance is 2 G / (α + slope).
-inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x,
-                                               const std::vector<double>& gap, double tolerance) {
+inline std::vector<EdgeSample> edge_of_contact(
+    const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3d middle, outward;
     double power, slope, spacing;
@@ -131,7 +129,7 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
     const Vec3d gradient =
         ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
     const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
-                 std::sqrt(EdgeFit::triangle * area)};
+        std::sqrt(EdgeFit::triangle * area)};
     if (f.slope > 0.0 && f.power < EdgeFit::reach * f.spacing * f.slope) free.push_back(f);
   });
   std::vector<EdgeSample> samples;
@@ -187,9 +185,8 @@ inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& sam
 
 }  // namespace detail
 
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
-                           const Moving<Tool>& rigid, const Positions& x) {
+template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
+    const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
   std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
@@ -227,8 +224,8 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   return c;
 }
 
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
-                                  const std::vector<double>& b, const Positions& x) {
+inline SetOverlap contact_overlap(
+    const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x) {
   SetOverlap sum;
   detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
     const auto at = [&](std::size_t k) {

@@ -177,9 +177,8 @@ struct NoFriction {
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that
 // the rigid thing reaches, or whose given gaps are closed.
-template <class Tool, class Visit>
-void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid,
-                        const SurfaceGaps* gaps, Visit&& visit) {
+template <class Tool, class Visit> void for_contact_points(const ContactSurface& surface, const Positions& x,
+    const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
     const bool near = rigid.distance(middle) <= radius;
@@ -203,8 +202,7 @@ template <class Friction = detail::NoFriction> struct ContactHistory {
 /// meant then. Friction enters forces but not the energy.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
-                               const Positions& x, std::type_identity_t<Positions>* force,
-                               const ContactHistory<Friction>& history = {}) {
+    const Positions& x, std::type_identity_t<Positions>* force, const ContactHistory<Friction>& history = {}) {
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
@@ -236,8 +234,7 @@ struct TangentSums {
 /// Adds the contact stiffness.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
-                                const Positions& x, const TangentSums& tangent,
-                                const ContactHistory<Friction>& history = {}) {
+    const Positions& x, const TangentSums& tangent, const ContactHistory<Friction>& history = {}) {
   ContactSums sums;
   const Equations& eq = tangent.equations;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
@@ -291,9 +288,8 @@ template <class Tool> struct ContactPlace {
 
 /// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
 /// have at `linear`.
-template <class Tool>
-SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
-                           const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
+    const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))

@@ -165,7 +165,7 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
   }
   if (!std::isfinite(best))
     throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi,
-                                  " deg passes by the body"));
+        " deg passes by the body"));
   return {start + best * direction, point};
 }
 

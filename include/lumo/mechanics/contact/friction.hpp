@@ -50,14 +50,14 @@ struct FrictionHistory {
     Vec3d stretch;
   };
   Answer answer(std::size_t face, std::size_t point, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal,
-                double pressure) const {
+      double pressure) const {
     const Mat3d along = Mat3d::Identity() - normal * normal.transpose();
     const Vec3d s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
     const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
     if (length <= most) return {-stiffness_N_per_m3 * s, stiffness_N_per_m3 * along, s};
     const Vec3d way = s / length;
     return {-stiffness_N_per_m3 * most * way,
-            stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
+        stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
   }
 
   /// Takes positions x, with the rigid thing as it is now, as the last equilibrium. Springs out of contact relax.
@@ -79,9 +79,9 @@ struct FrictionHistory {
   }
 
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
-  template <ContactHandler Contact, class Tool>
-  Vec3d add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid,
-                         const Positions& x, std::type_identity_t<std::vector<Vec3d>>& on_nodes) const {
+  template <ContactHandler Contact, class Tool> Vec3d add_nodal_forces(const ContactSurface& surface,
+      const Contact& law, const Moving<Tool>& rigid, const Positions& x,
+      std::type_identity_t<std::vector<Vec3d>>& on_nodes) const {
     Vec3d sum{0.0, 0.0, 0.0};
     for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {

@@ -35,7 +35,7 @@ template <Indenter Tool = Sphere> struct Scenario {
 template <Indenter Tool> Symmetry symmetry_of(const Scenario<Tool>& s) {
   const bool straight = s.angle_rad == 0.0;
   return {(straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0),
-          s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
+      s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
 }
 
 /// Mirror image of a contact with a symmetric tool in these planes.

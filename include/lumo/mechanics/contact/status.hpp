@@ -26,9 +26,8 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
 }
 
 constexpr std::string_view to_string(Status s) {
-  constexpr std::array<std::string_view, 8> names{"converged",   "held",      "max_iterations",
-                                                  "line_search", "inverted",  "not_positive_definite",
-                                                  "non_finite",  "time_limit"};
+  constexpr std::array<std::string_view, 8> names{"converged", "held", "max_iterations", "line_search", "inverted",
+      "not_positive_definite", "non_finite", "time_limit"};
   return names[std::size_t(s)];
 }
 

@@ -84,7 +84,7 @@ struct LinearPatchTet {
     const auto& part = parts[q];
     const auto edge = [&](int k) {
       return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1],
-                   place[part[k]][2] - place[part[0]][2]);
+          place[part[k]][2] - place[part[0]][2]);
     };
     for (int k = 1; k < 4; ++k) {
       const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1),
@@ -106,12 +106,12 @@ struct LinearPatchTet {
 
   /// Nodes of the eight: at the corners, and the octahedron between them cut along the line from node 4 to node 9,
   /// which mirrored() leaves in place.
-  static constexpr int parts[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3},
-                                      {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
+  static constexpr int parts[8][4] = {
+      {0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
 
  private:
-  static constexpr double place[10][3] = {{0, 0, 0},     {1, 0, 0},   {0, 1, 0},   {0, 0, 1},     {0.5, 0, 0},
-                                          {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
+  static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0},
+      {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
 };
 
 /// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of
@@ -126,12 +126,8 @@ template <class S> std::array<S, 6> face_shape(const S& u, const S& v, int order
 template <class S> std::array<std::array<S, 2>, 6> face_shape_derivatives(const S& u, const S& v, int order) {
   if (order == 1) return {{{-1, -1}, {1, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}}};
   const S w = 1.0 - u - v;
-  return {{{1 - 4 * w, 1 - 4 * w},
-           {4 * u - 1, 0},
-           {0, 4 * v - 1},
-           {4 * (w - u), -4 * u},
-           {4 * v, 4 * u},
-           {-4 * v, 4 * (w - v)}}};
+  return {{{1 - 4 * w, 1 - 4 * w}, {4 * u - 1, 0}, {0, 4 * v - 1}, {4 * (w - u), -4 * u}, {4 * v, 4 * u},
+      {-4 * v, 4 * (w - v)}}};
 }
 
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);

@@ -20,8 +20,8 @@ template <TetElement Element> class ElementPoints {
   /// no element, or be missing.
   explicit ElementPoints(const TetMesh& mesh) {
     if (mesh.order != Element::order)
-      throw InvalidArgument(message("elements are of order ", Element::order, ", the mesh is of order ", mesh.order,
-                                    ", must be the same"));
+      throw InvalidArgument(message(
+          "elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
     gradients_.reserve(mesh.tets.size() * Element::points);
     weights_.reserve(mesh.tets.size() * Element::points);
     for (const auto& t : mesh.tets)

@@ -52,10 +52,8 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     J.reserve(mesh_->tets.size() * cells());
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, x);
-      if (element_.mean_dilatation)
-        J.push_back(s.mean_J);
-      else
-        J.insert(J.end(), s.J.begin(), s.J.end());
+      if (element_.mean_dilatation) J.push_back(s.mean_J);
+      else J.insert(J.end(), s.J.begin(), s.J.end());
     }
     return J;
   }
@@ -69,10 +67,8 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
         const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
         double rate = 0.0;
         for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
-        if (element_.mean_dilatation)
-          J[e] += weight(e, q) / s.volume * rate;
-        else
-          J[e * cells() + std::size_t(q)] += rate;
+        if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
+        else J[e * cells() + std::size_t(q)] += rate;
       }
     }
     return J;
@@ -98,7 +94,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
 
   /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
   void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
-                   const std::vector<double>* about = nullptr) const {
+      const std::vector<double>* about = nullptr) const {
     constexpr int size = 3 * N;
     Eigen::Matrix<double, size, size> K;
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
@@ -179,7 +175,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
   }
 
   void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* about,
-                       Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
+      Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
     const ElementState s = state(e, x);
     Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
     K.setZero();

@@ -27,7 +27,7 @@ inline void validate(const Cylinder& c) {
   require_in_range("cylinder diameter", c.diameter_m * 1e3, 0.1, 1000.0, "mm");
   require_in_range("cylinder length", c.length_m * 1e3, 0.1, 1000.0, "mm");
   require_in_range("edge radius of the cylinder", c.edge_radius_m * 1e3, 0.0,
-                   0.499 * std::min(c.diameter_m, c.length_m) * 1e3, "mm");
+      0.499 * std::min(c.diameter_m, c.length_m) * 1e3, "mm");
 }
 
 // A rectangle in the half-plane through the axis, turned about it.

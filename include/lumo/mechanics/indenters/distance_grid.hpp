@@ -179,8 +179,8 @@ inline DistanceSample DistanceGrid::sample(const Vec3d& p) const {
   const double apart = far.distance - near.distance;
   const Vec3d turn = far.gradient - near.gradient;
   return {near.distance + gone * apart, near.gradient + gone * turn + apart * slope,
-          near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() +
-              apart * bend};
+      near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() +
+          apart * bend};
 }
 
 inline DistanceSample DistanceGrid::exact(const Vec3d& p) const {

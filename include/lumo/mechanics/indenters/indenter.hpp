@@ -28,10 +28,8 @@ concept Indenter = requires(const T& tool, const Vec3d& p) {
 /// How strongly a tool is curved where it is meant to touch [m]: its own contact_radius_m(), or the whole tool's
 /// radius. Only a scale for first guesses.
 template <Indenter Tool> double contact_radius(const Tool& tool) {
-  if constexpr (requires { tool.contact_radius_m(); })
-    return tool.contact_radius_m();
-  else
-    return tool.radius_m();
+  if constexpr (requires { tool.contact_radius_m(); }) return tool.contact_radius_m();
+  else return tool.radius_m();
 }
 
 /// Is the tool its own mirror image in the plane across `axis` (0: x, 1: y, 2: z) of its frame? One that does not say
@@ -41,8 +39,7 @@ template <Indenter Tool> bool is_symmetric(const Tool& tool, int axis) {
                   { tool.symmetric(axis) } -> std::convertible_to<bool>;
                 })
     return tool.symmetric(axis);
-  else
-    return false;
+  else return false;
 }
 
 /// Rigid sphere.

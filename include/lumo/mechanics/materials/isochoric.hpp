@@ -31,10 +31,9 @@ template <class S> InvariantSample<S> without_volume(const Mat3<S>& F, const Inv
   const S J = F.determinant(), scale = pow(J, -m);
   const Mat3<S> c = cofactor(F);
   const Mat9<S> mixed = dyad(full.gradient, c);
-  return {
-      scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
+  return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
       scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) +
-               dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) - (m * full.value / J) * determinant_hessian(F))};
+                  dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) - (m * full.value / J) * determinant_hessian(F))};
 }
 
 }  // namespace detail
@@ -56,7 +55,7 @@ template <class S> InvariantSample<S> second_isochoric_invariant(const Mat3<S>& 
         for (int l = 0; l < 3; ++l) {
           const double same_row = i == k ? 1.0 : 0.0, same_column = j == l ? 1.0 : 0.0;
           h(i + 3 * j, k + 3 * l) = 2.0 * (I1 * same_row * same_column + 2.0 * F(i, j) * F(k, l) - same_row * C(l, j) -
-                                           F(i, l) * F(k, j) - same_column * B(i, k));
+                                              F(i, l) * F(k, j) - same_column * B(i, k));
         }
   const InvariantSample<S> full{0.5 * (I1 * I1 - C.squaredNorm()), 2.0 * (I1 * F - F * C), h};
   return detail::without_volume(F, full, 4.0 / 3.0);

@@ -47,7 +47,7 @@ inline void validate(const Yeoh& m) {
   const double least = -std::sqrt(3.0 * m.c1 * m.c3);
   if (!(std::isfinite(m.c2) && m.c2 <= 1e12 && (m.c2 >= 0.0 || m.c2 > least)))
     throw InvalidArgument(message("Yeoh c2 is ", m.c2, " Pa, must lie above -sqrt(3 c1 c3) = ", least,
-                                  " Pa, or not below 0, and not above 1e12 Pa"));
+        " Pa, or not below 0, and not above 1e12 Pa"));
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 

@@ -82,7 +82,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
 
   /// Throws InvalidArgument when the given colors are none.
   DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes,
-               const PressPhysics<Material, Contact, Element>& physics, const DescentConfig& config)
+      const PressPhysics<Material, Contact, Element>& physics, const DescentConfig& config)
       : sector(sector_of(mesh, planes)),
         contact(physics.contact),
         elasticity(sector.mesh, physics.material, physics.element),

@@ -19,19 +19,18 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
   Element element;
 };
 
-template <class Material, class Contact, class Element>
-PressPhysics(Material, Contact, Element) -> PressPhysics<Material, Contact, Element>;
+template <class Material, class Contact, class Element> PressPhysics(Material, Contact, Element)
+    -> PressPhysics<Material, Contact, Element>;
 
 /// How the states under a scenario's loads are found. model() makes what scenarios on one mesh share, for a sector of
 /// it where the solver `uses_symmetry`; run() gives one state per load, displacements on the sector's nodes, up to the
 /// first that fails. Laws: same input, same bits, also side by side; a state is `converged` or `held` or says why not;
 /// run() changes nothing in the model.
 template <class S, class Material, class Contact, class Element>
-concept PressSolver = std::copyable<S> &&
-    requires(const S& solver, const Body& body, const TetMesh& mesh, Symmetry planes,
-             const PressPhysics<Material, Contact, Element>& physics,
-             const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario,
-             const Touch& touch) {
+concept PressSolver = std::copyable<S> && requires(const S& solver, const Body& body, const TetMesh& mesh,
+    Symmetry planes, const PressPhysics<Material, Contact, Element>& physics,
+    const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario,
+    const Touch& touch) {
   { S::uses_symmetry } -> std::convertible_to<bool>;
   {
     solver.model(body, mesh, planes, physics)

@@ -32,8 +32,8 @@ struct SectorModel {
   };
   std::vector<Block> blocks;  ///< first the even fields, then every other parity of the bounding planes
 
-  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes,
-              const PressPhysics<Material, Contact, Element>& physics)
+  SectorModel(
+      const Body& b, const TetMesh& mesh, Symmetry planes, const PressPhysics<Material, Contact, Element>& physics)
       : sector(sector_of(mesh, planes)),
         body(b),
         contact(physics.contact),
@@ -100,14 +100,14 @@ template <class Model, Indenter Tool> struct PressSystem {
     using Touching = ContactPlace<Tool>;
     using Resting = ContactPlace<Carrier>;
     return {model.solid.predicted_ratios(now.x, linear.x, dx),
-            predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
-                           Touching{indenter(linear.advance), linear.x}, dx, ds),
-            predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
+        predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
+            Touching{indenter(linear.advance), linear.x}, dx, ds),
+        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
   Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq,
-                           const LinearisationPoint* about = nullptr) const {
+      const LinearisationPoint* about = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, about ? &about->ratios : nullptr);
     const ContactSums touch =
@@ -128,7 +128,7 @@ template <class Model, Indenter Tool> struct PressSystem {
     double stiffness = 0.0;
   };
   void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t,
-               const LinearisationPoint* about = nullptr) const {
+      const LinearisationPoint* about = nullptr) const {
     t.matrix.resize(last - first);
     std::vector<const Equations*> systems;
     std::vector<double*> values;
@@ -144,9 +144,8 @@ template <class Model, Indenter Tool> struct PressSystem {
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
-      const ContactSums s =
-          add_contact_tangent(model.touchable, contact(), indenter(advance), x,
-                              {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
+      const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x,
+          {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
       add_contact_tangent(model.resting, contact(), support(), x, {*systems[k], values[k]}, rest_history(about));
     }

@@ -52,8 +52,7 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
   Config config = {};
 
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(
-      const Body& body, const TetMesh& mesh, Symmetry planes,
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
       const PressPhysics<Material, Contact, Element>& physics) const {
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
@@ -66,8 +65,8 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
 
 template <class Model, Indenter Tool> class QuasiStaticRun {
  public:
-  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch,
-                 const QuasiStaticConfig& config)
+  QuasiStaticRun(
+      const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config),
         model_(model),
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
@@ -135,7 +134,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     const double share = model_.sector.fraction(), whole = load / share;
     return share * pi *
            std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()),
-                    2.0 / 3.0);
+               2.0 / 3.0);
   }
 
   /// Where the next of equal strides from load_ to `load` ends.
@@ -333,10 +332,9 @@ template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>
   return out;
 }
 
-template <LinearSolver Linear>
-template <class SomeModel, Indenter Tool>
-std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario,
-                                                      const Touch& touch) const {
+template <LinearSolver Linear> template <class SomeModel, Indenter Tool>
+std::vector<MechanicalState> QuasiStatic<Linear>::run(
+    const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
   QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
   const double fraction = model.sector.fraction();
   std::vector<MechanicalState> states;

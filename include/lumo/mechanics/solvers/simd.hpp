@@ -110,11 +110,11 @@ inline SimdPack log(const SimdPack& a) {
 
 #if LUMO_VECTOR_TYPES
 // Whole points are read and turned, which takes less than reading number by number.
-inline std::array<SimdPack, 3> SimdPack::gathered(const std::vector<Point>& points,
-                                                  const std::array<int, width>& index) {
+inline std::array<SimdPack, 3> SimdPack::gathered(
+    const std::vector<Point>& points, const std::array<int, width>& index) {
   const auto two = [&](std::size_t lane) {
-    return SimdPack{__builtin_shufflevector(points[std::size_t(index[lane])].v, points[std::size_t(index[lane + 4])].v,
-                                            0, 1, 2, 3, 4, 5, 6, 7)};
+    return SimdPack{__builtin_shufflevector(
+        points[std::size_t(index[lane])].v, points[std::size_t(index[lane + 4])].v, 0, 1, 2, 3, 4, 5, 6, 7)};
   };
   const SimdPack p04 = two(0), p15 = two(1), p26 = two(2), p37 = two(3);
   const auto even = [](const SimdPack& a, const SimdPack& b) {
@@ -125,12 +125,12 @@ inline std::array<SimdPack, 3> SimdPack::gathered(const std::vector<Point>& poin
   };
   const SimdPack xz_low = even(p04, p15), xz_high = even(p26, p37), y_low = odd(p04, p15), y_high = odd(p26, p37);
   return {SimdPack{__builtin_shufflevector(xz_low.v, xz_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
-          SimdPack{__builtin_shufflevector(y_low.v, y_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
-          SimdPack{__builtin_shufflevector(xz_low.v, xz_high.v, 2, 3, 10, 11, 6, 7, 14, 15)}};
+      SimdPack{__builtin_shufflevector(y_low.v, y_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
+      SimdPack{__builtin_shufflevector(xz_low.v, xz_high.v, 2, 3, 10, 11, 6, 7, 14, 15)}};
 }
 #else
-inline std::array<SimdPack, 3> SimdPack::gathered(const std::vector<Point>& points,
-                                                  const std::array<int, width>& index) {
+inline std::array<SimdPack, 3> SimdPack::gathered(
+    const std::vector<Point>& points, const std::array<int, width>& index) {
   std::array<SimdPack, 3> xyz;
   for (std::size_t lane = 0; lane < width; ++lane)
     for (std::size_t i = 0; i < 3; ++i) xyz[i].set(lane, points[std::size_t(index[lane])].v[i]);

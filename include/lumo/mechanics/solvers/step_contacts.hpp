@@ -103,9 +103,8 @@ template <ContactHandler Contact, class Tool> class StepContacts {
   std::vector<Corner> corners_;
 };
 
-template <ContactHandler Contact, class Tool>
-void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved,
-                                       double reach_m, double stick_m) {
+template <ContactHandler Contact, class Tool> void StepContacts<Contact, Tool>::find(
+    const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m) {
   rigid_ = rigid;
   moved_ = moved;
   stick_m_ = stick_m;

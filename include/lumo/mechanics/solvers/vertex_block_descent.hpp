@@ -29,8 +29,7 @@ template <Executor E = Serial> struct BlockDescent {
 
   /// Throws InvalidArgument for settings out of range and for colors that are none.
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(
-      const Body& body, const TetMesh& mesh, Symmetry planes,
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
       const PressPhysics<Material, Contact, Element>& physics) const {
     validate(config);
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics, config);
@@ -48,7 +47,7 @@ using VertexBlockDescent = BlockDescent<>;
 template <class Model, Indenter Tool, Executor E> class Descent {
  public:
   Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3d& direction, const DescentConfig& config,
-          const E& executor)
+      const E& executor)
       : model_(model),
         config_(config),
         executor_(executor),
@@ -79,8 +78,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
     remember();
     predict();
     place_all();
-    touching_.find(start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m,
-                   stick);
+    touching_.find(
+        start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m, stick);
     resting_.find(start_, {&model_.carrier, Vec3d::Zero(), Vec3d::UnitZ()}, Vec3d::Zero(), config_.detection_m, stick);
     for (int k = 0; k < config_.sweeps; ++k) sweep();
     if (!(x_.array().abs() < lost_m).all()) {
@@ -226,10 +225,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   typename Model::Packs::Start packs_start_;
 };
 
-template <Executor E>
-template <class SomeModel, Indenter Tool>
-std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const Scenario<Tool>& scenario,
-                                                  const Touch& touch) const {
+template <Executor E> template <class SomeModel, Indenter Tool> std::vector<MechanicalState> BlockDescent<E>::run(
+    const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
   const Stopwatch watch;
   Descent<SomeModel, Tool, E> body(model, scenario.indenter, touch, scenario.direction(), config, executor);
   const int hold = int(std::lround(config.hold_s / config.time_step_s));
@@ -242,16 +239,12 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
     const int before = steps;
     const auto go = [&](double by) {
       ++steps;
-      if (!body.step(by))
-        state.status = Status::non_finite;
-      else if (watch.seconds() > config.time_limit_s)
-        state.status = Status::time_limit;
+      if (!body.step(by)) state.status = Status::non_finite;
+      else if (watch.seconds() > config.time_limit_s) state.status = Status::time_limit;
     };
     while (state.status == Status::held && body.push() < load) {
-      if (body.advance() >= config.max_advance_m)
-        state.status = Status::max_iterations;
-      else
-        go(config.speed_m_per_s * config.time_step_s);
+      if (body.advance() >= config.max_advance_m) state.status = Status::max_iterations;
+      else go(config.speed_m_per_s * config.time_step_s);
     }
     state.met_force_N = body.push();
     for (int k = 0; k < hold && state.status == Status::held; ++k) go(0.0);

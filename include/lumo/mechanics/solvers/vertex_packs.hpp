@@ -46,12 +46,12 @@ template <DilatationalMaterial Material> class VertexPacks {
   void remember(const Batch& batch, const Places& x, Start& start) const;
 
   /// Adds the shares of a batch's vertices; see VertexElasticity::add. `start` is not looked at without viscosity.
-  void add(const Batch& batch, const Places& x, const Start& start, double rate,
-           std::array<VertexBlock, width>& out) const;
+  void add(
+      const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const;
 
   /// Largest part of each vertex's step that is safe; see VertexElasticity::feasible_part.
-  std::array<double, width> feasible_parts(const Batch& batch, const Places& x,
-                                           const std::array<Vec3d, width>& steps) const;
+  std::array<double, width> feasible_parts(
+      const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const;
 
  private:
   using Vector = std::array<SimdPack, 3>;
@@ -106,14 +106,13 @@ template <DilatationalMaterial Material> class VertexPacks {
   std::vector<Slot> slots_;
 };
 
-template <DilatationalMaterial Material>
-VertexPacks<Material>::VertexPacks(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity,
-                                   const VertexColors& colors)
+template <DilatationalMaterial Material> VertexPacks<Material>::VertexPacks(
+    const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors)
     : material_(elasticity.material()) {
   for (const std::vector<int>& color : colors) {
     std::vector<int> order = color;
     std::stable_sort(order.begin(), order.end(),
-                     [&](int a, int b) { return elasticity.incidences(a).size() > elasticity.incidences(b).size(); });
+        [&](int a, int b) { return elasticity.incidences(a).size() > elasticity.incidences(b).size(); });
     batches_.emplace_back();
     for (std::size_t begin = 0; begin < order.size(); begin += width) {
       Batch batch{{}, {}, slots_.size(), elasticity.incidences(order[begin]).size()};
@@ -175,9 +174,8 @@ void VertexPacks<Material>::remember(const Batch& batch, const Places& x, Start&
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) start[k] = square(shape(self, slots_[k], x));
 }
 
-template <DilatationalMaterial Material>
-void VertexPacks<Material>::add(const Batch& batch, const Places& x, const Start& start, double rate,
-                                std::array<VertexBlock, width>& out) const {
+template <DilatationalMaterial Material> void VertexPacks<Material>::add(
+    const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const {
   static constexpr std::size_t row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
   const double mu = material_.shear_modulus();
   const Vector self = SimdPack::gathered(x, batch.vertex);

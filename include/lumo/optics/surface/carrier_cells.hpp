@@ -52,8 +52,8 @@ inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3
 /// decided on the polygon `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram
 /// becomes an even number of cells each way, of four triangles each, any other polygon a fan about its middle: mirror
 /// images of a polygon have mirror images of its triangles.
-inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, const std::vector<Vec3d>& like,
-                                                       double size_m) {
+inline std::vector<std::array<Vec3d, 3>> polygon_cells(
+    const std::vector<Vec3d>& c, const std::vector<Vec3d>& like, double size_m) {
   std::vector<std::array<Vec3d, 3>> cells;
   const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
   if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {

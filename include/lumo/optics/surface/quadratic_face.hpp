@@ -19,8 +19,8 @@ namespace lumo {
 /// 01, 12, 20.
 inline std::array<double, 6> quadratic_shape(double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
-  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0),
-          4.0 * b0 * b1,         4.0 * b1 * b2,         4.0 * b2 * b0};
+  return {
+      b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0), 4.0 * b0 * b1, 4.0 * b1 * b2, 4.0 * b2 * b0};
 }
 
 /// Its point at (b1, b2).
@@ -106,8 +106,8 @@ inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<Boundar
 /// load turns them; the shape of the undeformed body is known. The exact normals are therefore turned as the faces
 /// turn, by the nearest field that is continuous and quadratic on each patch: it turns every node's surroundings as
 /// much as the faces do in the mean. Source: Hinton, Campbell 1974.
-inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces,
-                            const Body& body) {
+inline void recover_normals(
+    std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
   using Vector6d = Eigen::Matrix<double, 6, 1>;
   using Matrix6d = Eigen::Matrix<double, 6, 6>;
   using SparseMatrix = Eigen::SparseMatrix<double>;

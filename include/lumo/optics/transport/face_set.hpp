@@ -80,8 +80,8 @@ class FaceSet {
       if (fresh) {
         faces_.push_back(face);
         centers.push_back(folded(center, {true, sampling.focus.is_symmetric()}));
-        shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() *
-                         sampling.focus.density(center.y()));
+        shares.push_back(
+            0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() * sampling.focus.density(center.y()));
         images.push_back(0);
         in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
       } else if (fundamental) {
@@ -155,7 +155,7 @@ class FaceSet {
   }
   // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
   void number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images,
-              const Sampling& sampling) {
+      const Sampling& sampling) {
     struct Block {
       std::uint64_t code = 0;
       std::uint32_t first = 0, count = 0;

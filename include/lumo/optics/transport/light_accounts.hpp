@@ -61,19 +61,17 @@ template <ExitReadout Readout> class LightAccounts {
       const int c = channel(e, image);
       book_exit(c, e.power);
       if (!seen(c)) continue;
-      if (is_gathered)
-        gathered_[std::size_t(c)] += e.power;
-      else if (is_direct)
-        direct_[std::size_t(c)] += e.power;
+      if (is_gathered) gathered_[std::size_t(c)] += e.power;
+      else if (is_direct) direct_[std::size_t(c)] += e.power;
     }
   }
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
     const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position),
-                             m.cwiseProduct(e.light.direction),
-                             e.at.face >= 0 ? surface_.region(e.at, image)
-                                            : surface_.region(e.patch, e.light.reference, e.light.position, image)});
+    return readout_.channel(
+        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
+            e.at.face >= 0 ? surface_.region(e.at, image)
+                           : surface_.region(e.patch, e.light.reference, e.light.position, image)});
   }
 
   /// All that was booked since the last call.

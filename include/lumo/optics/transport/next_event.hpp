@@ -25,7 +25,7 @@ namespace lumo {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
  public:
   NextEventGather(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
-                  PathTracer<Scene, Medium, Readout>& path)
+      PathTracer<Scene, Medium, Readout>& path)
       : body_(body), ratio_(body.index_ratio()), path_(path) {
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !body.symmetry.x) && !((image & 2u) && !body.symmetry.y)) images_.push_back(image);
@@ -116,8 +116,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
     }
   }
 
-  void gather_diffuse(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
-                      const std::vector<double>& sent) {
+  void gather_diffuse(
+      FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     const Vec3d out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
     double weight = 0.0;
     if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
@@ -125,8 +125,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   // Openings are not mirror images of each other: each image of the point has its own way out.
-  void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
-                        const std::vector<double>& sent) {
+  void gather_connected(
+      FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     for (unsigned image : images_)
       for (int k = 0; k < body_.readout.openings(); ++k) {
         const Connection way =

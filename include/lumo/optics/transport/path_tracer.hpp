@@ -146,11 +146,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     const bool lone = b.scattered || b.spread || (b.direct && !start_->gathers_direct);
     const Escape light{body_.surface.reference(b.exit), b.exit_position, b.direction, -1};
     const Exit e{b.route, light, b.exit, body_.surface.flat_normal(b.exit_triangle), body_.surface.patch_number(b.exit),
-                 b.power};
-    if (start_->exits != nullptr && start_->from_emitter && !gathered && !lone)
-      start_->exits->push_back(e);
-    else
-      accounts_.book_exit(e, b.direct, gathered);
+        b.power};
+    if (start_->exits != nullptr && start_->from_emitter && !gathered && !lone) start_->exits->push_back(e);
+    else accounts_.book_exit(e, b.direct, gathered);
   }
 
   void follow(Branch b) {
@@ -230,8 +228,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     }
     b.carrier_last = !b.inside;
     return reflect_off(b, optics,
-                       b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
-                       accounts_.ledger.absorbed_at_surfaces);
+        b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
+        accounts_.ledger.absorbed_at_surfaces);
   }
 
   // Reflection off an opaque surface whose unit normal points back to where the light comes from.
@@ -243,8 +241,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
             const double kept = b.power * reflectance(s);
             accounts_.book(absorbed, b.power - kept);
             b.power = kept;
-            b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)),
-                                    start_->mirror);
+            b.direction = reflected(
+                s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), start_->mirror);
           }
         },
         optics);

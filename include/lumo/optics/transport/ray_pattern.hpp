@@ -106,8 +106,8 @@ class RayPattern {
     for (const Emitter& e : emitters) {
       Vec3d home;
       Beam beam{detail::fundamental(e, home)};
-      const auto known = std::find_if(orbits.begin(), orbits.end(),
-                                      [&](const auto& o) { return detail::radiate_alike(o, beam.source); });
+      const auto known = std::find_if(
+          orbits.begin(), orbits.end(), [&](const auto& o) { return detail::radiate_alike(o, beam.source); });
       beam.orbit = std::uint64_t(known - orbits.begin());
       if (known == orbits.end()) orbits.push_back(beam.source);
       beam.source = orbits[beam.orbit];  // the very same bits for all images
@@ -150,8 +150,8 @@ class RayPattern {
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
   }
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
-    return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed,
-               index);
+    return ray(
+        beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
   }
 
   /// Is the set of emitters its own mirror image in each plane?
@@ -159,7 +159,7 @@ class RayPattern {
     const auto closed = [&](const Vec3d& m) {
       return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
         return std::any_of(emitters.begin(), emitters.end(),
-                           [&](const auto& other) { return detail::radiate_alike(e.mirrored(m), other); });
+            [&](const auto& other) { return detail::radiate_alike(e.mirrored(m), other); });
       });
     };
     return {closed(detail::flip_x), closed(detail::flip_y)};

@@ -43,10 +43,10 @@ template <class Path> class Splatting {
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
           path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
-                     .mirror = beam.mirror,
-                     .power_W = beam.power_W,
-                     .gathers_direct = beam.source.has_intensity(),
-                     .exits = &exits_});
+              .mirror = beam.mirror,
+              .power_W = beam.power_W,
+              .gathers_direct = beam.source.has_intensity(),
+              .exits = &exits_});
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), triangles_about);
@@ -59,8 +59,8 @@ template <class Path> class Splatting {
       for (std::size_t e = 0; e < exits_.size(); ++e)
         for (unsigned image : path_.accounts().images())
           if (left_[e] > 0)
-            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image),
-                                       exits_[e].power * left_[e] / double(triangles_about));
+            path_.accounts().book_exit(
+                path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / double(triangles_about));
     }
   }
 

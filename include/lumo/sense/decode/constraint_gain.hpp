@@ -68,7 +68,7 @@ struct OnsetDetector {
 /// `force_N`, interpolated linearly [m]. nullopt if there is no onset or the force is not reached. Both series at the
 /// same times.
 inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m,
-                                                     double force_N, const OnsetDetector& detector = {}) {
+    double force_N, const OnsetDetector& detector = {}) {
   if (force.size() != marker_m.size())
     throw InvalidArgument(
         message("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));

@@ -23,13 +23,13 @@ struct LabelledResponses {
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
     throw InvalidArgument(message("labelled responses: ", d.response.rows(), " features × ", d.response.cols(),
-                                  " observations, ", d.place.size(), " labels, ", d.places(), " places"));
+        " observations, ", d.place.size(), " labels, ", d.places(), " places"));
   if (!d.response.allFinite() || !d.place_m.allFinite())
     throw InvalidArgument("labelled responses: numbers must be finite");
   for (Eigen::Index i = 1; i < d.place_m.size(); ++i)
     if (!(d.place_m[i] > d.place_m[i - 1]))
       throw InvalidArgument(message("labelled responses: place ", i, " lies at ", d.place_m[i],
-                                    " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
+          " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
   std::vector<bool> seen(std::size_t(d.places()), false);
   for (const int p : d.place) {
     if (p < 0 || p >= d.places())

@@ -60,9 +60,8 @@ struct GaussianProcessDecoder {
     Factor factor(const Eigen::VectorXd& variance) const {
       return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal()));
     }
-    template <class Some>
-    static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean,
-                          const std::vector<Some>& factors) {
+    template <class Some> static Decoding weigh(
+        const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Some>& factors) {
       if (response.size() != mean.rows())
         throw InvalidArgument(message("response has ", response.size(), " features, the decoder ", mean.rows()));
       Eigen::VectorXd log_likelihood(mean.cols());

@@ -12,8 +12,8 @@ namespace lumo::sense {
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk
 /// towards a multiple of the identity; a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`:
 /// the least mean variance that is believed.
-inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage,
-                                         double floor = 1e-300) {
+inline Eigen::MatrixXd shrunk_covariance(
+    const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
   const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
   const double level = std::max(s.trace() / double(d), floor);

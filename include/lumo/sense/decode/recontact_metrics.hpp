@@ -15,7 +15,7 @@ namespace lumo::sense {
 inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
   if (force_N.size() < 2 || response.cols() != force_N.size())
     throw InvalidArgument(message("slope over force: ", response.cols(), " responses and ", force_N.size(),
-                                  " loads, must be as many, at least 2"));
+        " loads, must be as many, at least 2"));
   if (!response.allFinite() || !force_N.allFinite()) throw InvalidArgument("slope over force: numbers must be finite");
   const Eigen::VectorXd centred = force_N.array() - force_N.mean();
   const double spread = centred.squaredNorm();
@@ -50,7 +50,7 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
   for (const Eigen::MatrixXd& p : slope) {
     if (p.cols() < 1 || p.rows() != slope.front().rows() || p.rows() < 1)
       throw InvalidArgument(message("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ",
-                                    p.cols(), " re-contacts, the first ", slope.front().rows(), " channels"));
+          p.cols(), " re-contacts, the first ", slope.front().rows(), " channels"));
     if (!p.allFinite())
       throw InvalidArgument(message("re-contact metrics: slopes at place ", middle.size(), " must be finite"));
     middle.push_back(pointwise_median(p));
@@ -68,8 +68,8 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
 /// the errors of log Q against that known model are taken off. Re-contacts are not drawn anew: so few of
 /// them would repeat, and W would be too small. `confidence` of the interval. Source: Efron & Tibshirani
 /// 1993, §6.5 and §13. Throws InvalidArgument where Q is not defined.
-inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000,
-                                          std::uint64_t seed = 1, double confidence = 0.95) {
+inline RecontactQuality recontact_quality(
+    const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95) {
   require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");
   RecontactQuality q;
@@ -77,8 +77,8 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
   const Eigen::Index repeats = slope.front().cols();
   for (const Eigen::MatrixXd& p : slope)
     if (p.cols() != repeats || repeats < 3)
-      throw InvalidArgument(message("re-contact quality needs as many re-contacts everywhere, at least 3; has ",
-                                    p.cols(), " and ", repeats));
+      throw InvalidArgument(message(
+          "re-contact quality needs as many re-contacts everywhere, at least 3; has ", p.cols(), " and ", repeats));
   if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
   if (!(*q.metrics.Q > 0.0)) throw InvalidArgument("re-contact quality is not defined: all places are the same");
   q.Q_low = q.Q_high = *q.metrics.Q;
@@ -139,8 +139,8 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
   for (const CycleRun& run : runs)
     for (const Eigen::MatrixXd& cycles : run.load) {
       if (cycles.cols() < 2 || cycles.rows() < 1)
-        throw InvalidArgument(message("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(),
-                                      " cycles, must have at least 1 × 2"));
+        throw InvalidArgument(message(
+            "cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
       if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
       const Eigen::VectorXd middle = pointwise_median(cycles);
       for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
@@ -154,7 +154,7 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
 inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
     throw InvalidArgument(message("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ",
-                                  high.cols(), " responses, must be the same, at least one re-contact"));
+        high.cols(), " responses, must be the same, at least one re-contact"));
   if (!low.allFinite() || !high.allFinite()) throw InvalidArgument("regional change: responses must be finite");
   return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();
 }

@@ -26,8 +26,8 @@ struct HoldResponse {
 /// Responses of all segments of kind `hold` or `cycle` that have profiles. Each is taken against the mean over the last
 /// segment of kind `unloaded` that ended before it, because lamps drift between re-contacts; a session without any is
 /// an error. Throws InvalidArgument.
-inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& profiles,
-                                                const std::vector<Segment>& segments) {
+inline std::vector<HoldResponse> hold_responses(
+    const std::span<const Profile>& profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
     std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
     for (const Profile& p : profiles) {
@@ -62,8 +62,8 @@ inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& 
 }
 
 /// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
-inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm,
-                                              double angle_deg) {
+inline std::vector<HoldResponse> responses_of(
+    const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
     if (h.segment.diameter_mm == diameter_mm && h.segment.angle_deg == angle_deg) list.push_back(h);
@@ -84,8 +84,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
     if (!first) first = &s;
     if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
       throw InvalidArgument(message("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg,
-                                    "° and of ", s.diameter_mm, " mm at ", s.angle_deg,
-                                    "°, must be of one: take each by itself"));
+          "° and of ", s.diameter_mm, " mm at ", s.angle_deg, "°, must be of one: take each by itself"));
     if (!by_place[s.place][s.repetition].emplace(s.load_N, &h).second)
       throw InvalidArgument(
           message("place ", s.place, ", re-contact ", s.repetition, " has two holds at ", s.load_N, " N"));
@@ -100,7 +99,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
               message("place ", s.place, " lies at y = ", s.y_mm, " and at ", hold.second->segment.y_mm, " mm"));
     if (before && !(s.y_mm > before->y_mm))
       throw InvalidArgument(message("place ", s.place, " lies at y = ", s.y_mm, " mm, must exceed that of place ",
-                                    before->place, ", ", before->y_mm, " mm"));
+          before->place, ", ", before->y_mm, " mm"));
     before = &s;
   }
   return by_place;

@@ -49,11 +49,10 @@ class Faults {
 
 /// Names, separated by spaces.
 inline std::string to_string(Faults faults) {
-  static constexpr std::array<const char*, std::size_t(Fault::count)> names{
-      "frame_dropped", "frames_missing", "frame_repeated",   "frame_late",    "frame_time",
-      "frame_corrupt", "frame_black",    "frame_saturated",  "led_dead",      "exposure_changed",
-      "camera_lost",   "joint_dropped",  "joint_missing",    "joint_time",    "joint_not_finite",
-      "torque_stuck",  "torque_spike",   "torque_saturated", "position_jump", "actuator_lost"};
+  static constexpr std::array<const char*, std::size_t(Fault::count)> names{"frame_dropped", "frames_missing",
+      "frame_repeated", "frame_late", "frame_time", "frame_corrupt", "frame_black", "frame_saturated", "led_dead",
+      "exposure_changed", "camera_lost", "joint_dropped", "joint_missing", "joint_time", "joint_not_finite",
+      "torque_stuck", "torque_spike", "torque_saturated", "position_jump", "actuator_lost"};
   std::string text;
   for (std::size_t i = 0; i < names.size(); ++i)
     if (faults.has(Fault(i))) text += (text.empty() ? "" : " ") + std::string(names[i]);

@@ -49,7 +49,7 @@ struct Image {
     require_in_range("image width", width, 1, max_image_side, "px");
     require_in_range("image height", height, 1, max_image_side, "px");
     return {width, height, format,
-            std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+        std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
   }
   /// Copies the pixels. Throws InvalidArgument for an empty view.
   static Image copy(const ImageView& v) {

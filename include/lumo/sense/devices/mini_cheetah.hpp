@@ -59,14 +59,8 @@ struct MiniCheetahProtocol {
                         v = range(velocity_rad_per_s, 12).pack(c.velocity_rad_per_s);
     const std::uint32_t kp = FixedRange{0.0, kp_max, 12}.pack(c.kp), kd = FixedRange{0.0, kd_max, 12}.pack(c.kd),
                         t = range(torque_Nm, 12).pack(c.torque_Nm);
-    return {std::uint8_t(p >> 8),
-            std::uint8_t(p & 0xff),
-            std::uint8_t(v >> 4),
-            std::uint8_t((v & 0xf) << 4 | kp >> 8),
-            std::uint8_t(kp & 0xff),
-            std::uint8_t(kd >> 4),
-            std::uint8_t((kd & 0xf) << 4 | t >> 8),
-            std::uint8_t(t & 0xff)};
+    return {std::uint8_t(p >> 8), std::uint8_t(p & 0xff), std::uint8_t(v >> 4), std::uint8_t((v & 0xf) << 4 | kp >> 8),
+        std::uint8_t(kp & 0xff), std::uint8_t(kd >> 4), std::uint8_t((kd & 0xf) << 4 | t >> 8), std::uint8_t(t & 0xff)};
   }
   /// nullopt for fewer than six bytes.
   std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
@@ -75,7 +69,7 @@ struct MiniCheetahProtocol {
                         t = std::uint32_t(b[4] & 0xf) << 8 | b[5];
     const bool full = p == 0 || p == 0xffff || v == 0 || v == 0xfff || t == 0 || t == 0xfff;
     return Reply{int(b[0]), range(position_rad, 16).unpack(p), range(velocity_rad_per_s, 12).unpack(v),
-                 range(effort, 12).unpack(t), full};
+        range(effort, 12).unpack(t), full};
   }
 
   static FixedRange range(double limit, int bits) { return {-limit, limit, bits}; }

@@ -37,13 +37,13 @@ class PhotodiodeArray {
     if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
     if (config_.dark_V.size() != n || config_.scale.size() != n)
       throw InvalidArgument(message("photodiode array has ", n, " positions, ", config_.dark_V.size(),
-                                    " dark values and ", config_.scale.size(), " scales, must be as many"));
+          " dark values and ", config_.scale.size(), " scales, must be as many"));
     if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite())
       throw InvalidArgument("photodiode array: numbers must be finite");
     for (Eigen::Index i = 1; i < n; ++i)
       if (!(config_.position_m[i] > config_.position_m[i - 1]))
         throw InvalidArgument(message("photodiode ", i, " is at ", config_.position_m[i],
-                                      " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
+            " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 

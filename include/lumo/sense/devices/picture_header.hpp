@@ -35,11 +35,11 @@ template <std::unsigned_integral T> T number_in(std::span<const std::uint8_t> by
 }
 
 inline std::optional<PictureHeader> png_header(std::span<const std::uint8_t> f) {
-  constexpr std::array<std::uint8_t, 16> head{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n',
-                                              0,    0,   0,   13,  'I',  'H',  'D',  'R'};
+  constexpr std::array<std::uint8_t, 16> head{
+      0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D', 'R'};
   if (f.size() < 26 || !std::equal(head.begin(), head.end(), f.begin())) return std::nullopt;
   return PictureHeader{PictureHeader::Format::png, number_in<std::uint32_t>(f, 16, ByteOrder::big),
-                       number_in<std::uint32_t>(f, 20, ByteOrder::big), f[24]};
+      number_in<std::uint32_t>(f, 20, ByteOrder::big), f[24]};
 }
 
 /// From marker to marker up to the frame's.
@@ -64,7 +64,7 @@ inline std::optional<PictureHeader> jpeg_header(std::span<const std::uint8_t> f)
     if (frame) {
       if (at + 9 > f.size()) return std::nullopt;
       return PictureHeader{PictureHeader::Format::jpeg, number_in<std::uint16_t>(f, at + 7, ByteOrder::big),
-                           number_in<std::uint16_t>(f, at + 5, ByteOrder::big), f[at + 4]};
+          number_in<std::uint16_t>(f, at + 5, ByteOrder::big), f[at + 4]};
     }
     at += 2 + length;
   }
@@ -77,7 +77,7 @@ inline std::optional<PictureHeader> bmp_header(std::span<const std::uint8_t> f) 
   // Rows may run from top to bottom, as a negative height states.
   const std::uint32_t height = number_in<std::uint32_t>(f, 22, ByteOrder::little);
   return PictureHeader{PictureHeader::Format::bmp, number_in<std::uint32_t>(f, 18, ByteOrder::little),
-                       height >> 31 ? ~height + 1 : height, int(number_in<std::uint16_t>(f, 28, ByteOrder::little))};
+      height >> 31 ? ~height + 1 : height, int(number_in<std::uint16_t>(f, 28, ByteOrder::little))};
 }
 
 }  // namespace detail

@@ -31,7 +31,7 @@ struct StiffnessFit {
 /// are not independent (the silicone creeps, the servo swings), so that the interval counts `independent` of them (0:
 /// all). Throws InvalidArgument for fewer than three samples in contact, or ones that do not determine both.
 inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N,
-                                  const std::function<double(double)>& nominal_N, int independent = 0) {
+    const std::function<double(double)>& nominal_N, int independent = 0) {
   if (depth_m.size() != force_N.size())
     throw InvalidArgument(
         message("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
@@ -144,7 +144,7 @@ class PhotonTransfer {
     }
     const double sigma = std::sqrt(covariance(1, 1));
     return {{line[1], line[1] - sigmas_of_95_percent * sigma, line[1] + sigmas_of_95_percent * sigma},
-            std::sqrt(std::max(line[0], 0.0))};
+        std::sqrt(std::max(line[0], 0.0))};
   }
   int pairs() const { return std::max(0, frames_ - 1); }
 
@@ -179,8 +179,8 @@ inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const I
   if (!(half > 0.5) || count == 0)
     throw InvalidArgument("lamp level: the lit picture is no brighter than the dark one");
   const double level = sum / count;
-  return {level,
-          {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
+  return {
+      level, {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
 }
 
 }  // namespace lumo::sense

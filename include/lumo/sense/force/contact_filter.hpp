@@ -92,7 +92,7 @@ template <ContactJacobian Jacobian> class ContactFilter {
   bool add_torque(std::int64_t stamp_ns, const JointVector& torque_Nm, const JointVector& variance) {
     if (torque_Nm.size() != jacobian_.joints() || variance.size() != jacobian_.joints())
       throw InvalidArgument(message("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(),
-                                    " torques and ", variance.size(), " variances"));
+          " torques and ", variance.size(), " variances"));
     for (Eigen::Index j = 0; j < torque_Nm.size(); ++j) {
       require_in_range("contact torque", torque_Nm[j], -1e9, 1e9, "N·m");
       require_in_range("variance of a contact torque", variance[j], 1e-18, 1e12, "N²·m²");
@@ -167,10 +167,10 @@ template <ContactJacobian Jacobian> class ContactFilter {
     s.stamp_ns = stamp_ns;
     const auto square = [](double v) { return v * v; };
     s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m),
-                    config_.location_bias_s);
+        config_.location_bias_s);
     for (int j = 0; j < jacobian_.joints(); ++j)
       s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm),
-                                       square(config_.torque_bias_Nm), config_.torque_bias_s);
+          square(config_.torque_bias_Nm), config_.torque_bias_s);
   }
   void apply(Seen& s, const Event& e) const {
     if (e.kind == Kind::location) {
@@ -204,26 +204,25 @@ template <ContactJacobian Jacobian> class ContactFilter {
   bool started_ = false;
 };
 
-template <ContactJacobian Jacobian>
-ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config)
+template <ContactJacobian Jacobian> ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config)
     : jacobian_(std::move(jacobian)), config_(config) {
   require_in_range("pad's end", config.to_m, config.from_m, 10.0, "m");
   require_in_range("joints of the Jacobian", jacobian_.joints(), 1, max_joints, "");
   using Row = std::tuple<const char*, double, const char*>;
-  for (const auto& [what, value, unit] :
-       {Row{"creep of the contact", config.creep_m_per_sqrt_s, "m/sqrt(s)"},
-        Row{"random walk of the torque", config.torque_Nm_per_sqrt_s, "N·m/sqrt(s)"},
-        Row{"prior of the torque", config.torque_prior_Nm, "N·m"}, Row{"prior of the force", config.force_prior_N, "N"},
-        Row{"time of the localiser's offset", config.location_bias_s, "s"},
-        Row{"time of the torque's offset", config.torque_bias_s, "s"},
-        Row{"torque without contact", config.no_contact_Nm, "N·m"}, Row{"jump gate", config.jump_gate, ""}})
+  for (const auto& [what, value, unit] : {Row{"creep of the contact", config.creep_m_per_sqrt_s, "m/sqrt(s)"},
+           Row{"random walk of the torque", config.torque_Nm_per_sqrt_s, "N·m/sqrt(s)"},
+           Row{"prior of the torque", config.torque_prior_Nm, "N·m"},
+           Row{"prior of the force", config.force_prior_N, "N"},
+           Row{"time of the localiser's offset", config.location_bias_s, "s"},
+           Row{"time of the torque's offset", config.torque_bias_s, "s"},
+           Row{"torque without contact", config.no_contact_Nm, "N·m"}, Row{"jump gate", config.jump_gate, ""}})
     require_positive(what, value, unit);
   require_in_range("offset of the localiser", config.location_bias_m, 0.0, 1.0, "m");
   require_in_range("offset of the torque", config.torque_bias_Nm, 0.0, 1e3, "N·m");
   require_in_range("history of the filter", double(config.history), 2.0, 1e6, "measurements");
   events_.resize(config.history);
-  prior_.place = {0.5 * (config.from_m + config.to_m), 0.0, pad_variance(), 0.0,
-                  config.location_bias_m * config.location_bias_m};
+  prior_.place = {
+      0.5 * (config.from_m + config.to_m), 0.0, pad_variance(), 0.0, config.location_bias_m * config.location_bias_m};
   prior_.torque.fill(
       {0.0, 0.0, config.torque_prior_Nm * config.torque_prior_Nm, 0.0, config.torque_bias_Nm * config.torque_bias_Nm});
 }

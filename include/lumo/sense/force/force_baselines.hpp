@@ -54,7 +54,7 @@ class ContactTorques {
  public:
   /// Throws InvalidArgument for no samples, or models that do not fit the joints.
   ContactTorques(std::span<const JointSample> samples, const std::vector<TorqueModel>& models,
-                 const ClockMap& clock = {}, double delay_s = 0.0)
+      const ClockMap& clock = {}, double delay_s = 0.0)
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 
   /// Positions, then torques.
@@ -67,7 +67,7 @@ class ContactTorques {
 
  private:
   static TimeSeries series(std::span<const JointSample> samples, const std::vector<TorqueModel>& models,
-                           const ClockMap& clock, double delay_s) {
+      const ClockMap& clock, double delay_s) {
     const auto n = Eigen::Index(models.size());
     std::vector<std::int64_t> stamp;
     Eigen::MatrixXd value(2 * n, Eigen::Index(samples.size()));
@@ -94,9 +94,8 @@ class ContactTorques {
 
 /// Compares the ways to a force on the same samples. The middle of the `tested` range is the fixed arm. All ways alike
 /// give forces of at least 0.
-template <ContactJacobian J>
-ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples, const PadRange& tested,
-                         double torque_sigma_Nm) {
+template <ContactJacobian J> ForceErrors force_errors(
+    const J& jacobian, std::span<const ForceSample> samples, const PadRange& tested, double torque_sigma_Nm) {
   require_in_range("end of the tested range", tested.to_m, tested.from_m, 10.0, "m");
   ForceErrors e;
   const auto count = [](ForceErrors::Error& error, double force, double truth) {

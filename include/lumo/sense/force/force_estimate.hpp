@@ -43,10 +43,10 @@ struct ForceEstimate {
   /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or
   /// combinations) are.
   int rank = 0;
-  Eigen::Matrix2d null_directions{{0.0, 0.0},
-                                  {0.0, 0.0}};  ///< the last 2 − rank columns: unit directions that the data leave open
-  std::int64_t frame_stamp_ns = 0;              ///< of the newest usable frame
-  std::int64_t joint_stamp_ns = 0;              ///< of the newest usable joint sample
+  Eigen::Matrix2d null_directions{
+      {0.0, 0.0}, {0.0, 0.0}};      ///< the last 2 − rank columns: unit directions that the data leave open
+  std::int64_t frame_stamp_ns = 0;  ///< of the newest usable frame
+  std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
 };
 
 }  // namespace lumo::sense

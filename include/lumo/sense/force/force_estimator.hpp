@@ -50,12 +50,12 @@ struct ForceEstimatorConfig {
 /// checks it; it waits no longer than the camera's `next` does. The estimate is always finite and states which streams
 /// it rests on. Faulty frames and samples are left out; `fault_hold_s` after the last fault the state is ok again.
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile,
-          ContactJacobian Jacobian = MomentArm>
+    ContactJacobian Jacobian = MomentArm>
 requires std::same_as<typename Readout_::Sample, Frame>
 class ForceEstimator {
   static_assert(!std::same_as<Readout_, PositiveGreenProfile>,
-                "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as "
-                "GreenProfile is");
+      "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as "
+      "GreenProfile is");
 
  public:
   using Config = ForceEstimatorConfig;
@@ -66,8 +66,8 @@ class ForceEstimator {
 
   /// Camera and actuator stay the caller's and must outlive the estimator. Throws InvalidArgument for parts that do not
   /// fit.
-  ForceEstimator(Camera_& camera, Actuator_& actuator, Light light, Localizer localizer, Jacobian jacobian,
-                 Config config)
+  ForceEstimator(
+      Camera_& camera, Actuator_& actuator, Light light, Localizer localizer, Jacobian jacobian, Config config)
       : camera_(&camera),
         actuator_(&actuator),
         readout_(std::move(light.readout)),
@@ -80,10 +80,10 @@ class ForceEstimator {
     const int n = filter_.jacobian().joints();
     if (int(config_.torque.size()) != n || config_.joints.joints != n)
       throw InvalidArgument(message("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(),
-                                    " torque models and ", config_.joints.joints, " joints to watch"));
+          " torque models and ", config_.joints.joints, " joints to watch"));
     if (unloaded_.mean().size() != readout_.positions_m().size())
-      throw InvalidArgument(message("unloaded reference has ", unloaded_.mean().size(), " values, the readout ",
-                                    readout_.positions_m().size()));
+      throw InvalidArgument(message(
+          "unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
     joint_q_ = joint_torque_ = joint_variance_ = JointVector::Zero(n);
     for (const TorqueModel& m : config_.torque) validate(m);
     require_in_range("delay of the frames", config_.frame_delay_s, -10.0, 10.0, "s");
@@ -135,10 +135,8 @@ class ForceEstimator {
               : frames         ? vision_only
                                : invalid;
     e.contacts = location_.contacts;
-    if (e.contacts == 2 && frames)
-      describe_two(e, joints);
-    else
-      describe_one(e);
+    if (e.contacts == 2 && frames) describe_two(e, joints);
+    else describe_one(e);
     return e;
   }
 
@@ -187,8 +185,7 @@ class ForceEstimator {
     if (location_.contacts == 1) {
       // The filter has the localiser's offset as a state, and takes noises as independent.
       const ContactLocation& c = location_.contact[0];
-      filter_.add_location(
-          taken, c.y_m,
+      filter_.add_location(taken, c.y_m,
           std::clamp(c.noise_variance_m2 > 0.0 ? c.noise_variance_m2 : c.variance_m2 - c.bias_variance_m2, 1e-10, 1.0));
     }
     frame_ns_ = f.stamp_ns;
@@ -300,8 +297,8 @@ class ForceEstimator {
   std::int64_t begin_ns_ = 0, now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
   bool begun_ = false, frame_seen_ = false, joint_seen_ = false;
 
-  static FrameMonitor::Config completed(FrameMonitor::Config c, const Readout_& readout,
-                                        const UnloadedReference& unloaded) {
+  static FrameMonitor::Config completed(
+      FrameMonitor::Config c, const Readout_& readout, const UnloadedReference& unloaded) {
     if (c.position_m.size() == 0) c.position_m = readout.positions_m();
     if (c.unloaded.size() == 0) c.unloaded = unloaded.mean();
     return c;

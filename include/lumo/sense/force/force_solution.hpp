@@ -12,9 +12,8 @@ namespace lumo::sense {
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
 /// separate come back as null directions: three contacts on two joints, two on one link of one joint, any at a
 /// joint's axis.
-template <ContactJacobian J>
-Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
-                            std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+template <ContactJacobian J> Identification solve_forces(const J& jacobian, const JointVector& q,
+    const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
   const auto m = Eigen::Index(contacts.size());
   // A contact within a tenth of a millimetre of all axes counts as on them.
   const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
@@ -36,9 +35,8 @@ struct TorqueOnlySolution {
 /// Within `range`: two joints before the contact give the place by the ratio of their torques
 /// (paper's torque-only baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the
 /// range's middle.
-template <ContactJacobian J>
-TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
-                                     const PadRange& range, double torque_sigma_Nm) {
+template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q,
+    const JointVector& contact_torque_Nm, const PadRange& range, double torque_sigma_Nm) {
   const int link = range.link;
   const double from_m = range.from_m, to_m = range.to_m;
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");

@@ -70,9 +70,8 @@ struct ForceScore {
 
 /// Over the frames with a true force of at least `from_N`. Where the localiser saw no single contact the optical way
 /// takes the middle of the tested range, so that all ways stand on the same samples.
-template <ContactJacobian J>
-ForceScore force_score(std::span<const FrameEstimate> estimates, const LogTruth& truth, const J& jacobian,
-                       const PadRange& tested, double torque_sigma_Nm, double from_N = 0.5) {
+template <ContactJacobian J> ForceScore force_score(std::span<const FrameEstimate> estimates, const LogTruth& truth,
+    const J& jacobian, const PadRange& tested, double torque_sigma_Nm, double from_N = 0.5) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
   for (const FrameEstimate& e : estimates) {

@@ -60,26 +60,22 @@ inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
 /// Plays a log to a hand's observer, frame by frame. `each(estimate, image)` gets a std::optional<HandEstimate>:
 /// nullopt if the frame lies in a segment of kind `free` or `unloaded` and becomes a reference. No link is seen while
 /// the joints are unknown, between samples more than `max_gap_s` apart. Returns the number of references.
-template <Camera C, class Each>
-int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, Each each,
-                 double max_gap_s = 0.1) {
+template <Camera C, class Each> int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions,
+    const Session& session, Each each, double max_gap_s = 0.1) {
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next()) {
     const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s);
     std::optional<HandEstimate> estimate;
-    if (is_unloaded(session, frame->stamp_ns))
-      references += joints && hand.add_reference(*joints, frame->image) > 0;
-    else
-      estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
+    if (is_unloaded(session, frame->stamp_ns)) references += joints && hand.add_reference(*joints, frame->image) > 0;
+    else estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
     each(estimate, frame->image);
   }
   return references;
 }
 
 /// Shows a hand's observer only a log's pictures of the unloaded hand. Returns the number of references.
-template <Camera C>
-int add_references(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session,
-                   double max_gap_s = 0.1) {
+template <Camera C> int add_references(
+    C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, double max_gap_s = 0.1) {
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next())
     if (is_unloaded(session, frame->stamp_ns))
@@ -115,8 +111,8 @@ class HandTouches {
   }
   std::vector<Touch> at(std::int64_t stamp_ns) const {
     std::vector<Touch> touches;
-    for (auto row = std::lower_bound(rows_.begin(), rows_.end(), stamp_ns,
-                                     [](const auto&r, std::int64_t t) { return r.first < t; });
+    for (auto row = std::lower_bound(
+             rows_.begin(), rows_.end(), stamp_ns, [](const auto&r, std::int64_t t) { return r.first < t; });
          row != rows_.end() && row->first == stamp_ns; ++row)
       touches.push_back(row->second);
     return touches;
@@ -153,7 +149,7 @@ struct HandScore {
     for (const HandContact& c : e.contacts) {
       ++contacts;
       unfounded += std::none_of(truth.begin(), truth.end(),
-                                [&](const auto& t) { return t.link == c.link && std::abs(c.y_m - t.y_m) <= near_m; });
+          [&](const auto& t) { return t.link == c.link && std::abs(c.y_m - t.y_m) <= near_m; });
     }
   }
 };

@@ -57,8 +57,8 @@ class HandObserver {
   HandObserver(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
       : links_(std::move(links)), last_(std::move(first)), config_(std::move(config)) {
     if (links_.empty() || last_.size() != links_.size())
-      throw InvalidArgument(message("hand has ", links_.size(), " links and ", last_.size(),
-                                    " first places, must have as many, at least 1"));
+      throw InvalidArgument(message(
+          "hand has ", links_.size(), " links and ", last_.size(), " first places, must have as many, at least 1"));
     for (const HandLink& l : links_) validate(l);
     require_in_range("cell of the hand's grid", 1e3 * config_.cell_m, 0.1, 10.0, "mm");
     require_in_range("edge of a region", config_.edge, 0.0, config_.threshold, "noises");
@@ -118,8 +118,8 @@ class HandObserver {
   Grid read(int link, const LinkMap& map, const ImageView& image) const;
   Grid levelled(const Grid& difference) const;
   const Grid& noise(int link);
-  void regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map,
-               std::vector<HandContact>& contacts) const;
+  void regions(
+      int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const;
 
   std::vector<HandLink> links_;
   std::vector<LinkMap> last_;
@@ -135,8 +135,8 @@ inline std::vector<double> HandObserver::joints_of(int link, const JointVector& 
   std::vector<double> own;
   for (const int j : links_[std::size_t(link)].joints) {
     if (j < 0 || j >= all.size())
-      throw InvalidArgument(message("link '", printable(links_[std::size_t(link)].name), "' needs joint ", j,
-                                    ", samples have ", all.size()));
+      throw InvalidArgument(message(
+          "link '", printable(links_[std::size_t(link)].name), "' needs joint ", j, ", samples have ", all.size()));
     if (!std::isfinite(all[j])) throw InvalidArgument("positions of joints must be finite");
     own.push_back(all[j]);
   }
@@ -292,13 +292,13 @@ inline auto HandObserver::observe(std::int64_t stamp_ns, const JointVector& join
     e.map.push_back(last_[std::size_t(l)]);
     if (known)
       regions(l, levelled(read(l, *map, image) - library_[std::size_t(l)][std::size_t(near.first)].green), noise(l),
-              *map, e.contacts);
+          *map, e.contacts);
   }
   return e;
 }
 
-inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map,
-                                  std::vector<HandContact>& contacts) const {
+inline void HandObserver::regions(
+    int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
   const auto [along, across] = grid_[std::size_t(link)];
   const auto [cell_length, cell_height] = cell_m(link);
   std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);

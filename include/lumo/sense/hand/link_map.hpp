@@ -193,8 +193,8 @@ class HoleFinder {
 
 /// Finds the link by its mounting holes, about where `guess` expects them; nullopt if one is not seen, or if they do
 /// not fit the link.
-inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess,
-                                            const HoleSearch& search = {}) {
+inline std::optional<LinkMap> register_link(
+    const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
   if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
   const double scale = guess.px_per_m();
   const Eigen::Index n = link.hole_m.cols();

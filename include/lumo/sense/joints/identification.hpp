@@ -29,11 +29,11 @@ struct Identification {
 /// that many scales, for which the data add nothing to what was known before. Throws InvalidArgument for shapes that do
 /// not fit or numbers that are not finite.
 inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale,
-                               double sigma = 0.0, double tolerance = 1e-6, double known = 0.0) {
+    double sigma = 0.0, double tolerance = 1e-6, double known = 0.0) {
   const Eigen::Index n = a.cols();
   if (n < 1 || a.rows() != b.size() || scale.size() != n)
     throw InvalidArgument(message("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(),
-                                  " observations and ", scale.size(), " scales"));
+        " observations and ", scale.size(), " scales"));
   if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all())
     throw InvalidArgument("identification: numbers must be finite, scales positive");
   Identification r;

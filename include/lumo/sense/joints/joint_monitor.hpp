@@ -88,8 +88,7 @@ class JointMonitor {
 
     for (Eigen::Index j = 0; j < n; ++j) {
       Sameness& same = same_[std::size_t(j)];
-      if (!filled_ || s.effort[j] != last_[j])
-        same = {0, s.stamp_ns};
+      if (!filled_ || s.effort[j] != last_[j]) same = {0, s.stamp_ns};
       else if (++same.samples >= least_same_ && 1e-9 * double(s.stamp_ns - same.since_ns) > config_.stuck_s)
         reject(Fault::torque_stuck);
     }

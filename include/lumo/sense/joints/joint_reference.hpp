@@ -36,8 +36,8 @@ struct JointIdentification {
 
 /// How far the torque of an unloaded joint at rest is off the model: RMS over the rests of a run of each rest's mean
 /// [N·m]. What sticks differs from rest to rest, and adds unseen to the torque of a contact. nullopt for too few rests.
-inline std::optional<double> standstill_scatter(std::span<const JointSample> samples, int joint,
-                                                const TorqueModel& model, const JointIdentification& limits = {}) {
+inline std::optional<double> standstill_scatter(
+    std::span<const JointSample> samples, int joint, const TorqueModel& model, const JointIdentification& limits = {}) {
   double squares = 0.0, sum = 0.0;
   int rests = 0, count = 0;
   std::int64_t from = 0, last = 0;
@@ -85,8 +85,7 @@ inline double effort_step(std::span<const JointSample> samples, int joint, const
 /// samples show friction, resting ones what sticks. `torque_constant_Nm_per_A`: of each joint, which such a run does
 /// not show; joints that give torques need none. Throws InvalidArgument for numbers that are not finite.
 inline JointReference identify_joints(std::span<const JointSample> samples,
-                                      std::span<const double> torque_constant_Nm_per_A, std::int64_t until_ns,
-                                      const JointIdentification& limits = {}) {
+    std::span<const double> torque_constant_Nm_per_A, std::int64_t until_ns, const JointIdentification& limits = {}) {
   JointReference reference;
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)

@@ -54,7 +54,7 @@ struct TorqueModel {
 inline void validate(const TorqueModel& m) {
   if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
     throw InvalidArgument(message("torque constant is ", m.torque_constant_Nm_per_A,
-                                  " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+        " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
   for (const double v : {m.coulomb_Nm, m.stribeck_Nm, m.bias_Nm, m.gravity_sin_Nm, m.gravity_cos_Nm})
     require_in_range("friction, offset or weight of a torque model", v, -1e3, 1e3, "N·m");
   require_in_range("viscous friction", m.viscous_Nm_s_per_rad, -1e3, 1e3, "N·m·s/rad");
@@ -65,8 +65,8 @@ inline void validate(const TorqueModel& m) {
 
 /// A torque model from an unloaded run, and what that run left open.
 struct TorqueIdentification {
-  static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm",    "viscous_Nm_s_per_rad",
-                                                    "bias_Nm",    "gravity_sin_Nm", "gravity_cos_Nm"};
+  static constexpr std::array<const char*, 6> names{
+      "coulomb_Nm", "stribeck_Nm", "viscous_Nm_s_per_rad", "bias_Nm", "gravity_sin_Nm", "gravity_cos_Nm"};
   TorqueModel model;      ///< what is not identified stays 0 along the null directions
   Identification linear;  ///< of `names`, in this order
 };
@@ -74,8 +74,8 @@ struct TorqueIdentification {
 /// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a
 /// run leaves open. The Stribeck velocity is searched for by sections; all else is linear. Throws InvalidArgument for
 /// no samples or numbers that are not finite.
-inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint,
-                                              const TorqueModel& start = {}) {
+inline TorqueIdentification identify_unloaded(
+    std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
   std::vector<double> q, v, t;
   for (const JointSample& s : samples) {
     if (joint < 0 || joint >= s.effort.size() || joint >= s.position_rad.size() || joint >= s.velocity_rad_per_s.size())

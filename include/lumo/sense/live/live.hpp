@@ -76,9 +76,8 @@ struct LiveRest {
 
 /// Looks at the finger for `wait.rest_s`; `meanwhile()` is called while no picture is there. View and light of `finger`
 /// are replaced by what is seen. Throws InputError where no finger is seen or no picture comes for `wait.patience_s`.
-template <Camera C, class Meanwhile>
-LiveRest look_at_rest(C& camera, const Session& session, const FingerOptics& finger, const LiveWait& wait,
-                      Meanwhile meanwhile) {
+template <Camera C, class Meanwhile> LiveRest look_at_rest(
+    C& camera, const Session& session, const FingerOptics& finger, const LiveWait& wait, Meanwhile meanwhile) {
   validate(wait);
   MeanImage mean;
   std::vector<Image> kept;  // a camera's own pixels are gone with its next picture
@@ -111,9 +110,8 @@ LiveRest look_at_rest(C& camera, const Session& session, const FingerOptics& fin
   seen.trusted.position_m = readout.positions_m();
   seen.trusted.unloaded = unloaded.mean();
   if (rest.size() > 1)
-    seen.trusted.period_s =
-        std::max(detail::shortest_period_s,
-                 1e-9 * double(rest.back().stamp_ns - rest.front().stamp_ns) / double(rest.size() - 1));
+    seen.trusted.period_s = std::max(detail::shortest_period_s,
+        1e-9 * double(rest.back().stamp_ns - rest.front().stamp_ns) / double(rest.size() - 1));
   seen.trusted.exposure_s = rest.front().exposure_s;
   seen.trusted.gain = rest.front().gain;
   seen.trusted.led_m.clear();
@@ -126,9 +124,8 @@ LiveRest look_at_rest(C& camera, const Session& session, const FingerOptics& fin
 /// it unloaded. `make(optics)` gives the localiser. `report(stamp_ns, estimate, faults)` is called for each later
 /// picture, without an estimate where FrameMonitor does not trust it, and returns whether to go on. Ends with the
 /// camera. Throws as look_at_rest, and where no picture comes for `wait.patience_s`.
-template <Camera C, ContactJacobian J, class MakeLocalizer, class Report>
-void locate_live(C& camera, const FingerModel<J>& finger, MakeLocalizer make, Report report,
-                 const LiveWait& wait = {}) {
+template <Camera C, ContactJacobian J, class MakeLocalizer, class Report> void locate_live(
+    C& camera, const FingerModel<J>& finger, MakeLocalizer make, Report report, const LiveWait& wait = {}) {
   LiveRest rest = look_at_rest(camera, finger.session, finger.optics, wait, [] {});
   GreenProfile readout = rest.optics.readout();
   FrameMonitor monitor(rest.trusted);
@@ -139,10 +136,8 @@ void locate_live(C& camera, const FingerModel<J>& finger, MakeLocalizer make, Re
     auto verdict = monitor.check_time(frame->stamp_ns, frame->stamp_ns);
     if (verdict.usable) {
       const Faults time = verdict.faults;
-      if (!readout.read(*frame, p))
-        verdict = FrameMonitor::reject(Fault::frame_corrupt);
-      else
-        verdict = monitor.check_light(p, frame->exposure_s, frame->gain);
+      if (!readout.read(*frame, p)) verdict = FrameMonitor::reject(Fault::frame_corrupt);
+      else verdict = monitor.check_light(p, frame->exposure_s, frame->gain);
       verdict.faults |= time;
     }
     if (verdict.usable) {
@@ -159,16 +154,15 @@ void locate_live(C& camera, const FingerModel<J>& finger, MakeLocalizer make, Re
 /// usable picture, and every tenth of `wait.patience_s` where none comes, and returns whether to go on: lost pictures
 /// and samples are states of the estimate, not the end. Ends when camera and motors have. Throws as look_at_rest, and
 /// InputError where the motors are silent during the rest.
-template <Camera C, Actuator A, ContactJacobian J, class MakeLocalizer, class Report>
-void estimate_live(C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer make, Report report,
-                   const LiveWait& wait = {}) {
+template <Camera C, Actuator A, ContactJacobian J, class MakeLocalizer, class Report> void estimate_live(
+    C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer make, Report report, const LiveWait& wait = {}) {
   std::int64_t samples = 0, first = 0, last = 0;
   StreamRates rates;
   const auto drain = [&] {
     for (auto s = actuator.next(); s; s = actuator.next()) {
       if (s->effort.size() != Eigen::Index(finger.joints.torque.size()))
         throw InputError(message("the motors give ", s->effort.size(), " joints, the run without contact has ",
-                                 finger.joints.torque.size()));
+            finger.joints.torque.size()));
       if (samples++ == 0) first = s->stamp_ns;
       last = s->stamp_ns;
       rates.unit = s->unit;
@@ -188,7 +182,7 @@ void estimate_live(C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer 
   config.frames = std::move(rest.trusted);
   using Estimator = ForceEstimator<C, A, decltype(localizer), GreenProfile, J>;
   Estimator estimator(camera, actuator, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
-                      finger.jacobian, std::move(config));
+      finger.jacobian, std::move(config));
   std::int64_t picture = estimator.step(wait.now_ns()).frame_stamp_ns, reported = wait.now_ns();
   while (camera.state() == StreamState::open || actuator.state() == StreamState::open) {
     const ForceEstimate e = estimator.step(wait.now_ns());
@@ -208,9 +202,8 @@ void estimate_live(C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer 
 /// (add_references). `report(estimate, image)` is called for each picture and returns whether to go on; no link is seen
 /// in pictures for which the joints are not known. Ends with the camera. Throws InputError where no picture comes for
 /// `wait.patience_s`.
-template <Camera C, Actuator A, class Report>
-void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session& session, Report report,
-                       const LiveWait& wait = {}) {
+template <Camera C, Actuator A, class Report> void observe_hand_live(
+    C& camera, A& actuator, HandObserver& hand, const Session& session, Report report, const LiveWait& wait = {}) {
   validate(wait);
   Session one_clock = session;
   one_clock.joint_clock = {};
@@ -232,8 +225,8 @@ void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session
       if (const double age_s = 1e-9 * double(at - recent.back().stamp_ns) + session.joint_delay_s;
           age_s >= 0.0 && age_s <= wait.max_gap_s)
         joints = recent.back().position_rad;
-    if (!report(joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns),
-                frame->image))
+    if (!report(
+            joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns), frame->image))
       return;
   }
 }

@@ -148,7 +148,7 @@ inline void BayesLocalizer::require_valid(const Config& c) {
   const Eigen::Index n = c.position_m.size();
   if (n < 3 || c.noise.size() != n || (c.unloaded.size() != 0 && c.unloaded.size() != n))
     throw InvalidArgument(message("localiser has ", n, " positions, ", c.noise.size(), " noises and ",
-                                  c.unloaded.size(), " unloaded values, must have as many, at least 3"));
+        c.unloaded.size(), " unloaded values, must have as many, at least 3"));
   for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", c.noise[i], "");
   require_ascending_positions(c.position_m);
   if (c.unloaded.size() && !c.unloaded.allFinite()) throw InvalidArgument("localiser: unloaded values must be finite");

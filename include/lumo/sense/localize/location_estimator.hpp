@@ -26,7 +26,7 @@ inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
     require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
     if (i > 0 && !(position_m[i] > position_m[i - 1]))
       throw InvalidArgument(message("position ", i, " of a profile is ", position_m[i],
-                                    " m, must exceed its predecessor, ", position_m[i - 1], " m"));
+          " m, must exceed its predecessor, ", position_m[i - 1], " m"));
   }
 }
 

@@ -30,8 +30,8 @@ class PeakLocalizer {
   explicit PeakLocalizer(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 3 || config_.noise.size() != n)
-      throw InvalidArgument(message("localiser has ", n, " positions and ", config_.noise.size(),
-                                    " noises, must have at least 3 of each"));
+      throw InvalidArgument(message(
+          "localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
     require_ascending_positions(config_.position_m);
     require_positive("time constant of the localiser", config_.time_constant_s, "s");

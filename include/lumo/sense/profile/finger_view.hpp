@@ -23,8 +23,8 @@ struct UnloadedStretch {
   std::int64_t from_ns = 0, to_ns = 0;
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
-    const auto known = std::find_if(s.segments.begin(), s.segments.end(),
-                                    [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
+    const auto known = std::find_if(
+        s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
     return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns}
                                      : UnloadedStretch{known->from_ns, known->to_ns};
   }
@@ -75,8 +75,8 @@ struct FingerView {
 
 /// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest
 /// surroundings. Across: positive clockwise of the tip's direction in the image, in m at the map's scale.
-inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map,
-                                          double half_range_m = 22.0e-3) {
+inline std::pair<double, double> lit_band(
+    const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
   constexpr double half = 0.5;    // of the row's light; and of a line's pixels, that it counts
   constexpr int row_half_px = 8;  // what counts as beside the row
   const double scale = map.scale_m_per_px(map.u_px(0.0));
@@ -145,8 +145,8 @@ template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& 
 }
 
 /// Of the profiles in the unloaded stretch. Throws InputError when there are none.
-inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
-                                            const std::string& name) {
+inline UnloadedReference unloaded_reference(
+    const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
   UnloadedReference reference;
   for (const Profile& p : profiles)
     if (stretch.holds(p.stamp_ns)) reference.add(p);

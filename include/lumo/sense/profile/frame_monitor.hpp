@@ -39,8 +39,8 @@ class FrameMonitor {
   explicit FrameMonitor(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 1 || config_.unloaded.size() != n)
-      throw InvalidArgument(message("frame monitor has ", n, " positions and ", config_.unloaded.size(),
-                                    " unloaded values, must have as many"));
+      throw InvalidArgument(message(
+          "frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("unloaded light at every position", config_.unloaded[i], "");
     require_positive("period of the frames", config_.period_s, "s");
     require_positive("greatest age of a frame", config_.max_age_s, "s");
@@ -87,9 +87,8 @@ class FrameMonitor {
     const double median = sorted_[n / 2];
     if (!v.faults.any()) {
       const bool dead = std::any_of(config_.led_m.begin(), config_.led_m.end(),
-                                    [&](double y) { return led_ratio(y) < config_.led_dark * median; });
-      if (dead)
-        v.faults.add(Fault::led_dead);
+          [&](double y) { return led_ratio(y) < config_.led_dark * median; });
+      if (dead) v.faults.add(Fault::led_dead);
       else if (ratio_.minCoeff() < config_.corrupt_low || ratio_.maxCoeff() > config_.corrupt_high)
         v.faults.add(Fault::frame_corrupt);
       if (std::abs(median - 1.0) > config_.exposure) v.faults.add(Fault::exposure_changed);

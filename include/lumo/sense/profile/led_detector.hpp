@@ -97,8 +97,8 @@ class SpotContrast {
         for (int j = -far; j <= far; j += far)
           for (int i = -far; i <= far; i += far)
             if (i != 0 || j != 0)
-              around = std::max(around,
-                                sums.mean(std::clamp(x + i, 0, width_ - 1), std::clamp(y + j, 0, height_ - 1), radius));
+              around = std::max(
+                  around, sums.mean(std::clamp(x + i, 0, width_ - 1), std::clamp(y + j, 0, height_ - 1), radius));
         contrast_[std::size_t(y) * std::size_t(width_) + std::size_t(x)] = float(sums.mean(x, y, radius) - around);
       }
   }
@@ -162,8 +162,8 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
 }
 
 /// The row with these ends, without its map; nullopt if a spot is missing, out of order or too dim.
-inline std::optional<LedDetection> LedDetector::row_between(const std::vector<Spot>& all, const Spot& first,
-                                                            const Spot& last) const {
+inline std::optional<LedDetection> LedDetector::row_between(
+    const std::vector<Spot>& all, const Spot& first, const Spot& last) const {
   const Eigen::Vector2d &from = first.place, &to = last.place, step = (to - from) / double(count - 1);
   LedDetection row{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
   for (int k = 0; k < count; ++k) {
@@ -172,7 +172,7 @@ inline std::optional<LedDetection> LedDetector::row_between(const std::vector<Sp
     const auto near =
         std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
     if (!((near->place - expected).norm() < max_off * step.norm() &&
-          (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)))))
+            (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)))))
       return std::nullopt;
     row.centroid_px.col(k) = near->place;
     row.contrast[k] = near->contrast;

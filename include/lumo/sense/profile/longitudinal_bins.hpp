@@ -34,7 +34,7 @@ struct LongitudinalBins {
     for (Eigen::Index i = 1; i < b.edges_m.size(); ++i)
       if (!(b.edges_m[i] > b.edges_m[i - 1]))
         throw InvalidArgument(message("edge ", i, " of the longitudinal bins is ", b.edges_m[i],
-                                      " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
+            " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
   }
 };
 

@@ -162,10 +162,8 @@ inline void Strip::lay_out(const Places& places, const Config& c, std::vector<in
       ++count[std::size_t(*place)];
       const bool joins = !runs_.empty() && runs_.back().row == y && runs_.back().first + runs_.back().count == x &&
                          *place == runs_.back().place + (along_ ? runs_.back().count : 0);
-      if (joins)
-        ++runs_.back().count;
-      else
-        runs_.push_back({y, x, 1, *place});
+      if (joins) ++runs_.back().count;
+      else runs_.push_back({y, x, 1, *place});
     }
 }
 
@@ -175,9 +173,8 @@ inline void Strip::flush() {
 }
 
 /// Sum over a run across the axis of the measured channel.
-template <class Value>
-std::uint32_t Strip::sum_across(const std::uint8_t* __restrict p, const std::uint8_t* __restrict q, std::size_t bytes,
-                                Value value) const {
+template <class Value> std::uint32_t Strip::sum_across(
+    const std::uint8_t* __restrict p, const std::uint8_t* __restrict q, std::size_t bytes, Value value) const {
   std::uint16_t lane[lanes] = {};
   std::uint32_t total = 0;
   const auto collect = [&] {

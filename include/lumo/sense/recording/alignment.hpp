@@ -29,16 +29,16 @@ struct ClockMap {
   std::int64_t operator()(std::int64_t from_ns) const {
     constexpr double limit = double(stamp_limit_ns);
     const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
-    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns,
-                                    stamp_limit_ns);
+    return std::clamp<std::int64_t>(
+        from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
   }
 
   /// Least-squares fit to the stamps of the same events on both clocks; one event gives the offset alone. Throws
   /// InvalidArgument for none.
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
-      throw InvalidArgument(message("clocks have ", from_ns.size(), " and ", to_ns.size(),
-                                    " common events, must have as many, at least 1"));
+      throw InvalidArgument(message(
+          "clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
     for (std::size_t i = 0; i < from_ns.size(); ++i)
       for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
         if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns)
@@ -74,8 +74,8 @@ class TimeSeries {
       throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
       if (stamp_[i] <= stamp_[i - 1])
-        throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ",
-                                      stamp_[i - 1], " ns"));
+        throw InvalidArgument(message(
+            "time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
     if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
       throw InvalidArgument(
           message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));

@@ -87,7 +87,7 @@ class CsvReader {
   /// Throws the error of a field: file, line, column, text, reason.
   [[noreturn]] void fail(int column, std::string_view why) const {
     throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
-                             printable(text(column)), "' ", why));
+        printable(text(column)), "' ", why));
   }
 
  private:

@@ -60,8 +60,8 @@ class LogTruth {
   /// Place and force at a time; unknown values are empty. Without contact the place is empty and a known force is 0.
   Touch at(std::int64_t stamp_ns) const {
     if (!force_) {
-      const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns,
-                                        [](const auto& r, std::int64_t t) { return r.first < t; });
+      const auto row = std::lower_bound(
+          table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });
       return row != table_.end() && row->first == stamp_ns ? row->second : Touch{};
     }
     Touch touch;

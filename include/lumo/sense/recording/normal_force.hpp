@@ -13,8 +13,8 @@ namespace lumo::sense {
 
 /// Force that presses the finger over time: one channel [N], less `tare_N`. `clock` moves the stamps, for instance
 /// Session::wrench_clock onto the frames'. Throws InvalidArgument if that leaves two samples at the same time.
-inline TimeSeries normal_force(const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {},
-                               double tare_N = 0.0) {
+inline TimeSeries normal_force(
+    const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {}, double tare_N = 0.0) {
   std::vector<std::int64_t> stamp_ns;
   Eigen::MatrixXd force_N(1, Eigen::Index(wrenches.size()));
   for (const WrenchSample& w : wrenches) {

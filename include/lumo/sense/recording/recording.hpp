@@ -27,7 +27,7 @@ inline void validate(const Recording& log) {
   const auto joints = std::size_t(log.joints.front().effort.size());
   if (log.session.torque_constant_Nm_per_A.size() != joints)
     throw InputError(message(log.path, ": has currents of ", joints, " joints, its session ",
-                             log.session.torque_constant_Nm_per_A.size(), " torque constants"));
+        log.session.torque_constant_Nm_per_A.size(), " torque constants"));
 }
 
 }  // namespace lumo::sense

@@ -19,8 +19,8 @@ class RecordingPlan {
   static constexpr std::int64_t latest_begin_ns = 60'000'000'000;
 
   explicit RecordingPlan(std::vector<Segment> segments) : segments_(std::move(segments)) {
-    std::stable_sort(segments_.begin(), segments_.end(),
-                     [](const Segment& a, const Segment& b) { return a.from_ns < b.from_ns; });
+    std::stable_sort(
+        segments_.begin(), segments_.end(), [](const Segment& a, const Segment& b) { return a.from_ns < b.from_ns; });
     if (segments_.empty()) return;
     constexpr auto notice_ns = std::int64_t(1e9 * notice_s);
     const std::int64_t begin = segments_.front().from_ns,

@@ -30,8 +30,8 @@ enum class SegmentKind {
   other  ///< a recording's own kind, see Segment::other_kind
 };
 
-inline constexpr std::array<std::string_view, 7> segment_kind_names{"unloaded", "dark",  "free",   "approach",
-                                                                    "hold",     "cycle", "retract"};
+inline constexpr std::array<std::string_view, 7> segment_kind_names{
+    "unloaded", "dark", "free", "approach", "hold", "cycle", "retract"};
 
 /// The kind as files name it; empty for `other`.
 constexpr std::string_view to_string(SegmentKind kind) {
@@ -88,13 +88,13 @@ inline void validate(const HandLink& l) {
     throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
   if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
     throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
-                                  " mounting holes, must have at least 2, at finite places"));
+        " mounting holes, must have at least 2, at finite places"));
   for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
     for (Eigen::Index j = 0; j < k; ++j)
       if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
           !(apart >= 1.0_mm && apart <= 10.0))
-        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart,
-                                      " mm apart, must be 1 to 10000 mm"));
+        throw InvalidArgument(message(
+            "link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
   require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
   require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
   require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
@@ -148,35 +148,34 @@ class SessionCheck {
   void view(const Session& s) const {
     require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
     require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0,
-            message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+        message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
     require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0,
-            message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+        message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
     require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
-            message("distance of the camera is ", 1e3 * s.camera_distance_m,
-                    " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+        message("distance of the camera is ", 1e3 * s.camera_distance_m,
+            " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
     require(led_parallax(s) >= 0.5,
-            message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
-                    " mm, must lie at most 1.41 times as deep as it is far"));
+        message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
+            " mm, must lie at most 1.41 times as deep as it is far"));
     require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   }
 
   void finger(const Session& s) const {
     require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
-            message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+        message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
     require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..",
-            "video must be a file name beside session.json");
+        "video must be a file name beside session.json");
     require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0,
-            message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+        message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
     require(std::abs(s.joint_to_origin_m) <= 10.0,
-            message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
-    require(
-        s.joint_to_joint_m.size() < std::size_t(max_joints),
+        message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+    require(s.joint_to_joint_m.size() < std::size_t(max_joints),
         message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
     for (const double l : s.joint_to_joint_m)
       require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
     for (const double k : s.torque_constant_Nm_per_A)
       require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
-              message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+          message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
     for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
   }
 
@@ -185,11 +184,11 @@ class SessionCheck {
       require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
     for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
       stamp(map.origin_ns);
-      require(std::abs(map.offset_s) <= 4e9,
-              message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+      require(
+          std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
       require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
       require(map.residual_s >= 0.0 && std::isfinite(map.residual_s),
-              message("residual of a clock is ", map.residual_s, " s, must not be negative"));
+          message("residual of a clock is ", map.residual_s, " s, must not be negative"));
     }
   }
 
@@ -201,23 +200,23 @@ class SessionCheck {
     }
     for (const int j : l.link.joints)
       require(j >= 0 && j < max_joints,
-              message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+          message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
     require(l.hole_px.cols() == l.link.hole_m.cols(),
-            message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
-                    " places of them in the picture, must have as many"));
+        message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
+            " places of them in the picture, must have as many"));
     require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5,
-            message("link ", i, ": places of holes must lie within 1e5 px"));
+        message("link ", i, ": places of holes must lie within 1e5 px"));
     const double px_per_mm =
         1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
-    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, message("link ", i, ": its first two holes are seen at ",
-                                                             px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0,
+        message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
   }
 
   void segment(const Segment& g, std::size_t i) const {
     stamp(g.from_ns);
     stamp(g.to_ns);
     require(g.to_ns >= g.from_ns,
-            message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+        message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
     for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm})
       require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
   }

@@ -90,8 +90,8 @@ class StampColumn {
 
 /// A path below a log's frames/ that a table can hold.
 inline bool is_below_frames(std::string_view file) {
-  const bool plain = std::none_of(file.begin(), file.end(),
-                                  [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  const bool plain = std::none_of(
+      file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
   return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' &&
          file.find("..") == std::string_view::npos && file.find('\\') == std::string_view::npos;
 }
@@ -100,7 +100,7 @@ inline bool is_below_frames(std::string_view file) {
 inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
   if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
     throw InvalidArgument(message("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns",
-                                  last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
+        last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
   last = stamp_ns;
   return std::to_string(stamp_ns);
 }
@@ -259,7 +259,7 @@ inline std::string joint_header(int joints, Effort unit) {
   std::string t = "stamp_ns";
   for (int j = 0; j < joints; ++j)
     for (const char* column :
-         {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
+        {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
       t += ',' + numbered(column, j);
   return t + '\n';
 }

@@ -131,9 +131,8 @@ inline bool drain(int in, int host, JobBytes& data, const Deadline& deadline) {
 }
 
 /// Forks one job, waits for it within its limits, and says what became of it.
-template <class Work>
-ReplyHeader supervise_job(int host, Work work, std::span<const char> request, const JobHeader& header,
-                          JobBytes& answer) {
+template <class Work> ReplyHeader supervise_job(
+    int host, Work work, std::span<const char> request, const JobHeader& header, JobBytes& answer) {
   const auto reply = [](JobOutcome outcome, int detail = 0) {
     return ReplyHeader{static_cast<std::uint32_t>(outcome), detail, 0};
   };

@@ -184,8 +184,8 @@ struct TetgenInput {
 };
 
 /// TetGen's output in the given frame; the given vertices get their own bits back.
-inline RawFill tetgen_answer(const tetgenio& output, const TetgenRequest& request, const TetgenInput& input,
-                             const Mat3d& frame) {
+inline RawFill tetgen_answer(
+    const tetgenio& output, const TetgenRequest& request, const TetgenInput& input, const Mat3d& frame) {
   using Point = Eigen::Map<Eigen::Vector3d>;
   using GivenPoint = Eigen::Map<const Eigen::Vector3d>;
   RawFill answer;
@@ -212,8 +212,7 @@ inline JobBytes tetgen_job(std::span<const char> bytes) {
   auto* output = new tetgenio;
   TetgenSizes sizes{
       {Vec3d(request.root[0], request.root[1], request.root[2]), request.root[3], std::move(request.cells)},
-      request.knobs.size_factor,
-      frame.transpose()};
+      request.knobs.size_factor, frame.transpose()};
   if (!sizes.field.cells.empty()) {
     tetgen_sizes = &sizes;
     input->io.tetunsuitable = tetgen_too_large;

@@ -35,8 +35,8 @@ class VideoProcess {
   };
   enum class Got { frame, end, failed };
 
-  template <VideoSource Source>
-  VideoProcess(Source source, const std::string& path, const Limits& limits) : limits_(limits) {
+  template <VideoSource Source> VideoProcess(Source source, const std::string& path, const Limits& limits)
+      : limits_(limits) {
     int ends[2];
     if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) return;
     pid_ = ::fork();
@@ -47,8 +47,7 @@ class VideoProcess {
     if (pid_ < 0 || receive_all(socket_, &reply, sizeof reply, Deadline(limits.open_s)) != Transfer::done ||
         reply.kind != Reply::opened)
       stop();
-    else
-      rate_ = reply.rate;
+    else rate_ = reply.rate;
   }
   ~VideoProcess() { stop(); }
   VideoProcess(const VideoProcess&) = delete;
@@ -72,7 +71,7 @@ class VideoProcess {
     if (good) {
       image = blank ? sense::Image{}
                     : sense::Image::black(reply.width, reply.height,
-                                          reply.grey != 0 ? sense::PixelFormat::grey : sense::PixelFormat::bgr);
+                          reply.grey != 0 ? sense::PixelFormat::grey : sense::PixelFormat::bgr);
       good = receive_all(socket_, image.pixels.data(), image.pixels.size(), deadline) == Transfer::done;
     }
     if (good) return Got::frame;
@@ -110,7 +109,7 @@ class VideoProcess {
         last_moment(limits.frame_s);
         const std::optional<sense::ImageView> view = source.next();
         const Reply reply{view ? Reply::frame : Reply::end, view ? view->width : 0, view ? view->height : 0,
-                          view && view->format == sense::PixelFormat::grey, 0.0};
+            view && view->format == sense::PixelFormat::grey, 0.0};
         if (send_all(host, &reply, sizeof reply, never) != Transfer::done) ::_exit(0);
         for (int y = 0; y < reply.height; ++y)
           if (send_all(host, view->row(y), std::size_t(view->width) * std::size_t(channels(view->format)), never) !=

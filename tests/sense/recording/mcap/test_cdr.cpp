@@ -45,16 +45,15 @@ template <class M> std::string cdr_refusal(const CdrBytes& bytes) {
 
 TEST_CASE("fields stand at multiples of their size, counted from behind the byte order", "[cdr]") {
   const CdrBytes little = to_cdr(every_field, ByteOrder::little);
-  const CdrBytes expected = {0,    1,    0,    0,                                      // little endian
-                             0x11, 0,                                                  // filled up to 2
-                             0x33, 0x22, 1,    0,    0, 0,                             // filled up to 4
-                             0x77, 0x66, 0x55, 0x44, 3, 0, 0,    0,    'a',  'b',  0,  // length with the zero
-                             0,    0,    0,    0,    0,                                // filled up to 8
-                             0,    0,    0,    0,    0, 0, 0xF0, 0x3F,                 // 1.0
-                             1,    0,    0,    0,    0, 0, 0,    0,                    // one item, filled up to 8
-                             0,    0,    0,    0,    0, 0, 0,    0x40,                 // 2.0
-                             2,    0,    0,    0,    1, 0, 0,    0,    0,    0,    0, 0, 2, 0,
-                             0,    0,    'x',  0,    0, 0, 0xFF, 0xFF, 0xFF, 0xFF, 2, 0, 0, 0};
+  const CdrBytes expected = {0, 1, 0, 0,                // little endian
+      0x11, 0,                                          // filled up to 2
+      0x33, 0x22, 1, 0, 0, 0,                           // filled up to 4
+      0x77, 0x66, 0x55, 0x44, 3, 0, 0, 0, 'a', 'b', 0,  // length with the zero
+      0, 0, 0, 0, 0,                                    // filled up to 8
+      0, 0, 0, 0, 0, 0, 0xF0, 0x3F,                     // 1.0
+      1, 0, 0, 0, 0, 0, 0, 0,                           // one item, filled up to 8
+      0, 0, 0, 0, 0, 0, 0, 0x40,                        // 2.0
+      2, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 'x', 0, 0, 0, 0xFF, 0xFF, 0xFF, 0xFF, 2, 0, 0, 0};
   CHECK(little == expected);
   const CdrBytes big = to_cdr(every_field, ByteOrder::big);
   REQUIRE(big.size() == little.size());
@@ -95,8 +94,8 @@ TEST_CASE("a message that is cut, goes on, or lies about its lengths is refused 
 
 TEST_CASE("stamps before 1970 and up to 2038 read back, later ones are refused", "[cdr]") {
   for (const std::int64_t ns :
-       {std::int64_t(0), std::int64_t(-1), std::int64_t(-1'000'000'000), std::int64_t(1'700'000'000'123'456'789),
-        std::int64_t(2'147'483'647'999'999'999), std::int64_t(-2'147'483'648'000'000'000)})
+      {std::int64_t(0), std::int64_t(-1), std::int64_t(-1'000'000'000), std::int64_t(1'700'000'000'123'456'789),
+          std::int64_t(2'147'483'647'999'999'999), std::int64_t(-2'147'483'648'000'000'000)})
     CHECK(from_cdr<RosHeader>(to_cdr(RosHeader{ns, "a"})).stamp_ns == ns);
   CHECK_THROWS_AS(to_cdr(RosHeader{2'147'483'648'000'000'000, ""}), InvalidArgument);
   CdrBytes bad = to_cdr(RosHeader{5, ""});

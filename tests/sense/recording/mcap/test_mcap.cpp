@@ -40,7 +40,7 @@ template <class Reader> std::string all_contents(Reader& r) {
   for (const McapEntry& e : r.messages()) {
     const McapMessage m = r.read(e);
     all += message(m.channel->topic, ' ', r.schemas().at(m.channel->schema).name, ' ', m.sequence, ' ', m.log_ns, ' ',
-                   std::string(m.data.begin(), m.data.end()), '\n');
+        std::string(m.data.begin(), m.data.end()), '\n');
   }
   for (const McapAttachment& a : r.attachments()) {
     const McapFileBytes bytes = r.read(a);
@@ -58,7 +58,7 @@ template <class Codec> std::string mcap_example(std::size_t chunk_bytes = 300, i
   const auto b = w.add_channel(w.add_schema("B", "ros2msg", "uint8 b\n"), "/b", "cdr");
   for (int k = 0; k < messages; ++k)
     w.write(k % 3 == 0 ? b : a, std::uint64_t(1000 + 10 * k - 35 * (k % 4)),
-            span_of("message " + std::to_string(k) + std::string(std::size_t(k % 20), '.')));
+        span_of("message " + std::to_string(k) + std::string(std::size_t(k % 20), '.')));
   w.finish();
   return out.str();
 }
@@ -91,7 +91,7 @@ void put_message(McapBytes& b, std::uint64_t t, std::uint16_t channel = 1) {
   });
 }
 void put_chunk(McapBytes& b, std::string_view compression, std::uint64_t size, std::span<const std::uint8_t> packed,
-               std::uint32_t crc = 0) {
+    std::uint32_t crc = 0) {
   b.record(McapOpcode::chunk, [&] {
     b.fields(std::uint64_t(0), std::uint64_t(0), size, crc, compression, std::uint64_t(packed.size()));
     b.bytes(packed);
@@ -100,8 +100,8 @@ void put_chunk(McapBytes& b, std::string_view compression, std::uint64_t size, s
 
 }  // namespace
 
-TEMPLATE_TEST_CASE("codecs give back what they took, and refuse what is cut, longer or damaged", "[mcap]", Uncompressed,
-                   Lz4, Zstd) {
+TEMPLATE_TEST_CASE(
+    "codecs give back what they took, and refuse what is cut, longer or damaged", "[mcap]", Uncompressed, Lz4, Zstd) {
   const TestType codec;
   synthetic::Normal draw(1);
   for (const std::size_t n : {0, 1, 100, 65536, 65537, 300000}) {
@@ -119,8 +119,8 @@ TEMPLATE_TEST_CASE("codecs give back what they took, and refuse what is cut, lon
   }
 }
 
-TEMPLATE_TEST_CASE("a file reads back as it was written, in the order of log times", "[mcap]", Uncompressed, Lz4,
-                   Zstd) {
+TEMPLATE_TEST_CASE(
+    "a file reads back as it was written, in the order of log times", "[mcap]", Uncompressed, Lz4, Zstd) {
   const std::string bytes = mcap_example<TestType>();
   AllCodecs r = mcap_of(bytes);
   CHECK(r.fault().empty());
@@ -128,7 +128,7 @@ TEMPLATE_TEST_CASE("a file reads back as it was written, in the order of log tim
   CHECK(r.library() == "lumo");
   CHECK(r.messages().size() == 40);
   CHECK(std::is_sorted(r.messages().begin(), r.messages().end(),
-                       [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; }));
+      [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; }));
   CHECK(r.channels().at(1).metadata == std::map<std::string, std::string>{{"k", "v"}, {"l", ""}});
   CHECK(all_contents(r).find("/a A 0 975 message 1.\n") != std::string::npos);
   CHECK(all_contents(r).ends_with("note.txt text/plain 5 beside\n"));
@@ -141,8 +141,8 @@ TEMPLATE_TEST_CASE("a file reads back as it was written, in the order of log tim
   CHECK(empty.messages().empty());
 }
 
-TEMPLATE_TEST_CASE("a flipped bit anywhere is an error, or changes nothing but the end mark", "[mcap]", Uncompressed,
-                   Lz4, Zstd) {
+TEMPLATE_TEST_CASE(
+    "a flipped bit anywhere is an error, or changes nothing but the end mark", "[mcap]", Uncompressed, Lz4, Zstd) {
   const std::string whole = mcap_example<TestType>(300, 12);
   AllCodecs good = mcap_of(whole);
   const std::string expected = all_contents(good);
@@ -223,51 +223,50 @@ TEST_CASE("what a file must not say is refused with its byte", "[mcap]") {
         std::string::npos);
   CHECK(refusal([](auto& b) { put_schema(b, 0); }).find("a schema has the number 0") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          put_schema(b);
-          put_channel(b);
-          b.record(McapOpcode::channel, [&] {
-            b.fields(std::uint16_t(1), std::uint16_t(1), "/other", "cdr");
-            b.map({});
-          });
-        }).find("there is another channel 1") != std::string::npos);
+    put_schema(b);
+    put_channel(b);
+    b.record(McapOpcode::channel, [&] {
+      b.fields(std::uint16_t(1), std::uint16_t(1), "/other", "cdr");
+      b.map({});
+    });
+  }).find("there is another channel 1") != std::string::npos);
   CHECK(refusal([](auto& b) { b.record(McapOpcode(0), [&] {}); }).find("opcode 0") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          b.record(McapOpcode::header, [&] { b.fields("", ""); });
-        }).find("there is a second header") != std::string::npos);
+    b.record(McapOpcode::header, [&] { b.fields("", ""); });
+  }).find("there is a second header") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          b.record(McapOpcode::footer, [&] { b.bytes(std::vector<std::uint8_t>(20)); });
-        }).find("footer before the end of the data") != std::string::npos);
+    b.record(McapOpcode::footer, [&] { b.bytes(std::vector<std::uint8_t>(20)); });
+  }).find("footer before the end of the data") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); });
-        }).find("stands behind their end") != std::string::npos);
+    b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); });
+  }).find("stands behind their end") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(1)); });
-        }).find("the data are damaged") != std::string::npos);
+    b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(1)); });
+  }).find("the data are damaged") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          b.record(McapOpcode::schema, [&] { b.fields(std::uint16_t(1), std::uint32_t(0xFFFFFFFF)); });
-        }) == "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
+    b.record(McapOpcode::schema, [&] { b.fields(std::uint16_t(1), std::uint32_t(0xFFFFFFFF)); });
+  }) == "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
   CHECK(refusal([](auto& b) {
-          put_chunk(b, "lzma", 1, span_of("x"));
-        }).find("compressed by 'lzma', which cannot be read here") != std::string::npos);
+    put_chunk(b, "lzma", 1, span_of("x"));
+  }).find("compressed by 'lzma', which cannot be read here") != std::string::npos);
   CHECK(mcap_refusal<McapReader<>>(mcap_example<Zstd>()).find("compressed by 'zstd', which cannot be read here") !=
         std::string::npos);
   CHECK(refusal([](auto& b) {
-          put_chunk(b, "lz4", std::uint64_t(1) << 60, span_of("x"));
-        }).find("a chunk says that it holds 1152921504606846976 bytes, read are at most 268435456") !=
-        std::string::npos);
+    put_chunk(b, "lz4", std::uint64_t(1) << 60, span_of("x"));
+  }).find("a chunk says that it holds 1152921504606846976 bytes, read are at most 268435456") != std::string::npos);
   CHECK(refusal([](auto& b) { put_chunk(b, "", 3, span_of("ab")); }).find("has 2 bytes, says 3") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          put_chunk(b, "zstd", 3, span_of("no frame"));
-        }).find("cannot be unpacked: Zstandard: ") != std::string::npos);
+    put_chunk(b, "zstd", 3, span_of("no frame"));
+  }).find("cannot be unpacked: Zstandard: ") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          McapBytes inner;
-          put_chunk(inner, "", 0, {});
-          put_chunk(b, "", inner.size(), inner.since(0));
-        }).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);
+    McapBytes inner;
+    put_chunk(inner, "", 0, {});
+    put_chunk(b, "", inner.size(), inner.since(0));
+  }).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);
   CHECK(refusal([](auto& b) {
-          b.record(McapOpcode::attachment,
-                   [&] { b.fields(std::uint64_t(0), std::uint64_t(0), "a", "b", ~std::uint64_t(0)); });
-        }).find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
+    b.record(
+        McapOpcode::attachment, [&] { b.fields(std::uint64_t(0), std::uint64_t(0), "a", "b", ~std::uint64_t(0)); });
+  }).find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
   const std::string large = mcap_example<Uncompressed>(1u << 20, 40);
   CHECK(mcap_refusal(large, {.record_bytes = 1000}).find("read are at most 1000") != std::string::npos);
 }
@@ -287,20 +286,18 @@ TEST_CASE("a compressed chunk that grows without end is not followed", "[mcap]")
 TEST_CASE("random damage is read or refused in one line, never worse", "[mcap]") {
   synthetic::Normal draw(9);
   const std::string good[] = {mcap_example<Uncompressed>(300, 12), mcap_example<Lz4>(300, 12),
-                              mcap_example<Zstd>(300, 12), mcap_by_hand([](auto& b) {
-                                put_schema(b);
-                                put_channel(b);
-                                put_message(b, 1);
-                              })};
+      mcap_example<Zstd>(300, 12), mcap_by_hand([](auto& b) {
+        put_schema(b);
+        put_channel(b);
+        put_message(b, 1);
+      })};
   int refused = 0;
   for (int k = 0; k < 4000; ++k) {
     std::string bad = good[k % 4];
     for (int n = 1 + int(4.0 * draw.uniform()); n > 0; --n) {
       const auto at = std::size_t(double(bad.size() - 1) * draw.uniform());
-      if (draw.uniform() < 0.3)
-        bad.erase(at, std::size_t(9.0 * draw.uniform()));
-      else
-        bad[at] = char(int(256.0 * draw.uniform()) - 128);
+      if (draw.uniform() < 0.3) bad.erase(at, std::size_t(9.0 * draw.uniform()));
+      else bad[at] = char(int(256.0 * draw.uniform()) - 128);
     }
     if (k % 2 == 0) {
       bad.resize(bad.size() - std::min<std::size_t>(bad.size(), 8));

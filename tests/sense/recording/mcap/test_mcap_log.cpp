@@ -57,8 +57,7 @@ std::string mcap_log_of(const Recording& log, bool raw, PixelFormat format = Pix
         image = view_picture(k, format);
         p.width = image.width;
         p.height = image.height;
-        if (raw)
-          p.pixels = image.view();
+        if (raw) p.pixels = image.view();
         else {
           p.format = "png";
           p.file = encode_image(".png", image.view());
@@ -104,7 +103,7 @@ TEST_CASE("a log in an MCAP file reads back as it was, in every bit of its table
       const McapLog m = read_log_file(r);
       CHECK(all_tables(m.log) == all_tables(log));
       CHECK(std::is_sorted(r.messages().begin(), r.messages().end(),
-                           [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; }));
+          [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; }));
       REQUIRE(m.camera);
       CHECK(m.camera->width == 5);
       CHECK(m.camera->height == 4);
@@ -127,10 +126,8 @@ TEST_CASE("pictures come back to the bit, as files and as pixels, grey and in co
         CHECK(f->stamp_ns == log.frames[k].stamp_ns);
         CHECK(f->exposure_s == log.frames[k].exposure_s);
         CHECK(f->gain == log.frames[k].gain);
-        if (k == 3)
-          CHECK(f->image.empty());
-        else
-          CHECK(same_pixels(f->image, view_picture(k, format)));
+        if (k == 3) CHECK(f->image.empty());
+        else CHECK(same_pixels(f->image, view_picture(k, format)));
       }
       CHECK(camera.state() == StreamState::ended);
       CHECK_FALSE(camera.next());
@@ -200,8 +197,8 @@ TEST_CASE("of several topics one must be chosen", "[mcap]") {
     w.write(b, 2, to_cdr(joint_state(2)));
   });
   CHECK(log_refusal(bytes) == "a.mcap: has joint states on several topics, one must be chosen: /arm, /finger");
-  CHECK(log_refusal(bytes, {.joints = "/hand"}) ==
-        "a.mcap: has no joint states on topic '/hand', but on /arm, /finger");
+  CHECK(
+      log_refusal(bytes, {.joints = "/hand"}) == "a.mcap: has no joint states on topic '/hand', but on /arm, /finger");
   CHECK(log_refusal(bytes, {.image = "/image"}) == "a.mcap: has no pictures on topic '/image'");
   ZstdReader r = reader_of(bytes);
   CHECK(read_log_file(r, {.joints = "/finger"}).log.joints.at(0).stamp_ns == 2);
@@ -234,20 +231,19 @@ TEST_CASE("messages with impossible contents are refused with topic and time", "
   CHECK(one(FrameExposure{{1, ""}, -1, 0}).ends_with("must not be negative"));
   CHECK(one(PhotodiodeSignals{{1, ""}, {}}).ends_with("all messages must have as many diodes, at least 1"));
   CHECK(log_refusal(foreign_mcap([](McapWriter<>& w) {
-          w.write(w.add_channel(w.add_schema(RosJointState::type, "ros1msg", ""), "/x", "ros1"), 1, {});
-        })) == "a.mcap: topic /x, log time 1 ns: messages are of encoding 'ros1', read is cdr");
+    w.write(w.add_channel(w.add_schema(RosJointState::type, "ros1msg", ""), "/x", "ros1"), 1, {});
+  })) == "a.mcap: topic /x, log time 1 ns: messages are of encoding 'ros1', read is cdr");
   CHECK(log_refusal(foreign_mcap([](McapWriter<>& w) {
-          w.write(channel_of<RosJointState>(w, "/x"), 1, std::vector<std::uint8_t>{0, 1, 0, 0, 9});
-        })).find("topic /x, log time 1 ns: CDR byte 4: ") != std::string::npos);
+    w.write(channel_of<RosJointState>(w, "/x"), 1, std::vector<std::uint8_t>{0, 1, 0, 0, 9});
+  })).find("topic /x, log time 1 ns: CDR byte 4: ") != std::string::npos);
   const std::string json = "{\"format\": \"lumo-log\"}";
   CHECK(log_refusal(foreign_mcap([&](McapWriter<>& w) {
-          w.attach("session.json", "application/json", 0,
-                   {reinterpret_cast<const std::uint8_t*>(json.data()), json.size()});
-        })) == "a.mcap: session.json.version: must be 1");
+    w.attach("session.json", "application/json", 0, {reinterpret_cast<const std::uint8_t*>(json.data()), json.size()});
+  })) == "a.mcap: session.json.version: must be 1");
 }
 
 TEST_CASE("a cut log keeps its session and what came before the cut, damaged ones are refused in one line or read",
-          "[mcap]") {
+    "[mcap]") {
   Recording log = full_log(Effort::current_A);
   std::ostringstream out;
   write_mcap_log(

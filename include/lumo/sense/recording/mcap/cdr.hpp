@@ -29,9 +29,7 @@ template <class T>
 concept CdrNumber = std::is_arithmetic_v<T> && sizeof(T) <= 8;
 
 /// The unsigned integer as large as a number.
-template <class T>
-using BitsOf = std::conditional_t<
-    sizeof(T) == 8, std::uint64_t,
+template <class T> using BitsOf = std::conditional_t<sizeof(T) == 8, std::uint64_t,
     std::conditional_t<sizeof(T) == 4, std::uint32_t, std::conditional_t<sizeof(T) == 2, std::uint16_t, std::uint8_t>>>;
 
 /// A message, or a part of one.
@@ -48,7 +46,7 @@ class CdrReader {
       throw InputError(lumo::message("CDR message has ", message.size(), " bytes, must have at least 4"));
     if (message[0] != 0 || message[1] > 1)
       throw InputError(lumo::message("CDR message is of representation ", message[0] * 256 + message[1],
-                                     ", read are 0 (big endian) and 1 (little endian)"));
+          ", read are 0 (big endian) and 1 (little endian)"));
     order_ = ByteOrder(message[1]);
     bytes_ = message.subspan(4);
   }
@@ -163,8 +161,8 @@ requires CdrStruct<Message, CdrReader> Message from_cdr(std::span<const std::uin
 }
 
 template <class Message>
-requires CdrStruct<const Message, CdrWriter> std::vector<std::uint8_t> to_cdr(const Message& m,
-                                                                              ByteOrder order = ByteOrder::little) {
+requires CdrStruct<const Message, CdrWriter> std::vector<std::uint8_t> to_cdr(
+    const Message& m, ByteOrder order = ByteOrder::little) {
   CdrWriter out(order);
   out(m);
   return out.bytes();

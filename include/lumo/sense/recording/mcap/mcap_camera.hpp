@@ -18,7 +18,7 @@ template <PictureDecoder Decoder, ChunkCodec... Codecs> class McapCamera {
  public:
   /// `log`: of read_mcap_log(*file).
   McapCamera(std::shared_ptr<McapReader<Codecs...>> file, const std::vector<McapPicture>& pictures,
-             const std::vector<FrameRecord>& records, Decoder decoder = Decoder())
+      const std::vector<FrameRecord>& records, Decoder decoder = Decoder())
       : file_(std::move(file)), pictures_(pictures), records_(records), decoder_(std::move(decoder)) {
     if (pictures_.size() != records_.size())
       throw InvalidArgument(
@@ -32,7 +32,7 @@ template <PictureDecoder Decoder, ChunkCodec... Codecs> class McapCamera {
       message_ = file_->read(pictures_[next_].at);
       return Frame{pictures_[next_].compressed ? decoder_(from_cdr<RosCompressedImage>(message_.data).data)
                                                : pixels(from_cdr<RosImage>(message_.data)),
-                   r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
+          r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
     } catch (const InputError&) {  // the file has changed since it was opened
       failed_ = true;
       return std::nullopt;

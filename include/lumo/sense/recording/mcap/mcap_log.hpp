@@ -112,11 +112,11 @@ class McapTables {
       throw InputError(message("has ", n, " joints, must have 1 to ", max_joints));
     if (m.position.size() != n || m.velocity.size() != n || (m.effort.size() != n && !m.effort.empty()))
       throw InputError(message("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(),
-                               " velocities and ", m.effort.size(), " efforts, must have as many"));
+          " velocities and ", m.effort.size(), " efforts, must have as many"));
     if (names_.empty()) names_ = m.name;
     if (m.name != names_) throw InputError("names other joints than the messages before it");
     found.log.joints.push_back({ascending(m.header, at, topic), joint_vector(m.position), joint_vector(m.velocity),
-                                joint_vector(m.effort), Effort::torque_Nm});
+        joint_vector(m.effort), Effort::torque_Nm});
   }
   void add(const JointCurrents& m, const McapEntry& at, std::string_view) {
     if (m.current_A.size() > std::size_t(max_joints))
@@ -191,7 +191,7 @@ class McapTables {
     return last->second = t;
   }
   void add_frame(const RosHeader& h, const McapEntry& at, std::string_view topic, const McapPicture& picture,
-                 std::string_view ending) {
+      std::string_view ending) {
     found.log.frames.push_back({ascending(h, at, topic), frame_file(found.pictures.size(), ending), 0.0, 0.0});
     found.pictures.push_back(picture);
   }
@@ -205,14 +205,14 @@ class McapTables {
 
 /// The channels of one kind, all of one topic: the wanted one, or the only one. Throws InputError.
 inline std::set<std::uint16_t> choose_topic(const std::map<std::string, std::set<std::uint16_t>>& topics,
-                                            const std::string& wanted, const char* what, const std::string& name) {
+    const std::string& wanted, const char* what, const std::string& name) {
   std::string all;
   for (const auto& t : topics) all += (all.empty() ? "" : ", ") + printable(t.first);
   if (!wanted.empty()) {
     const auto t = topics.find(wanted);
     if (t == topics.end())
-      throw InputError(message(name, ": has no ", what, " on topic '", printable(wanted), "'",
-                               all.empty() ? "" : ", but on " + all));
+      throw InputError(message(
+          name, ": has no ", what, " on topic '", printable(wanted), "'", all.empty() ? "" : ", but on " + all));
     return t->second;
   }
   if (topics.size() > 1)
@@ -285,8 +285,8 @@ template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& fil
         throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
       const McapMessage m = file.read(e);
       tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents,
-                     RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(detail::schema_of(file, e.channel),
-                                                                              m.data, e, channel.topic);
+          RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(
+          detail::schema_of(file, e.channel), m.data, e, channel.topic);
     } catch (const InputError& error) {
       throw InputError(
           message(file.name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: ", error.what()));

@@ -74,7 +74,7 @@ inline std::vector<LogRow> rows_in_time(const Recording& log) {
       const std::int64_t at = clock(samples[k].stamp_ns);
       if (at < 0)
         throw InvalidArgument(message("stamp ", samples[k].stamp_ns, " ns is ", at,
-                                      " ns on the frames' clock, in an MCAP file it must not lie before 0"));
+            " ns on the frames' clock, in an MCAP file it must not lie before 0"));
       rows.push_back({at, table, k});
     }
   };
@@ -96,15 +96,13 @@ template <ChunkCodec Codec> class LogMessages {
     const FrameRecord& f = log_.frames[row.index];
     const RosHeader header{f.stamp_ns, "camera"};
     require(std::isfinite(f.exposure_s) && std::isfinite(f.gain) && f.exposure_s >= 0.0 && f.gain >= 0.0,
-            "frame log: exposure and gain must be finite and not negative");
+        "frame log: exposure and gain must be finite and not negative");
     const McapPictureData p = picture(row.index);
     const bool is_file = !p.format.empty();
     require(files_.value_or(is_file) == is_file, "pictures of a log must be all files or all pixels");
     files_ = is_file;
-    if (is_file)
-      to_.write("/camera/image/compressed", row.log_ns, RosCompressedImage{header, p.format, p.file});
-    else
-      pixels(row.log_ns, header, p.pixels);
+    if (is_file) to_.write("/camera/image/compressed", row.log_ns, RosCompressedImage{header, p.format, p.file});
+    else pixels(row.log_ns, header, p.pixels);
     RosCameraInfo info;
     info.header = header;
     info.height = std::uint32_t(p.height);
@@ -119,15 +117,12 @@ template <ChunkCodec Codec> class LogMessages {
     const Eigen::Index n = s.position_rad.size();
     require(n > 0 && s.velocity_rad_per_s.size() == n && s.effort.size() == n &&
                 log_.joints.front().effort.size() == n && s.unit == log_.joints.front().unit,
-            "joint log: samples must have the same number of joints and the same kind of effort");
+        "joint log: samples must have the same number of joints and the same kind of effort");
     require(s.position_rad.allFinite() && s.velocity_rad_per_s.allFinite() && s.effort.allFinite(),
-            "a joint sample's numbers must be finite");
+        "a joint sample's numbers must be finite");
     const bool torque = s.unit == Effort::torque_Nm;
-    RosJointState m{{s.stamp_ns, ""},
-                    {},
-                    list_of(s.position_rad),
-                    list_of(s.velocity_rad_per_s),
-                    torque ? list_of(s.effort) : std::vector<double>()};
+    RosJointState m{{s.stamp_ns, ""}, {}, list_of(s.position_rad), list_of(s.velocity_rad_per_s),
+        torque ? list_of(s.effort) : std::vector<double>()};
     for (int j = 0; j < int(n); ++j) m.name.push_back(numbered("joint", j));
     to_.write("/joint_states", row.log_ns, m);
     if (!torque) to_.write("/joint_currents", row.log_ns, JointCurrents{{s.stamp_ns, ""}, list_of(s.effort)});
@@ -136,8 +131,8 @@ template <ChunkCodec Codec> class LogMessages {
   void wrench(const LogRow& row) {
     const WrenchSample& w = log_.wrenches[row.index];
     require(w.force_N.allFinite() && w.torque_Nm.allFinite(), "a wrench's numbers must be finite");
-    to_.write("/wrench", row.log_ns,
-              RosWrenchStamped{{w.stamp_ns, "finger"}, list_of(w.force_N), list_of(w.torque_Nm)});
+    to_.write(
+        "/wrench", row.log_ns, RosWrenchStamped{{w.stamp_ns, "finger"}, list_of(w.force_N), list_of(w.torque_Nm)});
   }
 
   void marker(const LogRow& row) {
@@ -150,9 +145,9 @@ template <ChunkCodec Codec> class LogMessages {
     const PhotodiodeSample& s = log_.photodiodes[row.index];
     require(s.signal_V.size() > 0 && s.signal_V.size() == log_.photodiodes.front().signal_V.size() &&
                 s.signal_V.allFinite(),
-            "photodiode log: samples must have the same number of diodes, and finite signals");
+        "photodiode log: samples must have the same number of diodes, and finite signals");
     to_.write("/photodiodes", row.log_ns,
-              PhotodiodeSignals{{s.stamp_ns, ""}, {s.signal_V.data(), s.signal_V.data() + s.signal_V.size()}});
+        PhotodiodeSignals{{s.stamp_ns, ""}, {s.signal_V.data(), s.signal_V.data() + s.signal_V.size()}});
   }
 
  private:
@@ -185,14 +180,13 @@ template <ChunkCodec Codec> class LogMessages {
 /// stamps are the samples' own. The session comes first, so that a cut file has it. Throws InvalidArgument for what
 /// could not be read again: stamps that do not ascend, that lie before 0 or beyond 2038, numbers that are not finite;
 /// InputError if `out` fails.
-template <ChunkCodec Codec = Uncompressed, class Picture>
-void write_mcap_log(std::ostream& out, const Recording& log, std::string_view session_json, Picture picture,
-                    Codec codec = {}) {
+template <ChunkCodec Codec = Uncompressed, class Picture> void write_mcap_log(
+    std::ostream& out, const Recording& log, std::string_view session_json, Picture picture, Codec codec = {}) {
   using Table = detail::LogRow::Table;
   const std::vector<detail::LogRow> rows = detail::rows_in_time(log);
   detail::RosMessageWriter<Codec> to(out, std::move(codec));
   to.file.attach("session.json", "application/json", rows.empty() ? 0 : std::uint64_t(rows.front().log_ns),
-                 {reinterpret_cast<const std::uint8_t*>(session_json.data()), session_json.size()});
+      {reinterpret_cast<const std::uint8_t*>(session_json.data()), session_json.size()});
   detail::LogMessages<Codec> messages(to, log);
   for (const detail::LogRow& row : rows) {
     if (row.table == Table::frames) messages.frame(row, picture);

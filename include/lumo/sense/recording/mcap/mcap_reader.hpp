@@ -64,8 +64,8 @@ template <ChunkCodec... Codecs> class McapReader {
       if (whole) throw;
       fault_ = e.what();
     }
-    std::stable_sort(messages_.begin(), messages_.end(),
-                     [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; });
+    std::stable_sort(
+        messages_.begin(), messages_.end(), [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; });
   }
   /// Throws InputError.
   static McapReader open(const std::string& path, const McapLimits& limits = {}) {
@@ -98,7 +98,7 @@ template <ChunkCodec... Codecs> class McapReader {
     }
     const std::string where = entry.chunked ? chunk_place(entry.record) : source_.where();
     McapFields in(std::span<const std::uint8_t>(*m.owner).subspan(std::min(at, m.owner->size())), where,
-                  entry.chunked ? at : entry.record);
+        entry.chunked ? at : entry.record);
     const auto opcode = McapOpcode(in.number<std::uint8_t>());
     const auto length = in.number<std::uint64_t>();
     const std::uint64_t begin = in.offset();
@@ -166,9 +166,7 @@ template <ChunkCodec... Codecs> class McapReader {
   /// A record of the data or the summary. `place`: of a message.
   void take(McapOpcode opcode, McapFields& in, McapEntry place) {
     switch (opcode) {
-      case McapOpcode::header:
-        in.read(profile_, library_);
-        break;
+      case McapOpcode::header: in.read(profile_, library_); break;
       case McapOpcode::schema: {
         McapSchema s;
         in.read(s.id, s.name, s.encoding, s.data);
@@ -200,8 +198,7 @@ template <ChunkCodec... Codecs> class McapReader {
         metadata_.push_back(std::move(m));
         break;
       }
-      default:
-        break;  // indexes of what has been seen
+      default: break;  // indexes of what has been seen
     }
   }
   void fill(McapMessage& m, McapFields& in) const {
@@ -225,8 +222,7 @@ template <ChunkCodec... Codecs> class McapReader {
       McapFields record(in.bytes(length), where, inside);
       if (opcode == McapOpcode::schema || opcode == McapOpcode::channel || opcode == McapOpcode::message)
         take(opcode, record, {0, at, std::uint32_t(begin), 0, true});
-      else if (opcode <= McapOpcode::data_end)
-        record.fail(message("a chunk holds a record of opcode ", int(opcode)));
+      else if (opcode <= McapOpcode::data_end) record.fail(message("a chunk holds a record of opcode ", int(opcode)));
     }
   }
   /// Contents of the chunk at a place, from what is kept or from the file.
@@ -300,7 +296,7 @@ template <ChunkCodec... Codecs> class McapReader {
     const auto stated = footer.number<std::uint32_t>();
     if (start != 0 && (start < data_end || start > at))
       fail(at, message("the footer says that the summary begins at byte ", start, ", must lie in [", data_end, ", ", at,
-                       "]"));
+                   "]"));
     const std::uint64_t from = start == 0 ? at : start;
     Crc32 crc;
     if (stated != 0) source_.add(crc, from, at + head_bytes + 16 - from);

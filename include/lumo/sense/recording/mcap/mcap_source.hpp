@@ -70,7 +70,7 @@ class McapSource {
     if (h.opcode == McapOpcode(0)) fail(at, "a record has the opcode 0, which there is not");
     if (h.length > end - at - head_bytes)
       fail(at, message("a record of ", h.length, " bytes goes beyond the end of the file, ", end - at - head_bytes,
-                       " bytes on"));
+                   " bytes on"));
     return h;
   }
   /// A whole record with its head.

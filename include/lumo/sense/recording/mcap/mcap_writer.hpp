@@ -24,8 +24,8 @@ namespace lumo::sense {
 template <ChunkCodec Codec = Uncompressed> class McapWriter {
  public:
   /// `out` outlives the writer. A chunk ends with the message that brings it to `chunk_bytes`.
-  explicit McapWriter(std::ostream& out, std::string_view profile = "ros2", Codec codec = {},
-                      std::size_t chunk_bytes = 1u << 20)
+  explicit McapWriter(
+      std::ostream& out, std::string_view profile = "ros2", Codec codec = {}, std::size_t chunk_bytes = 1u << 20)
       : out_(out), codec_(std::move(codec)), chunk_bytes_(chunk_bytes) {
     put(mcap_magic);
     McapBytes b;
@@ -41,11 +41,11 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
   }
   /// `schema`: of add_schema, or 0 for none.
   std::uint16_t add_channel(std::uint16_t schema, std::string_view topic, std::string_view encoding,
-                            std::map<std::string, std::string> metadata = {}) {
+      std::map<std::string, std::string> metadata = {}) {
     if (schema > schemas_.size())
       throw InvalidArgument(message("channel is of schema ", schema, ", there are ", schemas_.size()));
     channels_.push_back({next_number(channels_.size(), "channels"), schema, std::string(topic), std::string(encoding),
-                         std::move(metadata)});
+        std::move(metadata)});
     record(chunk_, channels_.back());
     return channels_.back().id;
   }
@@ -63,8 +63,8 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     chunk_times_.add(log_ns);
     if (chunk_.size() >= chunk_bytes_) end_chunk();
   }
-  void attach(std::string_view name, std::string_view media_type, std::uint64_t log_ns,
-              std::span<const std::uint8_t> data) {
+  void attach(
+      std::string_view name, std::string_view media_type, std::uint64_t log_ns, std::span<const std::uint8_t> data) {
     end_chunk();
     McapBytes b;
     b.record(McapOpcode::attachment, [&] {
@@ -92,7 +92,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       for (const auto& item : items) add(item);
       if (items.empty()) return;
       offsets.record(McapOpcode::summary_offset,
-                     [&] { offsets.fields(std::uint8_t(opcode), start + at, std::uint64_t(summary.size() - at)); });
+          [&] { offsets.fields(std::uint8_t(opcode), start + at, std::uint64_t(summary.size() - at)); });
     };
     group(McapOpcode::schema, schemas_, [&](const McapSchema& s) { record(summary, s); });
     group(McapOpcode::channel, channels_, [&](const McapChannel& c) { record(summary, c); });
@@ -163,7 +163,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
   static void record(McapBytes& to, const Attached& a) {
     to.record(McapOpcode::attachment_index, [&] {
       to.fields(a.attachment.offset, a.length, a.attachment.log_ns, std::uint64_t(0), a.attachment.size,
-                a.attachment.name, a.attachment.media_type);
+          a.attachment.name, a.attachment.media_type);
     });
   }
   void record_statistics(McapBytes& to) const {
@@ -177,8 +177,8 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     for (const auto& [channel, count] : counts_) messages += count;
     to.record(McapOpcode::statistics, [&] {
       to.fields(messages, std::uint16_t(schemas_.size()), std::uint32_t(channels_.size()),
-                std::uint32_t(attachments_.size()), std::uint32_t(0), std::uint32_t(chunks_.size()), times.begin(),
-                times.last);
+          std::uint32_t(attachments_.size()), std::uint32_t(0), std::uint32_t(chunks_.size()), times.begin(),
+          times.last);
       const std::size_t at = to.begin_length<std::uint32_t>();
       for (const auto& [channel, count] : counts_) to.fields(channel, count);
       to.end_length<std::uint32_t>(at);

@@ -144,10 +144,9 @@ struct RosJointState {
 struct RosWrenchStamped {
   static constexpr std::string_view type = "geometry_msgs/msg/WrenchStamped";
   static std::string definition() {
-    return detail::ros_definition(
-        "geometry_msgs/Wrench wrench\n",
+    return detail::ros_definition("geometry_msgs/Wrench wrench\n",
         {"MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
-         "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"});
+            "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"});
   }
   RosHeader header;
   std::array<double, 3> force{}, torque{};
