@@ -1,5 +1,6 @@
 """What the scripts that write figures into pages share: the machine's name, and the part of a page that a script
 makes."""
+
 import os
 import pathlib
 import platform

@@ -1,4 +1,5 @@
-# Defines lumo::<component> for each foreign library that is found. Used by the build and by the installed package alike.
+# Defines lumo::<component> for each foreign library that is found. Used by the build and by the installed package
+# alike.
 # LUMO_PACKAGE_<component> names the Debian package, LUMO_VERSION_<component> the version where a header tells it.
 set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite json zip lz4 zstd)
 set(LUMO_PACKAGE_tetgen libtet1.5-dev)
@@ -68,7 +69,8 @@ find_package(OpenCV QUIET COMPONENTS core imgproc imgcodecs videoio)
 if(OpenCV_FOUND)
   set(LUMO_VERSION_opencv ${OpenCV_VERSION})
   lumo_component(opencv "${OpenCV_INCLUDE_DIRS}" ${OpenCV_LIBS})
-  # A program that links all components but reads no images should not load OpenCV and the fifty libraries below it at its start.
+  # A program that links all components but reads no images should not load OpenCV and the fifty libraries below it at
+  # its start.
   set_property(TARGET lumo::opencv PROPERTY INTERFACE_LINK_OPTIONS "LINKER:--as-needed")
 endif()
 

@@ -1,5 +1,6 @@
-# Writes lumo.pc and lumo-<component>.pc for each component that is on, and installs them. They find their prefix from where they lie, so that an
-# install tree may be moved, and they name no folder that the compiler searches by itself, so that they are the same for every architecture.
+# Writes lumo.pc and lumo-<component>.pc for each component that is on, and installs them. They find their prefix from
+# where they lie, so that an install tree may be moved, and they name no folder that the compiler searches by itself, so
+# that they are the same for every architecture.
 set(pc_dir ${CMAKE_INSTALL_DATADIR}/pkgconfig)
 file(RELATIVE_PATH pc_prefix /prefix/${pc_dir} /prefix)
 string(REGEX REPLACE "/$" "" pc_prefix ${pc_prefix})
@@ -63,14 +64,17 @@ if(TARGET lumo::cholmod)
     "Requires: lumo = ${PROJECT_VERSION}\n${cflags}\n${libs}")
 endif()
 if(TARGET lumo::tbb)
-  lumo_pkg_config(lumo-tbb "lumo with oneTBB (Apache-2.0): threads" "Requires: lumo = ${PROJECT_VERSION}, tbb\nCflags: -pthread\nLibs: -pthread")
+  lumo_pkg_config(lumo-tbb "lumo with oneTBB (Apache-2.0): threads"
+    "Requires: lumo = ${PROJECT_VERSION}, tbb\nCflags: -pthread\nLibs: -pthread")
 endif()
 if(TARGET lumo::opencv)
-  lumo_pkg_config(lumo-opencv "lumo with OpenCV (Apache-2.0): images, videos, cameras" "Requires: lumo = ${PROJECT_VERSION}, opencv4\nLibs: -Wl,--as-needed")
+  lumo_pkg_config(lumo-opencv "lumo with OpenCV (Apache-2.0): images, videos, cameras"
+    "Requires: lumo = ${PROJECT_VERSION}, opencv4\nLibs: -Wl,--as-needed")
 endif()
 if(TARGET lumo::sqlite)
   lumo_flags_of(cflags libs "${LUMO_XXHASH_INCLUDE}")
-  lumo_pkg_config(lumo-sqlite "lumo with SQLite (public domain) and xxHash (BSD-2-Clause): stores" "Requires: lumo = ${PROJECT_VERSION}, sqlite3\n${cflags}")
+  lumo_pkg_config(lumo-sqlite "lumo with SQLite (public domain) and xxHash (BSD-2-Clause): stores"
+    "Requires: lumo = ${PROJECT_VERSION}, sqlite3\n${cflags}")
 endif()
 lumo_pkg_config_of(zip "libzip (BSD-3-Clause): archives of printed parts")
 lumo_pkg_config_of(lz4 "LZ4 (BSD-2-Clause): chunks of MCAP files")

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Puts what `lumo study readings` found into the page that says what the paper leaves open.
 
-usage: benchmarks/assumptions/table.py FOLDER    (the study's --out; its tables and pictures are copied beside this script
-and beside the page)
+usage: benchmarks/assumptions/table.py FOLDER    (the study's --out; its tables and pictures are copied beside this
+       script and beside the page)
 
 The page's part between its two markers is written anew: a row for each assumption, largest change of J_obs first, and
 the assumptions under which a ranking changes.
 """
+
 import csv
 import pathlib
 import shutil
@@ -19,7 +20,7 @@ import pages
 
 PAGE = HERE.parents[1] / "docs/pages/assumptions.md"
 BEGIN, END = "<!-- found: made by benchmarks/assumptions/table.py -->\n", "<!-- found: end -->\n"
-WEAK = 0.8   # Kendall's tau below which conclusions depend on an assumption, as the program says
+WEAK = 0.8  # Kendall's tau below which conclusions depend on an assumption, as the program says
 
 
 def number(text, digits):
@@ -43,16 +44,21 @@ def share(row, key):
 
 
 def table(rows):
-    lines = ["| assumption | designs | ΔJ_contact: median (95 %) | ΔJ_obs [%]: median (95 %) | τ, J_contact | "
-             "τ, J_obs | other contact decides J_contact | J_obs | i* |", "|" + "---|" * 9]
+    lines = [
+        "| assumption | designs | ΔJ_contact: median (95 %) | ΔJ_obs [%]: median (95 %) | τ, J_contact | "
+        "τ, J_obs | other contact decides J_contact | J_obs | i* |",
+        "|" + "---|" * 9,
+    ]
     for row in sorted(rows, key=lambda r: -abs(float(r["delta_J_obs_percent"] or 0.0))):
         name = f"{row['quantity']}: {row['value']}".replace("|", "\\|")
         choice = "stays" if row["choice_mm"] == row["usual_choice_mm"] else row["choice_mm"] or "–"
         designs = row["designs"] + (f" ({row['lost']} lost)" if row["lost"] != "0" else "")
-        lines.append(f"| {name} | {designs} | {change(row, 'delta_J_contact', 4)} | "
-                     f"{change(row, 'delta_J_obs_percent', 1)} | {tau(row['tau_J_contact'])} | "
-                     f"{tau(row['tau_J_obs'])} | {share(row, 'worst_contact_moved')} | "
-                     f"{share(row, 'worst_observation_moved')} | {choice} |")
+        lines.append(
+            f"| {name} | {designs} | {change(row, 'delta_J_contact', 4)} | "
+            f"{change(row, 'delta_J_obs_percent', 1)} | {tau(row['tau_J_contact'])} | "
+            f"{tau(row['tau_J_obs'])} | {share(row, 'worst_contact_moved')} | "
+            f"{share(row, 'worst_observation_moved')} | {choice} |"
+        )
     return lines
 
 

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 """Runs the micro-benchmarks and writes their table, results.md beside this script.
 
-usage: benchmarks/micro/table.py [--program build/release/benchmarks/lumo_micro] [--samples 40] [--resamples 20000] [--xml FILE]
+usage: benchmarks/micro/table.py [--program build/release/benchmarks/lumo_micro] [--samples 40] [--resamples 20000]
+       [--xml FILE]
 With --xml the table is made from what the program wrote before (-r xml) and nothing is run.
 """
+
 import argparse
 import pathlib
 import re
@@ -16,14 +18,25 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 import pages
 
-PACKAGES = {"Eigen": "libeigen3-dev", "Embree": "libembree-dev", "SuiteSparse": "libsuitesparse-dev", "OpenBLAS": "libopenblas0-pthread", "TetGen": "libtet1.5-dev",
-            "TBB": "libtbb-dev", "Catch2": "catch2"}
+PACKAGES = {
+    "Eigen": "libeigen3-dev",
+    "Embree": "libembree-dev",
+    "SuiteSparse": "libsuitesparse-dev",
+    "OpenBLAS": "libopenblas0-pthread",
+    "TetGen": "libtet1.5-dev",
+    "TBB": "libtbb-dev",
+    "Catch2": "catch2",
+}
 SCALES = [(1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns")]
 
 
 def run(program, samples, resamples):
     """What the program writes, as XML. Ends where one of its checks fails: then the times mean nothing."""
-    done = subprocess.run([program, "-r", "xml", "--benchmark-samples", str(samples), "--benchmark-resamples", str(resamples)], capture_output=True, text=True)
+    done = subprocess.run(
+        [program, "-r", "xml", "--benchmark-samples", str(samples), "--benchmark-resamples", str(resamples)],
+        capture_output=True,
+        text=True,
+    )
     if done.returncode != 0:
         sys.stderr.write(done.stdout[-4000:] + done.stderr)
         raise SystemExit(f"{program}: a check failed")
@@ -32,7 +45,11 @@ def run(program, samples, resamples):
 
 def number(value):
     """Three digits, two of what is below a tenth."""
-    return f"{value:.0f}" if value >= 99.95 else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}" if value >= 0.0995 else f"{value:.2g}"
+    return (
+        f"{value:.0f}"
+        if value >= 99.95
+        else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}" if value >= 0.0995 else f"{value:.2g}"
+    )
 
 
 def times(values):
@@ -52,7 +69,9 @@ def rows(text):
             if mean is None:
                 raise SystemExit(f"{benchmark.get('name')}: was not timed")
             parts = [part.strip() for part in benchmark.get("name").split("|")]
-            found.append((*(parts + ["", ""])[:3], [float(mean.get(key)) for key in ("value", "lowerBound", "upperBound")]))
+            found.append(
+                (*(parts + ["", ""])[:3], [float(mean.get(key)) for key in ("value", "lowerBound", "upperBound")])
+            )
         if found:
             yield case.get("name"), found
 
@@ -137,7 +156,11 @@ def main():
     parser.add_argument("--resamples", type=int, default=20000)
     parser.add_argument("--xml")
     arguments = parser.parse_args()
-    text = pathlib.Path(arguments.xml).read_text(encoding="utf-8") if arguments.xml else run(arguments.program, arguments.samples, arguments.resamples)
+    text = (
+        pathlib.Path(arguments.xml).read_text(encoding="utf-8")
+        if arguments.xml
+        else run(arguments.program, arguments.samples, arguments.resamples)
+    )
     benchmarks = list(ElementTree.fromstring(text).iter("BenchmarkResults"))
     if not benchmarks:
         raise SystemExit("nothing was timed")

@@ -1,11 +1,15 @@
 #!/usr/bin/env python3
-"""BoTorch beside `lumo optimize`: the same problems, the same thirteen starts, 256 fresh feasible candidates an iteration.
+"""BoTorch beside `lumo optimize`: the same problems, the same thirteen starts, 256 fresh feasible candidates an
+iteration.
 
-usage: benchmarks/optimize/compare.py run METHOD [--lumo build/release/lumo] [--seeds 10] [--problems NAME,…] [--runs FILE]
+usage: benchmarks/optimize/compare.py run METHOD [--lumo build/release/lumo] [--seeds 10] [--problems NAME,…] [--runs
+       FILE]
        benchmarks/optimize/compare.py time [--lumo …]
        benchmarks/optimize/compare.py table [--runs FILE]
-METHOD: botorch, paper, default. Each run is one line appended to FILE; what is there already is not run again. One thread each.
+METHOD: botorch, paper, default. Each run is one line appended to FILE; what is there already is not run again. One
+thread each.
 """
+
 import argparse
 import json
 import os
@@ -42,7 +46,8 @@ class BoTorch:
         self.torch = torch
 
     def choose(self, problem, x, y, candidates, seed, prune=True):
-        """Index of the candidate to evaluate next; y is maximised. Pruning the baseline is what its tutorials do, not its default; it is faster."""
+        """Index of the candidate to evaluate next; y is maximised. Pruning the baseline is what its tutorials do, not
+        its default; it is faster."""
         from botorch.acquisition.multi_objective.logei import qLogNoisyExpectedHypervolumeImprovement
         from botorch.fit import fit_gpytorch_mll
         from botorch.models import SingleTaskGP
@@ -55,8 +60,12 @@ class BoTorch:
         model = SingleTaskGP(unit(x), torch.tensor(y))
         fit_gpytorch_mll(ExactMarginalLogLikelihood(model.likelihood, model))
         acquisition = qLogNoisyExpectedHypervolumeImprovement(
-            model=model, ref_point=problem.reference.tolist(), X_baseline=unit(x), prune_baseline=prune,
-            sampler=SobolQMCNormalSampler(torch.Size([128]), seed=seed))
+            model=model,
+            ref_point=problem.reference.tolist(),
+            X_baseline=unit(x),
+            prune_baseline=prune,
+            sampler=SobolQMCNormalSampler(torch.Size([128]), seed=seed),
+        )
         with torch.no_grad():
             values = torch.cat([acquisition(c.unsqueeze(-2)) for c in unit(candidates).split(64)])
         return int(values.argmax())
@@ -81,11 +90,19 @@ def run_botorch(problem, seed, evaluations=EVALUATIONS):
 
 def run_lumo(problem, seed, source, program, evaluations=EVALUATIONS):
     """The same; the processor seconds are the program's, all that it does."""
-    space = problem.space(initial=starts(problem, seed).tolist(), sobol=0, evaluations=evaluations, seed=seed, source=source)
+    space = problem.space(
+        initial=starts(problem, seed).tolist(), sobol=0, evaluations=evaluations, seed=seed, source=source
+    )
     with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
         json.dump(space, file)
         file.flush()
-        process = subprocess.Popen([program, "optimize", "--space", file.name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+        process = subprocess.Popen(
+            [program, "optimize", "--space", file.name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
         x, y = [], []
         for line in process.stdout:
             ask = json.loads(line).get("ask")
@@ -130,10 +147,20 @@ def run(options):
                 continue
             if any((r["problem"], r["seed"], r["method"]) == (name, seed, options.method) for r in read(options.runs)):
                 continue
-            _, y, seconds = run_botorch(problem, seed) if options.method == "botorch" else run_lumo(problem, seed, options.method, options.lumo)
+            _, y, seconds = (
+                run_botorch(problem, seed)
+                if options.method == "botorch"
+                else run_lumo(problem, seed, options.method, options.lumo)
+            )
             trace = history(problem, y)
-            row = {"problem": name, "seed": seed, "method": options.method, "seconds": round(seconds, 2), "failed": int((~np.isfinite(y).all(1)).sum()),
-                   "hypervolume": [round(v, 9) for v in trace]}
+            row = {
+                "problem": name,
+                "seed": seed,
+                "method": options.method,
+                "seconds": round(seconds, 2),
+                "failed": int((~np.isfinite(y).all(1)).sum()),
+                "hypervolume": [round(v, 9) for v in trace],
+            }
             with open(options.runs, "a") as file:
                 file.write(json.dumps(row) + "\n")
             print(name, seed, options.method, trace[39], trace[79], f"{seconds:.1f} s", flush=True)
@@ -151,7 +178,9 @@ def table(options):
     cache = pathlib.Path(options.runs).with_suffix(".best.json")
     best = json.loads(cache.read_text()) if cache.is_file() else {}
     rng = np.random.default_rng(0)
-    print("| problem | n | method | seeds | BoTorch: share of true front | lumo: share | median difference [95 % interval] | BoTorch's gap closed |")
+    print(
+        "| problem | n | method | seeds | BoTorch: share of true front | lumo: share | median difference [95 % interval] | BoTorch's gap closed |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for name, problem in problems.ALL.items():
         if name not in best:
@@ -165,7 +194,9 @@ def table(options):
                 peer, own = ([rows[name, s, m][n - 1] / best[name] for s in seeds] for m in ("botorch", method))
                 middle, low, high = interval(np.subtract(own, peer), rng)
                 closed = np.median(np.subtract(own, peer) / np.subtract(1, peer))
-                print(f"| {name} | {n} | {method} | {len(seeds)} | {np.median(peer):.5f} | {np.median(own):.5f} | {middle:+.5f} [{low:+.5f}, {high:+.5f}] | {100 * closed:z.0f} % |")
+                print(
+                    f"| {name} | {n} | {method} | {len(seeds)} | {np.median(peer):.5f} | {np.median(own):.5f} | {middle:+.5f} [{low:+.5f}, {high:+.5f}] | {100 * closed:z.0f} % |"
+                )
 
 
 def cpu_seconds(pid):
@@ -174,7 +205,8 @@ def cpu_seconds(pid):
 
 
 def time_iteration(options, points=160, repeats=20):
-    """Processor time of fit and acquisition over 256 candidates at 160 points and a few more, both in this run, one thread each."""
+    """Processor time of fit and acquisition over 256 candidates at 160 points and a few more, both in this run, one
+    thread each."""
     problem = problems.ALL["worst case"]
     x = problem.fresh(np.random.default_rng(1), points)
     y = problem.evaluate(x) * problem.sign
@@ -191,24 +223,37 @@ def time_iteration(options, points=160, repeats=20):
             known.append(tuple(chosen))
             values = np.vstack([values, problem.evaluate(chosen[None]) * problem.sign])
         theirs[prune] = np.median(spent)
-        print(f"BoTorch, baseline {'pruned' if prune else 'not pruned (its default)'}: {1e3 * theirs[prune]:.1f} ms an iteration at {points} to {points + repeats // 2 - 1} points")
+        print(
+            f"BoTorch, baseline {'pruned' if prune else 'not pruned (its default)'}: {1e3 * theirs[prune]:.1f} ms an iteration at {points} to {points + repeats // 2 - 1} points"
+        )
     for source in ("paper", "default"):
         space = problem.space(initial=x.tolist(), sobol=0, evaluations=points + repeats + 1, seed=1, source=source)
         with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
             json.dump(space, file)
             file.flush()
-            process = subprocess.Popen([options.lumo, "optimize", "--space", file.name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+            process = subprocess.Popen(
+                [options.lumo, "optimize", "--space", file.name],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                bufsize=1,
+            )
             for k in range(points + repeats):
                 ask = json.loads(process.stdout.readline())["ask"]
                 if k == points:
-                    begin = cpu_seconds(process.pid)   # the first proposal has been made
-                process.stdin.write(json.dumps({"tell": {"id": ask["id"], "y": problem.evaluate(np.array([ask["x"]]))[0].tolist()}}) + "\n")
+                    begin = cpu_seconds(process.pid)  # the first proposal has been made
+                process.stdin.write(
+                    json.dumps({"tell": {"id": ask["id"], "y": problem.evaluate(np.array([ask["x"]]))[0].tolist()}})
+                    + "\n"
+                )
                 process.stdin.flush()
             process.stdout.readline()
             own = (cpu_seconds(process.pid) - begin) / repeats
             process.kill()
             process.wait()
-        print(f"lumo, {source}: {1e3 * own:.1f} ms at {points + 1} to {points + repeats} points: 1/{theirs[True] / own:.1f} of BoTorch pruned, 1/{theirs[False] / own:.1f} not pruned")
+        print(
+            f"lumo, {source}: {1e3 * own:.1f} ms at {points + 1} to {points + repeats} points: 1/{theirs[True] / own:.1f} of BoTorch pruned, 1/{theirs[False] / own:.1f} not pruned"
+        )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 """Writes tests/optimize/reference/botorch.json: what BoTorch computes on small problems, for the tests to compare with.
 
-usage: benchmarks/optimize/make_reference.py [FILE]     (needs botorch: run it with "$(benchmarks/environment optimize)")
+usage: benchmarks/optimize/make_reference.py [FILE]     (needs botorch: run it with "$(benchmarks/environment
+       optimize)")
 """
+
 import json
 import math
 import pathlib
@@ -13,7 +15,10 @@ import botorch
 import gpytorch
 import numpy as np
 import torch
-from botorch.acquisition.multi_objective.logei import qLogExpectedHypervolumeImprovement, qLogNoisyExpectedHypervolumeImprovement
+from botorch.acquisition.multi_objective.logei import (
+    qLogExpectedHypervolumeImprovement,
+    qLogNoisyExpectedHypervolumeImprovement,
+)
 from botorch.fit import fit_gpytorch_mll
 from botorch.models import SingleTaskGP
 from botorch.models.utils.gpytorch_modules import get_covar_module_with_dim_scaled_prior
@@ -54,7 +59,9 @@ def set_hyperparameters(model, lengths, noise, mean):
 
 def best_mean(model):
     """The constant mean that maximises the likelihood at the model's other hyper-parameters."""
-    k = model.covar_module(model.train_inputs[0]).to_dense() + model.likelihood.noise * torch.eye(len(model.train_targets))
+    k = model.covar_module(model.train_inputs[0]).to_dense() + model.likelihood.noise * torch.eye(
+        len(model.train_targets)
+    )
     one = torch.ones_like(model.train_targets)
     return float((one @ torch.linalg.solve(k, model.train_targets)) / (one @ torch.linalg.solve(k, one)))
 
@@ -71,22 +78,38 @@ def regression(name, function, n, d, seed, kernel, lengths, noise, scale=1.0):
     log_likelihood = model.likelihood(model(*model.train_inputs)).log_prob(model.train_targets)
     log_likelihood.backward()
     raw = model.covar_module.raw_lengthscale.grad.flatten(), model.likelihood.noise_covar.raw_noise.grad.flatten()
-    # No transform stands between raw and true values but the bound, so raw gradients are gradients; ours are in logarithms.
+    # No transform stands between raw and true values but the bound, so raw gradients are gradients; ours are in
+    # logarithms.
     gradient = torch.cat([raw[0] * model.covar_module.lengthscale.flatten(), raw[1] * model.likelihood.noise])
     objective = float(mll(model(*model.train_inputs), model.train_targets))
     mll.eval()
     posterior = model.posterior(test)
     joint = posterior.distribution.covariance_matrix
-    case = {"name": name, "kernel": kernel, "x": plain(x), "y": plain(y.flatten()), "length_scale": lengths, "noise": noise,
-            "mean": float(model.mean_module.constant), "log_likelihood": float(log_likelihood), "gradient": plain(gradient), "objective": objective,
-            "test": plain(test), "posterior_mean": plain(posterior.mean.flatten()),
-            "posterior_covariance": plain(joint)}
+    case = {
+        "name": name,
+        "kernel": kernel,
+        "x": plain(x),
+        "y": plain(y.flatten()),
+        "length_scale": lengths,
+        "noise": noise,
+        "mean": float(model.mean_module.constant),
+        "log_likelihood": float(log_likelihood),
+        "gradient": plain(gradient),
+        "objective": objective,
+        "test": plain(test),
+        "posterior_mean": plain(posterior.mean.flatten()),
+        "posterior_covariance": plain(joint),
+    }
     model = model_of(x, y, kernel)
     mll = ExactMarginalLogLikelihood(model.likelihood, model)
     fit_gpytorch_mll(mll)
     mll.train()
-    case["fitted"] = {"length_scale": plain(model.covar_module.lengthscale.flatten()), "noise": float(model.likelihood.noise),
-                      "mean": float(model.mean_module.constant), "objective": float(mll(model(*model.train_inputs), model.train_targets))}
+    case["fitted"] = {
+        "length_scale": plain(model.covar_module.lengthscale.flatten()),
+        "noise": float(model.likelihood.noise),
+        "mean": float(model.mean_module.constant),
+        "objective": float(mll(model(*model.train_inputs), model.train_targets)),
+    }
     mll.eval()
     case["fitted"]["posterior_mean"] = plain(model.posterior(test).mean.flatten())
     return case
@@ -100,7 +123,13 @@ def hypervolumes():
         reference = torch.full((m,), 0.2)
         above = y[(y > reference).all(1)]
         keep = botorch.utils.multi_objective.pareto.is_non_dominated(above)
-        out.append({"y": plain(y), "reference": plain(reference), "hypervolume": float(Hypervolume(reference).compute(above[keep]))})
+        out.append(
+            {
+                "y": plain(y),
+                "reference": plain(reference),
+                "hypervolume": float(Hypervolume(reference).compute(above[keep])),
+            }
+        )
     return out
 
 
@@ -121,16 +150,31 @@ def acquisition(name, noisy, pending, seed):
     draws = 16
     sampler = SobolQMCNormalSampler(torch.Size([draws]), seed=seed)
     if noisy:
-        acq = qLogNoisyExpectedHypervolumeImprovement(model, reference, x, sampler=sampler, X_pending=waiting, prune_baseline=False)
+        acq = qLogNoisyExpectedHypervolumeImprovement(
+            model, reference, x, sampler=sampler, X_pending=waiting, prune_baseline=False
+        )
     else:
         partition = FastNondominatedPartitioning(reference, y)
         acq = qLogExpectedHypervolumeImprovement(model, reference, partition, sampler=sampler)
     with torch.no_grad():
         values = acq(candidates.unsqueeze(1))
     normals = acq.sampler.base_samples.reshape(draws, -1, 2)  # draws × (base points + candidate) × outputs
-    case = {"name": name, "noisy": noisy, "x": plain(x), "y": plain(y), "reference": plain(reference), "pending": plain(waiting) if pending else [],
-            "length_scale": plain(lengths[:, 0]), "noise": plain(noise.flatten()), "mean": plain(mean), "candidates": plain(candidates),
-            "normals": plain(normals), "tau_relu": acq.tau_relu, "tau_max": acq.tau_max, "values": plain(values)}
+    case = {
+        "name": name,
+        "noisy": noisy,
+        "x": plain(x),
+        "y": plain(y),
+        "reference": plain(reference),
+        "pending": plain(waiting) if pending else [],
+        "length_scale": plain(lengths[:, 0]),
+        "noise": plain(noise.flatten()),
+        "mean": plain(mean),
+        "candidates": plain(candidates),
+        "normals": plain(normals),
+        "tau_relu": acq.tau_relu,
+        "tau_max": acq.tau_max,
+        "values": plain(values),
+    }
     if noisy:
         base = acq.base_sampler.base_samples.reshape(draws, -1, 2)
         case["base_normals"] = plain(base)
@@ -147,9 +191,17 @@ reference = {
         regression("small", worst_case, 30, 4, 4, "rbf", [0.5, 0.6, 0.8, 0.9], 1e-3, 1e-6),
     ],
     "hypervolume": hypervolumes(),
-    "acquisition": [acquisition("qLogEHVI", False, False, 10), acquisition("qLogNEHVI", True, False, 11), acquisition("qLogNEHVI pending", True, True, 12)],
+    "acquisition": [
+        acquisition("qLogEHVI", False, False, 10),
+        acquisition("qLogNEHVI", True, False, 11),
+        acquisition("qLogNEHVI pending", True, True, 12),
+    ],
 }
-target = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else pathlib.Path(__file__).resolve().parents[2] / "tests/optimize/reference/botorch.json"
+target = (
+    pathlib.Path(sys.argv[1])
+    if len(sys.argv) > 1
+    else pathlib.Path(__file__).resolve().parents[2] / "tests/optimize/reference/botorch.json"
+)
 with open(target, "w") as file:
     file.write("{\n")
     for i, (key, value) in enumerate(reference.items()):

@@ -2,6 +2,7 @@
 
 A problem is a space file's contents without starts, an objective, and the hypervolume of its true front.
 """
+
 import itertools
 import math
 
@@ -83,7 +84,8 @@ def enumerate_lattice(problem):
 
 
 def worst_case():
-    """Five lengths on a 0.5 lattice with linear constraints; each objective is the least of fourteen scenarios' smooth scores."""
+    """Five lengths on a 0.5 lattice with linear constraints; each objective is the least of fourteen scenarios' smooth
+    scores."""
     rng = np.random.RandomState(7)
     names = ["a", "b", "c", "d", "e"]
     bounds = [(2, 29), (1, 20), (4, 15), (2, 15), (0, 7.5)]
@@ -98,33 +100,62 @@ def worst_case():
         u = (x - low) / (high - low)
         out = np.empty((len(x), 2))
         for j in range(2):
-            scores = [np.exp(-(w[j, s] * (u - p[j, s]) ** 2).sum(1)) + 0.08 * np.cos(4.0 * (u @ b[j, s]) + shift[j, s]) for s in range(14)]
+            scores = [
+                np.exp(-(w[j, s] * (u - p[j, s]) ** 2).sum(1)) + 0.08 * np.cos(4.0 * (u @ b[j, s]) + shift[j, s])
+                for s in range(14)
+            ]
             out[:, j] = np.min(scores, axis=0)
         return out
 
     variables = [{"name": n, "lower": float(l), "upper": float(h), "step": 0.5} for n, (l, h) in zip(names, bounds)]
-    constraints = [{"terms": {"a": 1, "b": 1}, "upper": 20}, {"terms": {"c": 1, "e": 2}, "upper": 19.5}, {"terms": {"a": 1, "b": 1, "d": -1}, "lower": 5}]
-    objectives = [{"name": "f1", "goal": "maximize", "reference": 0.0}, {"name": "f2", "goal": "maximize", "reference": 0.0}]
+    constraints = [
+        {"terms": {"a": 1, "b": 1}, "upper": 20},
+        {"terms": {"c": 1, "e": 2}, "upper": 19.5},
+        {"terms": {"a": 1, "b": 1, "d": -1}, "lower": 5},
+    ]
+    objectives = [
+        {"name": "f1", "goal": "maximize", "reference": 0.0},
+        {"name": "f2", "goal": "maximize", "reference": 0.0},
+    ]
     return Problem("worst case", variables, constraints, objectives, evaluate, enumerate_lattice)
 
 
 def smooth_lattice():
-    """Five variables on a 0.5 lattice under two-sided linear constraints; a cost to keep low against a gain with a ridge and saturation."""
+    """Five variables on a 0.5 lattice under two-sided linear constraints; a cost to keep low against a gain with a
+    ridge and saturation."""
+
     def evaluate(x):
         u = x / 10.0
-        cost = 2.0 * u[:, 0] + u[:, 1] ** 2 + 1.5 * u[:, 2] * u[:, 3] + 0.8 * (u[:, 4] - 0.3) ** 2 + 0.25 * np.sin(6.0 * u[:, 1] + 3.0 * u[:, 4])
+        cost = (
+            2.0 * u[:, 0]
+            + u[:, 1] ** 2
+            + 1.5 * u[:, 2] * u[:, 3]
+            + 0.8 * (u[:, 4] - 0.3) ** 2
+            + 0.25 * np.sin(6.0 * u[:, 1] + 3.0 * u[:, 4])
+        )
         ridge = np.exp(-8.0 * (u[:, 1] - u[:, 2] ** 2 - 0.1) ** 2)
-        gain = (1.0 - np.exp(-2.5 * u[:, 0])) * ridge + 0.7 * u[:, 3] / (0.3 + u[:, 3]) + 0.4 * np.sin(np.pi * u[:, 4]) * (1.0 - 0.5 * u[:, 2])
+        gain = (
+            (1.0 - np.exp(-2.5 * u[:, 0])) * ridge
+            + 0.7 * u[:, 3] / (0.3 + u[:, 3])
+            + 0.4 * np.sin(np.pi * u[:, 4]) * (1.0 - 0.5 * u[:, 2])
+        )
         return np.stack([cost, gain], 1)
 
     variables = [{"name": f"x{i}", "lower": 0.0, "upper": 10.0, "step": 0.5} for i in range(5)]
-    constraints = [{"terms": {f"x{i}": 1 for i in range(5)}, "lower": 10, "upper": 32}, {"terms": {"x0": 1, "x3": -1}, "upper": 4, "lower": -8}]
-    objectives = [{"name": "cost", "goal": "minimize", "reference": 3.0}, {"name": "gain", "goal": "maximize", "reference": 0.3}]
+    constraints = [
+        {"terms": {f"x{i}": 1 for i in range(5)}, "lower": 10, "upper": 32},
+        {"terms": {"x0": 1, "x3": -1}, "upper": 4, "lower": -8},
+    ]
+    objectives = [
+        {"name": "cost", "goal": "minimize", "reference": 3.0},
+        {"name": "gain", "goal": "maximize", "reference": 0.3},
+    ]
     return Problem("smooth lattice", variables, constraints, objectives, evaluate, enumerate_lattice)
 
 
 def bnh():
     """Binh & Korn 1997. Its two constraints are not linear: designs that break them fail."""
+
     def evaluate(x):
         y = np.stack([4 * x[:, 0] ** 2 + 4 * x[:, 1] ** 2, (x[:, 0] - 5) ** 2 + (x[:, 1] - 5) ** 2], 1)
         bad = ((x[:, 0] - 5) ** 2 + x[:, 1] ** 2 > 25) | ((x[:, 0] - 8) ** 2 + (x[:, 1] + 3) ** 2 < 7.7)
@@ -132,17 +163,21 @@ def bnh():
         return y
 
     def best(problem):
-        t = np.linspace(0, 3, 200001)   # x1 = x2 to (3, 3), then x2 = 3
+        t = np.linspace(0, 3, 200001)  # x1 = x2 to (3, 3), then x2 = 3
         x = np.vstack([np.stack([t, t], 1), np.stack([3 + t * 2 / 3, np.full_like(t, 3)], 1)])
         return hypervolume(evaluate(x) * problem.sign, problem.reference)
 
     variables = [{"name": "x1", "lower": 0.0, "upper": 5.0}, {"name": "x2", "lower": 0.0, "upper": 3.0}]
-    objectives = [{"name": "f1", "goal": "minimize", "reference": 140.0}, {"name": "f2", "goal": "minimize", "reference": 50.0}]
+    objectives = [
+        {"name": "f1", "goal": "minimize", "reference": 140.0},
+        {"name": "f2", "goal": "minimize", "reference": 50.0},
+    ]
     return Problem("BNH", variables, [], objectives, evaluate, best)
 
 
 def zdt(number, d=6):
     """Zitzler, Deb & Thiele 2000."""
+
     def evaluate(x):
         f, g = x[:, 0], 1 + 9 * x[:, 1:].mean(1)
         if number == 1:
@@ -165,6 +200,7 @@ def zdt(number, d=6):
 
 def dtlz2(d=6):
     """Deb, Thiele, Laumanns & Zitzler 2002, two objectives."""
+
     def evaluate(x):
         g = 1 + ((x[:, 1:] - 0.5) ** 2).sum(1)
         return np.stack([g * np.cos(np.pi / 2 * x[:, 0]), g * np.sin(np.pi / 2 * x[:, 0])], 1)

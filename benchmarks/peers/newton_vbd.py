@@ -1,15 +1,19 @@
 #!/usr/bin/env python3
-"""Newton's vertex block descent beside lumo's: one mesh of linear tetrahedra, one schedule, Newton's own color groups and predictor.
+"""Newton's vertex block descent beside lumo's: one mesh of linear tetrahedra, one schedule, Newton's own color groups
+and predictor.
 
-usage: benchmarks/peers/newton_vbd.py [--lumo build/release/benchmarks/lumo_newton_vbd] [--edges 2,1.5] [--sweeps 10] [--loads 1,2,5]
-                                      [--hold 0.2] [--stiffness 1000] [--viscosity 10] [--friction 0,0.5] [--interior] [--out FILE]
+usage: benchmarks/peers/newton_vbd.py [--lumo build/release/benchmarks/lumo_newton_vbd] [--edges 2,1.5] [--sweeps 10]
+       [--loads 1,2,5] [--hold 0.2] [--stiffness 1000] [--viscosity 10] [--friction 0,0.5] [--interior]
+       [--out FILE]
 
-Newton (CPU, one thread, steps replayed from a captured graph) presses a sphere of 10 mm into the baseline finger: 5 mm/s until each load
-is met, then a hold. lumo goes through the same advances. The table has, per recorded state, the contact forces of both (the relative
-difference over all steps in contact, largest and at the state), the largest distance between vertices over the pad's height, and the
-CPU time of a sweep per vertex. What remains between them is float32 against float64. Newton lets every vertex touch the sphere, also those
-below the surface, which a dent between coarse vertices reaches: they are taken out of its list of pairs unless --interior keeps them.
+Newton (CPU, one thread, steps replayed from a captured graph) presses a sphere of 10 mm into the baseline finger: 5
+mm/s until each load is met, then a hold. lumo goes through the same advances. The table has, per recorded state, the
+contact forces of both (the relative difference over all steps in contact, largest and at the state), the largest
+distance between vertices over the pad's height, and the CPU time of a sweep per vertex. What remains between them is
+float32 against float64. Newton lets every vertex touch the sphere, also those below the surface, which a dent between
+coarse vertices reaches: they are taken out of its list of pairs unless --interior keeps them.
 """
+
 import argparse
 import pathlib
 import subprocess
@@ -24,7 +28,9 @@ DT, SPEED, RADIUS, DENSITY, MU, LAMBDA = 0.01, 5e-3, 5e-3, 1070.0, 106.0e3, 10.4
 
 def surface_vertices(tets):
     """Vertices of the triangles that belong to one tetrahedron only."""
-    sides = np.sort(np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]]), axis=1)
+    sides = np.sort(
+        np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]]), axis=1
+    )
     sides, count = np.unique(sides, axis=0, return_counts=True)
     return np.unique(sides[count == 1])
 
@@ -41,9 +47,20 @@ class Newton:
         self.wp = wp
         builder = newton.ModelBuilder()
         builder.gravity = (0.0, 0.0, 0.0)
-        builder.add_soft_mesh(pos=wp.vec3(0.0), rot=wp.quat_identity(), scale=1.0, vel=wp.vec3(0.0), vertices=[wp.vec3(*p) for p in nodes],
-                              indices=tets.ravel().tolist(), density=DENSITY, k_mu=MU, k_lambda=LAMBDA, k_damp=viscosity,
-                              add_surface_mesh_edges=False, particle_radius=0.0)
+        builder.add_soft_mesh(
+            pos=wp.vec3(0.0),
+            rot=wp.quat_identity(),
+            scale=1.0,
+            vel=wp.vec3(0.0),
+            vertices=[wp.vec3(*p) for p in nodes],
+            indices=tets.ravel().tolist(),
+            density=DENSITY,
+            k_mu=MU,
+            k_lambda=LAMBDA,
+            k_damp=viscosity,
+            add_surface_mesh_edges=False,
+            particle_radius=0.0,
+        )
         for k in np.flatnonzero(bonded):
             builder.particle_mass[k] = 0.0
         cfg = newton.ModelBuilder.ShapeConfig(ke=stiffness, kd=0.0, mu=friction, margin=0.0, gap=0.0)
@@ -96,7 +113,11 @@ class Newton:
     def force(self):
         count = int(self.contacts.soft_contact_count.numpy()[0])
         start = self.contacts.rigid_contact_max
-        return float(self.observables.contact_f.numpy()[start:start + count, 2].astype(np.float64).sum()) if count else 0.0
+        return (
+            float(self.observables.contact_f.numpy()[start : start + count, 2].astype(np.float64).sum())
+            if count
+            else 0.0
+        )
 
     def positions(self):
         return self.state.particle_q.numpy().astype(np.float64)
@@ -109,8 +130,17 @@ def compare(driver, edge, friction, args):
         nodes = np.fromfile(folder / "nodes.f64").reshape(-1, 3)
         tets = np.fromfile(folder / "tets.i32", dtype=np.int32).reshape(-1, 4)
         bonded = np.fromfile(folder / "bonded.i32", dtype=np.int32)
-        peer = Newton(nodes, tets, bonded, np.fromfile(folder / "touch.f64"), sweeps=args.sweeps, stiffness=args.stiffness, viscosity=args.viscosity,
-                      friction=friction, interior=args.interior)
+        peer = Newton(
+            nodes,
+            tets,
+            bonded,
+            np.fromfile(folder / "touch.f64"),
+            sweeps=args.sweeps,
+            stiffness=args.stiffness,
+            viscosity=args.viscosity,
+            friction=friction,
+            interior=args.interior,
+        )
         (folder / "colors.txt").write_text("\n".join(" ".join(map(str, g)) for g in peer.colors) + "\n")
         schedule, forces, states, depths, met = [], [], [], [], []
         for load in args.loads:
@@ -127,7 +157,18 @@ def compare(driver, edge, friction, args):
             states.append(peer.positions())
             depths.append(peer.advance)
         (folder / "schedule.txt").write_text("".join(f"{by:.17g} {keep}\n" for by, keep in schedule))
-        run = [driver, "run", folder, str(edge), str(args.sweeps), str(args.stiffness), str(args.viscosity), str(friction), "1", "3"]
+        run = [
+            driver,
+            "run",
+            folder,
+            str(edge),
+            str(args.sweeps),
+            str(args.stiffness),
+            str(args.viscosity),
+            str(friction),
+            "1",
+            "3",
+        ]
         seconds = float(subprocess.run(run, check=True, capture_output=True, text=True).stdout)
         own = np.fromfile(folder / "forces.f64")
         own_states = np.fromfile(folder / "states.f64").reshape(len(states), -1, 3)
@@ -143,9 +184,11 @@ def compare(driver, edge, friction, args):
     for k, load in enumerate(args.loads):
         apart = np.linalg.norm(own_states[k] - states[k], axis=1)
         moved = np.linalg.norm(states[k] - nodes, axis=1).max()
-        rows.append(f"| {edge} | {len(nodes)} | {friction} | {load} | {1e3 * depths[k]:.2f} | {met[k]:.4f} | {forces[ends[k]]:.5f} | {own[ends[k]]:.5f} | "
-                    f"{100 * abs(own[ends[k]] / forces[ends[k]] - 1):.4f} | {100 * worst:.4f} | {apart.max() / height:.1e} | {1e3 * moved:.2f} | "
-                    f"{1e6 * per_newton:.3f} | {1e6 * per_lumo:.3f} | {per_newton / per_lumo:.1f} |")
+        rows.append(
+            f"| {edge} | {len(nodes)} | {friction} | {load} | {1e3 * depths[k]:.2f} | {met[k]:.4f} | {forces[ends[k]]:.5f} | {own[ends[k]]:.5f} | "
+            f"{100 * abs(own[ends[k]] / forces[ends[k]] - 1):.4f} | {100 * worst:.4f} | {apart.max() / height:.1e} | {1e3 * moved:.2f} | "
+            f"{1e6 * per_newton:.3f} | {1e6 * per_lumo:.3f} | {per_newton / per_lumo:.1f} |"
+        )
     return rows
 
 
@@ -155,7 +198,9 @@ def numbers(kind):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--lumo", default="build/release/benchmarks/lumo_newton_vbd", help="lumo's half of the comparison")
+    parser.add_argument(
+        "--lumo", default="build/release/benchmarks/lumo_newton_vbd", help="lumo's half of the comparison"
+    )
     parser.add_argument("--edges", type=numbers(float), default=[2.0, 1.5], help="mesh sizes in mm")
     parser.add_argument("--sweeps", type=int, default=10)
     parser.add_argument("--loads", type=numbers(float), default=[1.0, 2.0, 5.0], help="N")
@@ -163,11 +208,16 @@ def main():
     parser.add_argument("--stiffness", type=float, default=1000.0, help="contact stiffness of a vertex in N/m")
     parser.add_argument("--viscosity", type=float, default=10.0, help="Pa s")
     parser.add_argument("--friction", type=numbers(float), default=[0.0, 0.5])
-    parser.add_argument("--interior", action="store_true", help="Newton's own contact pairs, vertices below the surface among them")
+    parser.add_argument(
+        "--interior", action="store_true", help="Newton's own contact pairs, vertices below the surface among them"
+    )
     parser.add_argument("--out", type=pathlib.Path, help="also write the table here")
     args = parser.parse_args()
-    lines = ["| edge mm | vertices | friction | load N | depth mm | met N | Newton N | lumo N | force differs % | at worst % | vertices apart / height | "
-             "moved mm | Newton µs/sweep/vertex | lumo | ratio |", "|" + "---|" * 15]
+    lines = [
+        "| edge mm | vertices | friction | load N | depth mm | met N | Newton N | lumo N | force differs % | at worst % | vertices apart / height | "
+        "moved mm | Newton µs/sweep/vertex | lumo | ratio |",
+        "|" + "---|" * 15,
+    ]
     print("\n".join(lines), flush=True)
     for edge in args.edges:
         for friction in args.friction:

@@ -4,6 +4,7 @@ scikit_fem.json.
 
 usage: benchmarks/peers/page.py
 """
+
 import json
 import re
 import statistics
@@ -11,7 +12,7 @@ import textwrap
 
 import measured
 
-WIDTH = 120   # of the page's prose
+WIDTH = 120  # of the page's prose
 
 
 def read(name):
@@ -25,6 +26,7 @@ def table(header, rows):
 
 def wrapped(text):
     """The page with its prose in lines of at most WIDTH; tables, headings, code and links stay as they are."""
+
     def fill(block):
         kept = re.sub(r"`[^`]+`|\[[^]]*\]\([^)]*\)", lambda span: span[0].replace(" ", "\0").replace("\n", "\0"), block)
         return textwrap.fill(kept, WIDTH, break_long_words=False, break_on_hyphens=False).replace("\0", " ")
@@ -49,21 +51,38 @@ def percent(share, digits=2):
 def machine(part, result):
     m = result["machine"]
     packages = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
-    return (f"{result['date']}; {m['processor']}, {m['threads']} threads of a shared machine; lumo by {m['compiler']}; "
-            f"{packages}; Python {m['python']}. `benchmarks/peers/run {part}`" + result.get("note", ""))
+    return (
+        f"{result['date']}; {m['processor']}, {m['threads']} threads of a shared machine; lumo by {m['compiler']}; "
+        f"{packages}; Python {m['python']}. `benchmarks/peers/run {part}`" + result.get("note", "")
+    )
 
 
 def newton(r):
     fast = min((row for row in r["lumo"] if abs(row["error"]) <= 0.01), key=lambda row: row["seconds"])
     rows = []
     for row in r["lumo"]:
-        rows.append([f"lumo, quadratic, {row['finest_mm']:g} mm at the contact, {row['contact_mm']:g} mm beside it",
-                     str(row["nodes"]), f"{row['depth_mm']:.3f}", percent(row["error"]), number(row["seconds"]),
-                     number(row["seconds"] / fast["seconds"])])
+        rows.append(
+            [
+                f"lumo, quadratic, {row['finest_mm']:g} mm at the contact, {row['contact_mm']:g} mm beside it",
+                str(row["nodes"]),
+                f"{row['depth_mm']:.3f}",
+                percent(row["error"]),
+                number(row["seconds"]),
+                number(row["seconds"] / fast["seconds"]),
+            ]
+        )
     for row in r["newton"]:
         seconds = number(row["settled_seconds"]) if row["settled"] else f"> {number(row['settled_seconds'])}"
-        rows.append([f"Newton, linear, {row['edge_mm']:g} mm", str(row["nodes"]), f"{row['depth_mm']:.3f}",
-                     percent(row["error"]), seconds, number(row["settled_seconds"] / fast["seconds"])])
+        rows.append(
+            [
+                f"Newton, linear, {row['edge_mm']:g} mm",
+                str(row["nodes"]),
+                f"{row['depth_mm']:.3f}",
+                percent(row["error"]),
+                seconds,
+                number(row["settled_seconds"] / fast["seconds"]),
+            ]
+        )
     text = f"""## Newton: depth under a load
 
 The baseline finger is pressed by a sphere of 10 mm with {r['load_N']:g} N. The reference depth is {r['reference_mm']:g}
@@ -80,28 +99,51 @@ within 1 % for {r['stay_s']:g} s. Ratios are to the fastest of lumo's rows.
 """
     e = r.get("extrapolated")
     if e:
-        text += (f"No mesh here brings Newton to 1 %: linear tetrahedra lock at ν = 0.495. **Extrapolated, not run**: "
-                 f"errors fall with edge^{e['error_order']:.2f} over these meshes, which would put 1 % at an edge of "
-                 f"about {number(e['edge_mm'], 1)} mm. With as many steps as on the finest mesh here, each more "
-                 f"expensive only by its vertices, that is {e['least_seconds']:.0e} CPU s at least; the measured "
-                 f"times grow faster, with edge^{e['time_order']:.1f}. Three meshes so far from 1 % show only that it is "
-                 f"out of reach.\n\n")
-    soft = ", ".join(f"{row['soft_depth_mm']:.3f} mm ({percent(row['soft_depth_mm'] / r['reference_mm'] - 1, 0)}) "
-                     f"at {row['edge_mm']:g} mm" for row in r["newton"])
-    text += (f"A softer contact hides the error and does not cure it. With {r['soft_N_per_m']:g} N/m a vertex the same "
-             f"meshes have their equilibrium at {soft}: overlap makes up for locking.\n\n")
+        text += (
+            f"No mesh here brings Newton to 1 %: linear tetrahedra lock at ν = 0.495. **Extrapolated, not run**: "
+            f"errors fall with edge^{e['error_order']:.2f} over these meshes, which would put 1 % at an edge of "
+            f"about {number(e['edge_mm'], 1)} mm. With as many steps as on the finest mesh here, each more "
+            f"expensive only by its vertices, that is {e['least_seconds']:.0e} CPU s at least; the measured "
+            f"times grow faster, with edge^{e['time_order']:.1f}. Three meshes so far from 1 % show only that it is "
+            f"out of reach.\n\n"
+        )
+    soft = ", ".join(
+        f"{row['soft_depth_mm']:.3f} mm ({percent(row['soft_depth_mm'] / r['reference_mm'] - 1, 0)}) "
+        f"at {row['edge_mm']:g} mm"
+        for row in r["newton"]
+    )
+    text += (
+        f"A softer contact hides the error and does not cure it. With {r['soft_N_per_m']:g} N/m a vertex the same "
+        f"meshes have their equilibrium at {soft}: overlap makes up for locking.\n\n"
+    )
     rows = []
     for row in r["newton"]:
         settled = number(row["settled_seconds"]) if row["settled"] else f"not in {number(row['settled_seconds'])}"
         off = {key: row[f"{key}_N"] / r["load_N"] - 1 for key in ("arrived", "least", "largest", "last")}
-        rows.append([f"{row['edge_mm']:g} mm", str(row["nodes"]),
-                     f"{number(row['static_seconds'])} ({row['factors']} factors)", settled,
-                     str(row["settled_step"]) if row["settled"] else "–",
-                     number(row["settled_seconds"] / row["static_seconds"]),
-                     f"{percent(off['arrived'], 1)}, {number(row['arrived_seconds'])} s",
-                     f"{percent(off['least'], 1)} … {percent(off['largest'], 1)}", percent(off["last"])])
-    header = ["edge", "nodes", "lumo, CPU s", "Newton, CPU s", "steps", "ratio", "Newton when the depth is reached",
-              "force during the hold", "at its end"]
+        rows.append(
+            [
+                f"{row['edge_mm']:g} mm",
+                str(row["nodes"]),
+                f"{number(row['static_seconds'])} ({row['factors']} factors)",
+                settled,
+                str(row["settled_step"]) if row["settled"] else "–",
+                number(row["settled_seconds"] / row["static_seconds"]),
+                f"{percent(off['arrived'], 1)}, {number(row['arrived_seconds'])} s",
+                f"{percent(off['least'], 1)} … {percent(off['largest'], 1)}",
+                percent(off["last"]),
+            ]
+        )
+    header = [
+        "edge",
+        "nodes",
+        "lumo, CPU s",
+        "Newton, CPU s",
+        "steps",
+        "ratio",
+        "Newton when the depth is reached",
+        "force during the hold",
+        "at its end",
+    ]
     return text + f"""### The same equilibrium
 
 Both solve the same linear mesh, energy and contact, at the depth of its equilibrium under {r['load_N']:g} N: lumo's
@@ -119,8 +161,15 @@ def mitsuba(r):
     parts = []
     for c in r["cases"]:
         peer, rows = c["mitsuba"], []
-        rows.append([f"Mitsuba, {c['paths']} paths", number(peer["seconds"]), f"{100 * peer['error']:.2f} %",
-                     number(peer["seconds"] * (peer["error"] / 0.01) ** 2), "1"])
+        rows.append(
+            [
+                f"Mitsuba, {c['paths']} paths",
+                number(peer["seconds"]),
+                f"{100 * peer['error']:.2f} %",
+                number(peer["seconds"] * (peer["error"] / 0.01) ** 2),
+                "1",
+            ]
+        )
         for w in c["lumo"]:
             name = {"gathered": "lumo", "forward": "lumo, forward paths only"}[w["way"]]
             name += ", default rays" if w["factor"] == 1 else f", {w['factor']:g} of the default rays"
@@ -128,9 +177,19 @@ def mitsuba(r):
             rows.append([name, number(w["seconds"]), f"{100 * w['error']:.2f} %", "–", number(w["efficiency_ratio"])])
         header = ["", "CPU s", "error", "CPU s to 1 %", "error² × time: Mitsuba / this"]
         parts.append(f"**{c['material']}** ({c['triangles']} triangles)\n\n{table(header, rows)}\n")
-    rows = [[c["material"], {"gathered": "default", "forward": "forward only"}[w["way"]], f"{100 * w['differs']:.2f} %",
-             f"{100 * w['expected_to_differ']:.2f} %", f"{w['largest_z']:.1f}", f"{w['chi2_per_bin']:.2f}"]
-            for c in r["cases"] for w in c["lumo"] if w["factor"] == 1 and not w["symmetry"]]
+    rows = [
+        [
+            c["material"],
+            {"gathered": "default", "forward": "forward only"}[w["way"]],
+            f"{100 * w['differs']:.2f} %",
+            f"{100 * w['expected_to_differ']:.2f} %",
+            f"{w['largest_z']:.1f}",
+            f"{w['chi2_per_bin']:.2f}",
+        ]
+        for c in r["cases"]
+        for w in c["lumo"]
+        if w["factor"] == 1 and not w["symmetry"]
+    ]
     first = r["cases"][0]
     return f"""## Mitsuba 3: light, error and time
 
@@ -165,9 +224,17 @@ works for symmetric states only. Changes under a contact, which decide designs, 
 def botorch(r):
     peer = r["shares"]["botorch"]
     names = {"botorch": "BoTorch", "paper": "lumo, as the paper (`paper`)", "default": "lumo, `default`"}
-    rows = [[names[m], ", ".join(f"{s:.3f}" for s in shares), f"{statistics.median(shares):.3f}",
-             f"{statistics.median(a - b for a, b in zip(shares, peer)):+.3f}", number(1e3 * r["seconds"][m]),
-             number(r["seconds"]["botorch"] / r["seconds"][m])] for m, shares in r["shares"].items()]
+    rows = [
+        [
+            names[m],
+            ", ".join(f"{s:.3f}" for s in shares),
+            f"{statistics.median(shares):.3f}",
+            f"{statistics.median(a - b for a, b in zip(shares, peer)):+.3f}",
+            number(1e3 * r["seconds"][m]),
+            number(r["seconds"]["botorch"] / r["seconds"][m]),
+        ]
+        for m, shares in r["shares"].items()
+    ]
     return f"""## BoTorch: the search
 
 The table compares "{r['problem']}" after {r['evaluations']} evaluations, {r['starts']} of them the same starts, with
@@ -186,13 +253,22 @@ shares: the whole study with ten seeds and seven problems is
 
 def scikit_fem(r):
     a, s = r["assembly_seconds"], r["solution_seconds"]
-    kinds = [("residual", "scikit-fem forces", "lumo forces"),
-             ("tangent, form as one writes it down", "scikit-fem tangent", "lumo tangent"),
-             ("tangent, form that keeps what 30 test functions share", "scikit-fem sparing tangent", "lumo tangent")]
+    kinds = [
+        ("residual", "scikit-fem forces", "lumo forces"),
+        ("tangent, form as one writes it down", "scikit-fem tangent", "lumo tangent"),
+        ("tangent, form that keeps what 30 test functions share", "scikit-fem sparing tangent", "lumo tangent"),
+    ]
     rows = [[name, number(1e3 * a[own]), number(1e3 * a[peer]), number(a[peer] / a[own])] for name, peer, own in kinds]
     best = s["lumo, CHOLMOD"]
-    solving = [[name, number(seconds), number(seconds / best),
-                f"{r['step_differs'][name]:.0e}" if r["step_differs"][name] else "–"] for name, seconds in s.items()]
+    solving = [
+        [
+            name,
+            number(seconds),
+            number(seconds / best),
+            f"{r['step_differs'][name]:.0e}" if r["step_differs"][name] else "–",
+        ]
+        for name, seconds in s.items()
+    ]
     slower = s["lumo, Eigen's Cholesky"] / min(seconds for name, seconds in s.items() if name.startswith("SuperLU"))
     return f"""## scikit-fem: elements and linear systems
 

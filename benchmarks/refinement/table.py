@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Markdown tables from the lines that lumo_refinement wrote: how objectives, their terms and depths move with mesh size and ray count, how often
-the printed errors cover that, and whether the ranking of designs stays.
+"""Markdown tables from the lines that lumo_refinement wrote: how objectives, their terms and depths move with mesh size
+and ray count, how often the printed errors cover that, and whether the ranking of designs stays.
 usage: benchmarks/refinement/table.py FILE [--base default]"""
+
 import argparse
 import collections
 import json
@@ -58,11 +59,25 @@ def main():
             if name == arguments.base or not both:
                 continue
             pairs = [(base[d], rows[d]) for d in both]
-            print(f"\n### {study}: `{arguments.base}` against `{name}`, {len(both)} designs\n\n| difference | median | largest |\n|---|---|---|")
+            print(
+                f"\n### {study}: `{arguments.base}` against `{name}`, {len(both)} designs\n\n| difference | median | largest |\n|---|---|---|"
+            )
             print(row("depth", [v for p in pairs for v in ratios(*p, "depth_mm")], True))
-            print(row("area of contact, from the second load on", [v for p in pairs for v in ratios(*p, "area_mm2", 1)], True))
+            print(
+                row(
+                    "area of contact, from the second load on",
+                    [v for p in pairs for v in ratios(*p, "area_mm2", 1)],
+                    True,
+                )
+            )
             for term in ("q_form", "q_stable", "q_stiff", "score"):
-                print(row("J of a scenario" if term == "score" else term, [v for p in pairs for v in terms(*p, term)], False))
+                print(
+                    row(
+                        "J of a scenario" if term == "score" else term,
+                        [v for p in pairs for v in terms(*p, term)],
+                        False,
+                    )
+                )
             print(row("J_contact", [a["J_contact"][0] - b["J_contact"][0] for a, b in pairs], False))
             print(row("J_obs", [a["J_obs"][0] / b["J_obs"][0] - 1 for a, b in pairs], True))
             for objective in ("J_contact", "J_obs"):
@@ -71,9 +86,11 @@ def main():
                 if len(pairs) > 2:
                     line += f"; Kendall τ of the ranking {kendall([a[objective][0] for a, _ in pairs], [b[objective][0] for _, b in pairs]):.3f}"
                 print(line + ".")
-            print(f"\nNodes of the largest mesh, median: {statistics.median(a['nodes'] for a, _ in pairs):.0f} and {statistics.median(b['nodes'] for _, b in pairs):.0f}; "
-                  f"core-seconds of mechanics {statistics.median(a['seconds'][1] for a, _ in pairs):.0f} and {statistics.median(b['seconds'][1] for _, b in pairs):.0f}, "
-                  f"of optics {statistics.median(a['seconds'][2] for a, _ in pairs):.0f} and {statistics.median(b['seconds'][2] for _, b in pairs):.0f}.")
+            print(
+                f"\nNodes of the largest mesh, median: {statistics.median(a['nodes'] for a, _ in pairs):.0f} and {statistics.median(b['nodes'] for _, b in pairs):.0f}; "
+                f"core-seconds of mechanics {statistics.median(a['seconds'][1] for a, _ in pairs):.0f} and {statistics.median(b['seconds'][1] for _, b in pairs):.0f}, "
+                f"of optics {statistics.median(a['seconds'][2] for a, _ in pairs):.0f} and {statistics.median(b['seconds'][2] for _, b in pairs):.0f}."
+            )
 
 
 main()

@@ -1,4 +1,5 @@
 """A headless Chromium, spoken to over its remote-debugging pipe: standard library only."""
+
 import base64
 import json
 import os
@@ -9,9 +10,23 @@ import tempfile
 import time
 
 # Software WebGL; no name resolves, so that nothing can come from a network.
-FLAGS = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-         "--host-resolver-rules=MAP * ~NOTFOUND", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-         "--disable-default-apps", "--hide-scrollbars", "--force-color-profile=srgb", "--remote-debugging-pipe"]
+FLAGS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-default-apps",
+    "--hide-scrollbars",
+    "--force-color-profile=srgb",
+    "--remote-debugging-pipe",
+]
 
 
 class Browser:
@@ -19,23 +34,27 @@ class Browser:
 
     def __init__(self, program, seconds=120):
         self.seconds = seconds
-        self.profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)   # a helper of the browser may still be writing there at the end
+        self.profile = tempfile.TemporaryDirectory(
+            ignore_cleanup_errors=True
+        )  # a helper of the browser may still be writing there at the end
         to_read, self.to = os.pipe()
         self.back, back_write = os.pipe()
 
         # The browser reads from descriptor 3 and writes to 4.
         def wire():
-            a, b = os.dup(to_read), os.dup(back_write)   # above 4, for the four ends take up 3 to 6 at least
+            a, b = os.dup(to_read), os.dup(back_write)  # above 4, for the four ends take up 3 to 6 at least
             os.dup2(a, 3)
             os.dup2(b, 4)
 
         self.log = tempfile.TemporaryFile()
         words = [program, *FLAGS, f"--user-data-dir={self.profile.name}"]
-        self.process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, preexec_fn=wire, close_fds=False)
+        self.process = subprocess.Popen(
+            words, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, preexec_fn=wire, close_fds=False
+        )
         os.close(to_read)
         os.close(back_write)
         self.bytes, self.number, self.session = b"", 0, None
-        self.events = []   # (method, parameters) in the order of arrival
+        self.events = []  # (method, parameters) in the order of arrival
 
     def __enter__(self):
         target = self.call("Target.createTarget", url="about:blank")["targetId"]

@@ -1,4 +1,5 @@
-"""What every refusal of the program is: an exit code, nothing on standard output, and one line that says what, value and limit."""
+"""What every refusal of the program is: an exit code, nothing on standard output, and one line that says what, value
+and limit."""
 
 
 def check_refusal(test, done, code, words):

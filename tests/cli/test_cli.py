@@ -2,6 +2,7 @@
 
 usage: test_cli.py path/to/lumo
 """
+
 import json
 import os
 import pathlib
@@ -23,12 +24,55 @@ DESIGN_COMMANDS = ["section", "mesh", "press", "trace", "evaluate"]
 
 def run(*arguments, **options):
     environment = dict(os.environ, LC_ALL=options.pop("locale", "C"))
-    return subprocess.run([LUMO, *arguments], capture_output=True, text=True, timeout=options.pop("timeout", 60), env=environment, **options)
+    return subprocess.run(
+        [LUMO, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=options.pop("timeout", 60),
+        env=environment,
+        **options,
+    )
 
 
 # Advance widths of DejaVu Sans, in thousandths of the size (the font's own table).
-WIDTHS = {**{c: 636 for c in "0123456789"}, ".": 318, ",": 318, " ": 318, "=": 838, "_": 500, "-": 361, "(": 390, ")": 390, "[": 390, "]": 390, "h": 634, "f": 352, "p": 635, "e": 615, "w": 818, "s": 521,
-          "v": 592, "t": 392, "m": 974, "i": 278, "n": 634, "W": 989, "l": 278, "c": 550, "o": 612, "r": 411, "g": 635, "d": 635, "a": 613, "L": 557, "E": 632, "D": 770, "S": 635, "F": 575, "θ": 612}
+WIDTHS = {
+    **{c: 636 for c in "0123456789"},
+    ".": 318,
+    ",": 318,
+    " ": 318,
+    "=": 838,
+    "_": 500,
+    "-": 361,
+    "(": 390,
+    ")": 390,
+    "[": 390,
+    "]": 390,
+    "h": 634,
+    "f": 352,
+    "p": 635,
+    "e": 615,
+    "w": 818,
+    "s": 521,
+    "v": 592,
+    "t": 392,
+    "m": 974,
+    "i": 278,
+    "n": 634,
+    "W": 989,
+    "l": 278,
+    "c": 550,
+    "o": 612,
+    "r": 411,
+    "g": 635,
+    "d": 635,
+    "a": 613,
+    "L": 557,
+    "E": 632,
+    "D": 770,
+    "S": 635,
+    "F": 575,
+    "θ": 612,
+}
 
 
 def picture(svg):
@@ -55,11 +99,15 @@ def passes_through(line, box):
     """By points along the line, a quarter of a pixel apart."""
     x1, y1, x2, y2 = line
     steps = int(4 * max(abs(x2 - x1), abs(y2 - y1))) + 1
-    return any(box[0] < x1 + (x2 - x1) * k / steps < box[2] and box[1] < y1 + (y2 - y1) * k / steps < box[3] for k in range(steps + 1))
+    return any(
+        box[0] < x1 + (x2 - x1) * k / steps < box[2] and box[1] < y1 + (y2 - y1) * k / steps < box[3]
+        for k in range(steps + 1)
+    )
 
 
 class Refusals(unittest.TestCase):
-    """Every malformed request: its exit code, one line on standard error that names the culprit, nothing on standard output, no files."""
+    """Every malformed request: its exit code, one line on standard error that names the culprit, nothing on standard
+    output, no files."""
 
     def refused(self, code, words, *arguments):
         with self.subTest(" ".join(arguments)), tempfile.TemporaryDirectory() as folder:
@@ -67,7 +115,7 @@ class Refusals(unittest.TestCase):
             check_refusal(self, done, code, words)
             self.assertEqual(os.listdir(folder), [])
 
-    def bad_store(self, words, *arguments):   # where the build lacks SQLite, the refusal names the build
+    def bad_store(self, words, *arguments):  # where the build lacks SQLite, the refusal names the build
         on = [c["name"] for c in json.loads(run("doctor", "--json").stdout)["components"] if c["on"]]
         if "SQLite" in on:
             self.refused(BAD_FILE, words, *arguments)
@@ -116,12 +164,20 @@ class Refusals(unittest.TestCase):
 
     def test_mechanics(self):
         for command in ["press", "trace", "evaluate"]:
-            for option, wanted, texts in [("--solver", "quasi_static or vbd", ["newton", "VBD", ""]), ("--element", "linear or quadratic", ["cubic", ""]),
-                                          ("--law", "neo_hookean or newton", ["yeoh", ""]), ("--contact-points", "surface or vertex", ["face", ""]), ("--mode", "default or paper", ["Paper", ""])]:
+            for option, wanted, texts in [
+                ("--solver", "quasi_static or vbd", ["newton", "VBD", ""]),
+                ("--element", "linear or quadratic", ["cubic", ""]),
+                ("--law", "neo_hookean or newton", ["yeoh", ""]),
+                ("--contact-points", "surface or vertex", ["face", ""]),
+                ("--mode", "default or paper", ["Paper", ""]),
+            ]:
                 for text in texts:
                     self.refused(USAGE, [option] + ([wanted] if text else []), command, option, text)
-            for option, words, texts in [("--size", ["0.2", "10", "mm"], ["0", "0.1", "11", "-1"]), ("--friction", ["[0, 10]"], ["-0.1", "11"]),
-                                         ("--contact-stiffness", ["N/m3"], ["0", "1e5", "1e16"])]:
+            for option, words, texts in [
+                ("--size", ["0.2", "10", "mm"], ["0", "0.1", "11", "-1"]),
+                ("--friction", ["[0, 10]"], ["-0.1", "11"]),
+                ("--contact-stiffness", ["N/m3"], ["0", "1e5", "1e16"]),
+            ]:
                 for text in texts:
                     self.refused(USAGE, [option, f"'{text}'", *words], command, option, text)
                 for text in ["nan", "inf", "much", "1,2"]:
@@ -130,13 +186,21 @@ class Refusals(unittest.TestCase):
                 self.refused(USAGE, ["--sweeps", "1 to 1000000"], command, "--mode", "paper", "--sweeps", text)
             # Options that make no sense together.
             self.refused(USAGE, ["--sweeps", "--solver vbd"], command, "--sweeps", "10")
-            for option, value, own in [("--solver", "quasi_static", "vbd"), ("--element", "quadratic", "linear"), ("--law", "neo_hookean", "newton")]:
-                self.refused(USAGE, [f"{option} {value}", "--mode paper", own], command, "--mode", "paper", option, value)
+            for option, value, own in [
+                ("--solver", "quasi_static", "vbd"),
+                ("--element", "quadratic", "linear"),
+                ("--law", "neo_hookean", "newton"),
+            ]:
+                self.refused(
+                    USAGE, [f"{option} {value}", "--mode paper", own], command, "--mode", "paper", option, value
+                )
         for command in [["evaluate"], ["campaign", "run", "--store", "s"]]:
             for text in ["0", "-1", "101", "nan", "little"]:
                 self.refused(USAGE, ["--ray-error", f"'{text}'"], *command, "--ray-error", text)
         self.refused(USAGE, ["unknown option '--ray-error'"], "trace", "--ray-error", "2")
-        self.refused(INFEASIBLE, [], "evaluate", "--solver", "vbd", "--theta", "1,1,1,1,1")   # the solver is asked for, what it holds is scored
+        self.refused(
+            INFEASIBLE, [], "evaluate", "--solver", "vbd", "--theta", "1,1,1,1,1"
+        )  # the solver is asked for, what it holds is scored
         for command in ["section", "mesh"]:
             self.refused(USAGE, ["unknown option '--solver'"], command, "--solver", "vbd")
         self.refused(USAGE, ["unknown option '--solver'"], "campaign", "run", "--store", "s", "--solver", "vbd")
@@ -144,7 +208,13 @@ class Refusals(unittest.TestCase):
 
     def test_study_of_solvers(self):
         self.refused(USAGE, ["--frobnicate", "lumo study solver --help"], "study", "solver", "--frobnicate")
-        for option, value in [("--solver", "vbd"), ("--element", "linear"), ("--sweeps", "10"), ("--mode", "paper"), ("--store", "s")]:
+        for option, value in [
+            ("--solver", "vbd"),
+            ("--element", "linear"),
+            ("--sweeps", "10"),
+            ("--mode", "paper"),
+            ("--store", "s"),
+        ]:
             self.refused(USAGE, [f"unknown option '{option}'"], "study", "solver", option, value)
         self.refused(USAGE, ["--size", "mm"], "study", "solver", "--size", "0.1")
         self.refused(USAGE, ["loads must increase"], "study", "solver", "--loads", "2,1")
@@ -156,32 +226,100 @@ class Refusals(unittest.TestCase):
         self.refused(USAGE, ["unknown option '--theta'"], "section", "--", "--theta")
         for option in ["--out", "--theta"]:
             self.refused(USAGE, [option, "needs a value"], "section", option, "--json")
-            self.refused(USAGE, [f"{option} is '', must have a value", "(see lumo section --help)"], "section", option, "")
+            self.refused(
+                USAGE, [f"{option} is '', must have a value", "(see lumo section --help)"], "section", option, ""
+            )
             self.refused(USAGE, [f"{option} has no value", "(see lumo section --help)"], "section", option)
             self.refused(USAGE, [f"{option} has no value"], "section", "--json", f"{option}=")
         for value in ["--json=5", "--json=false", "--quiet=1"]:
-            self.refused(USAGE, [value.split("=")[0] + " takes no value", "(see lumo section --help)"], "section", value)
+            self.refused(
+                USAGE, [value.split("=")[0] + " takes no value", "(see lumo section --help)"], "section", value
+            )
         for times in [2, 3]:
-            self.refused(USAGE, [f"--theta is given {times} times, must be given once", "(see lumo section --help)"], "section", *times * ["--theta", "6,6,8,5,0"])
+            self.refused(
+                USAGE,
+                [f"--theta is given {times} times, must be given once", "(see lumo section --help)"],
+                "section",
+                *times * ["--theta", "6,6,8,5,0"],
+            )
         self.refused(USAGE, ["--loads has no value", "(see lumo press --help)"], "press", "--loads")
-        self.refused(USAGE, ["--seed is given 2 times", "(see lumo campaign run --help)"], "campaign", "run", "--store", "s", "--seed", "1", "--seed", "2")
-        self.refused(USAGE, ["--store has no value", "(see lumo campaign report --help)"], "campaign", "report", "--store")
-        self.refused(USAGE, ["--json and --csv exclude each other", "(see lumo campaign export --help)"], "campaign", "export", "--store", "s", "--csv", "--json")
+        self.refused(
+            USAGE,
+            ["--seed is given 2 times", "(see lumo campaign run --help)"],
+            "campaign",
+            "run",
+            "--store",
+            "s",
+            "--seed",
+            "1",
+            "--seed",
+            "2",
+        )
+        self.refused(
+            USAGE, ["--store has no value", "(see lumo campaign report --help)"], "campaign", "report", "--store"
+        )
+        self.refused(
+            USAGE,
+            ["--json and --csv exclude each other", "(see lumo campaign export --help)"],
+            "campaign",
+            "export",
+            "--store",
+            "s",
+            "--csv",
+            "--json",
+        )
 
     def test_closed_streams(self):
         with tempfile.TemporaryDirectory() as folder:
             space = pathlib.Path(folder) / "space.json"
-            space.write_text(json.dumps({"variables": [{"name": "a", "lower": 0, "upper": 1}], "objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "sobol": 2, "evaluations": 3}))
-            done = subprocess.run(f"'{LUMO}' optimize --space space.json --transcript t >&- </dev/null", shell=True, cwd=folder, capture_output=True, text=True, timeout=60)
+            space.write_text(
+                json.dumps(
+                    {
+                        "variables": [{"name": "a", "lower": 0, "upper": 1}],
+                        "objectives": [{"name": "f", "goal": "maximize", "reference": 0}],
+                        "sobol": 2,
+                        "evaluations": 3,
+                    }
+                )
+            )
+            done = subprocess.run(
+                f"'{LUMO}' optimize --space space.json --transcript t >&- </dev/null",
+                shell=True,
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                timeout=60,
+            )
             self.assertEqual(done.returncode, BAD_FILE)
             self.assertIn("cannot write to standard output", done.stderr)
-            self.assertEqual([list(json.loads(line)) for line in (pathlib.Path(folder) / "t").read_text().splitlines()], [["space"], ["ask"]])
-            done = subprocess.run(f"'{LUMO}' mesh --json 2>&-", shell=True, cwd=folder, capture_output=True, text=True, timeout=60)
+            self.assertEqual(
+                [list(json.loads(line)) for line in (pathlib.Path(folder) / "t").read_text().splitlines()],
+                [["space"], ["ask"]],
+            )
+            done = subprocess.run(
+                f"'{LUMO}' mesh --json 2>&-", shell=True, cwd=folder, capture_output=True, text=True, timeout=60
+            )
             self.assertEqual(done.returncode, 0)
             json.loads(done.stdout)
 
     def test_theta_is_five_numbers(self):
-        for text in ["6", "6,6,8,5", "6,6,8,5,0,1", "a,b,c,d,e", "6,6,8,5,", ",6,8,5,0", "6;6;8;5;0", "6 6 8 5 0", "6,6,8,5,0x", "6,6,8,5,0 ", "0x6,6,8,5,0", "6,6,8,5,1e", "6,6,8,5,--1", "6,6,8,5,+-1", "6.,6,8,5,0.5.5"]:
+        for text in [
+            "6",
+            "6,6,8,5",
+            "6,6,8,5,0,1",
+            "a,b,c,d,e",
+            "6,6,8,5,",
+            ",6,8,5,0",
+            "6;6;8;5;0",
+            "6 6 8 5 0",
+            "6,6,8,5,0x",
+            "6,6,8,5,0 ",
+            "0x6,6,8,5,0",
+            "6,6,8,5,1e",
+            "6,6,8,5,--1",
+            "6,6,8,5,+-1",
+            "6.,6,8,5,0.5.5",
+        ]:
             self.refused(USAGE, ["--theta", "five numbers"], "section", "--theta", text)
         self.refused(USAGE, ["--theta"], "section", "--theta", "")
         self.refused(USAGE, ["--theta"], "section", "--theta=")
@@ -193,9 +331,20 @@ class Refusals(unittest.TestCase):
         for command in DESIGN_COMMANDS:
             self.refused(INFEASIBLE, ["h_fp", "6.25", "0.5", "mm"], command, "--theta", "6.25,6,8,5,0")
         for text, words in [
-            ("nan,6,8,5,0", ["h_fp = nan mm", "[2, 29] mm"]), ("-nan,6,8,5,0", ["h_fp = nan mm"]), ("6,-inf,8,5,0", ["h_ep = -inf mm", "[1, 20] mm"]), ("6.00000000000001,6,8,5,0", ["6.00000000000001 mm", "nearest is 6 mm"]), ("6,inf,8,5,0", ["h_ep"]), ("6,6,-inf,5,0", ["w_s"]), ("6,6,8,5,1e999", ["w_v"]), ("NaN,6,8,5,0", ["h_fp"]),
-            ("1.5,6,8,5,0", ["h_fp", "1.5", "2", "mm"]), ("29.5,1,8,5,0", ["h_fp", "29.5", "29"]), ("6,6,8,5,-0.5", ["w_v", "-0.5", "0"]),
-            ("12,9,8,5,0", ["h_fp + h_ep", "21", "20"]), ("10,8,8,5,6", ["w_s + 2 w_v", "20", "19.5"]), ("2,6,8,5,0", ["t_min", "5"]),
+            ("nan,6,8,5,0", ["h_fp = nan mm", "[2, 29] mm"]),
+            ("-nan,6,8,5,0", ["h_fp = nan mm"]),
+            ("6,-inf,8,5,0", ["h_ep = -inf mm", "[1, 20] mm"]),
+            ("6.00000000000001,6,8,5,0", ["6.00000000000001 mm", "nearest is 6 mm"]),
+            ("6,inf,8,5,0", ["h_ep"]),
+            ("6,6,-inf,5,0", ["w_s"]),
+            ("6,6,8,5,1e999", ["w_v"]),
+            ("NaN,6,8,5,0", ["h_fp"]),
+            ("1.5,6,8,5,0", ["h_fp", "1.5", "2", "mm"]),
+            ("29.5,1,8,5,0", ["h_fp", "29.5", "29"]),
+            ("6,6,8,5,-0.5", ["w_v", "-0.5", "0"]),
+            ("12,9,8,5,0", ["h_fp + h_ep", "21", "20"]),
+            ("10,8,8,5,6", ["w_s + 2 w_v", "20", "19.5"]),
+            ("2,6,8,5,0", ["t_min", "5"]),
         ]:
             self.refused(INFEASIBLE, words, "section", "--theta", text)
 
@@ -224,18 +373,33 @@ class Refusals(unittest.TestCase):
                     self.refused(USAGE, [option, f"'{text}'"] + ([unit] if text else []), command, option, text)
             # The value as typed, the limits in its unit.
             for option, text, words in [
-                ("--angle", "1e308", ["'1e308'", "[-80, 80] deg"]), ("--angle", "80.0001", ["'80.0001'"]), ("--diameter", "1e-9", ["'1e-9'", "[0.1, 1000] mm"]), ("--y", "1e300", ["'1e300'", "[-10000, 10000] mm"]),
-                ("--loads", "1,,2", ["'1,,2'", "field 2 of 3", "''", "[N]"]), ("--loads", "1,two", ["'1,two'", "field 2 of 2", "'two'"]), ("--loads", "1,1e9", ["'1,1e9'", "field 2", "'1e9'", "[0.001, 10000] N"]),
+                ("--angle", "1e308", ["'1e308'", "[-80, 80] deg"]),
+                ("--angle", "80.0001", ["'80.0001'"]),
+                ("--diameter", "1e-9", ["'1e-9'", "[0.1, 1000] mm"]),
+                ("--y", "1e300", ["'1e300'", "[-10000, 10000] mm"]),
+                ("--loads", "1,,2", ["'1,,2'", "field 2 of 3", "''", "[N]"]),
+                ("--loads", "1,two", ["'1,two'", "field 2 of 2", "'two'"]),
+                ("--loads", "1,1e9", ["'1,1e9'", "field 2", "'1e9'", "[0.001, 10000] N"]),
                 ("--loads", "2,5,4", ["field 3", "'4'", "5 N", "loads must increase"]),
             ]:
                 self.refused(USAGE, [option, *words], command, option, text)
-            for text in ["nan", "much"]:   # without a unit no brackets for one
+            for text in ["nan", "much"]:  # without a unit no brackets for one
                 done = run(command, "--friction", text)
                 self.assertRegex(done.stderr, rf"^lumo: --friction is '{text}', must be a (finite )?number\n$")
             # The limits themselves are the library's, too.
-            for option, text in [("--angle", "80"), ("--angle", "-80"), ("--diameter", "0.1"), ("--diameter", "1000"), ("--y", "1e4"), ("--y", "-1e4"), ("--loads", "0.001,10000")]:
+            for option, text in [
+                ("--angle", "80"),
+                ("--angle", "-80"),
+                ("--diameter", "0.1"),
+                ("--diameter", "1000"),
+                ("--y", "1e4"),
+                ("--y", "-1e4"),
+                ("--loads", "0.001,10000"),
+            ]:
                 self.refused(BAD_FILE, ["not a directory"], command, option, text, "--out", "/dev/null/x")
-        self.refused(USAGE, ["--noise is '101', must lie in [0, 100]"], "lab", "force", "--out", "log", "--noise", "101")
+        self.refused(
+            USAGE, ["--noise is '101', must lie in [0, 100]"], "lab", "force", "--out", "log", "--noise", "101"
+        )
 
     def test_out(self):
         with tempfile.NamedTemporaryFile() as file:
@@ -280,11 +444,19 @@ class Answers(unittest.TestCase):
 
     def test_a_reader_who_has_seen_enough_is_no_failure(self):
         with tempfile.TemporaryDirectory() as folder:
-            for arguments, files in [(["section"], []), (["section", "--json"], []), (["doctor"], []), (["--help"], []), (["section", "--quiet", "--out", "."], ["section.svg"])]:
+            for arguments, files in [
+                (["section"], []),
+                (["section", "--json"], []),
+                (["doctor"], []),
+                (["--help"], []),
+                (["section", "--quiet", "--out", "."], ["section.svg"]),
+            ]:
                 with self.subTest(" ".join(arguments)):
                     read, write = os.pipe()
                     os.close(read)
-                    done = subprocess.run([LUMO, *arguments], cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
+                    done = subprocess.run(
+                        [LUMO, *arguments], cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, timeout=60
+                    )
                     os.close(write)
                     self.assertEqual((done.returncode, done.stderr, os.listdir(folder)), (0, "", files))
             # What failed stays failed.
@@ -292,7 +464,14 @@ class Answers(unittest.TestCase):
             os.close(read)
             os.mkdir(os.path.join(folder, "taken"))
             os.mkdir(os.path.join(folder, "taken", "section.svg"))
-            done = subprocess.run([LUMO, "section", "--out", "taken"], cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
+            done = subprocess.run(
+                [LUMO, "section", "--out", "taken"],
+                cwd=folder,
+                stdout=write,
+                stderr=subprocess.PIPE,
+                text=True,
+                timeout=60,
+            )
             os.close(write)
             self.assertEqual(done.returncode, BAD_FILE)
             self.assertIn("is a directory", done.stderr)
@@ -302,7 +481,23 @@ class Answers(unittest.TestCase):
         self.assertEqual(done.returncode, 0)
         report = json.loads(done.stdout)
         names = [c["name"] for c in report["components"]]
-        for name in ["Eigen", "TetGen", "Embree", "CHOLMOD", "BLAS", "oneTBB", "SQLite", "xxHash", "plotly.js", "OpenCV", "libzip", "LZ4", "Zstandard", "CLI11", "nlohmann-json"]:
+        for name in [
+            "Eigen",
+            "TetGen",
+            "Embree",
+            "CHOLMOD",
+            "BLAS",
+            "oneTBB",
+            "SQLite",
+            "xxHash",
+            "plotly.js",
+            "OpenCV",
+            "libzip",
+            "LZ4",
+            "Zstandard",
+            "CLI11",
+            "nlohmann-json",
+        ]:
             self.assertIn(name, names)
         off = [c for c in report["components"] if not c["on"]]
         for component, line in zip(off, report["off"], strict=True):
@@ -312,14 +507,18 @@ class Answers(unittest.TestCase):
             self.assertEqual(component["version"] is not None, component["on"], component)
         self.assertIn("Eigen", run("doctor").stdout)
 
-    def test_without_the_module_beside_it(self):   # that of OpenCV, for commands on pictures; where the build lacks a library, its package is named
+    def test_without_the_module_beside_it(
+        self,
+    ):  # that of OpenCV, for commands on pictures; where the build lacks a library, its package is named
         with tempfile.TemporaryDirectory() as folder:
             alone = shutil.copy(LUMO, folder)
             for arguments in [["decode", "log"], ["lab", "force", "--out", "log"], ["doctor", "--camera", "0"]]:
                 done = subprocess.run([alone, *arguments], cwd=folder, capture_output=True, text=True, timeout=60)
                 self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (FAULT, "", 1), done.stderr)
                 self.assertRegex(done.stderr, f"OpenCV: '{folder}/lumo-opencv.so' is missing.*libopencv-dev|needs: lib")
-            self.assertEqual(subprocess.run([alone, "section"], cwd=folder, capture_output=True, timeout=60).returncode, 0)
+            self.assertEqual(
+                subprocess.run([alone, "section"], cwd=folder, capture_output=True, timeout=60).returncode, 0
+            )
             self.assertEqual(os.listdir(folder), [os.path.basename(LUMO)])
 
     def test_section(self):
@@ -334,9 +533,25 @@ class Answers(unittest.TestCase):
         self.assertEqual(report["dimensions_mm"]["W"], 29.5)
 
     def test_section_labels_keep_off_lines(self):
-        designs = ["8,4,4,4,2", "3,12,15,2.5,2", "5,10,10,6,3", "6,6,8,5,0", "10,8,4.5,4,7.5", "12,8,8,5,0.5", "9,1,8,3,2.5", "2,16,8,4.5,1", "6.5,12.5,15,12,0.5", "19,1,15,2,2"]
+        designs = [
+            "8,4,4,4,2",
+            "3,12,15,2.5,2",
+            "5,10,10,6,3",
+            "6,6,8,5,0",
+            "10,8,4.5,4,7.5",
+            "12,8,8,5,0.5",
+            "9,1,8,3,2.5",
+            "2,16,8,4.5,1",
+            "6.5,12.5,15,12,0.5",
+            "19,1,15,2,2",
+        ]
         chance, drawn = random.Random(1), 0
-        for theta in designs + [",".join(str(chance.randint(2 * low, 2 * high) / 2) for low, high in [(2, 18), (1, 18), (4, 15), (2, 10), (0, 7)]) for _ in range(120)]:
+        for theta in designs + [
+            ",".join(
+                str(chance.randint(2 * low, 2 * high) / 2) for low, high in [(2, 18), (1, 18), (4, 15), (2, 10), (0, 7)]
+            )
+            for _ in range(120)
+        ]:
             done = run("section", "--theta", theta)
             if theta not in designs and done.returncode == INFEASIBLE:
                 continue
@@ -349,14 +564,24 @@ class Answers(unittest.TestCase):
                     for line in lines:
                         self.assertFalse(passes_through(line, box), f"{words} {box} is crossed by {line}")
                     for other, another in labels[:number]:
-                        self.assertFalse(box[0] < another[2] and another[0] < box[2] and box[1] < another[3] and another[1] < box[3], f"{words} runs over {other}")
+                        self.assertFalse(
+                            box[0] < another[2] and another[0] < box[2] and box[1] < another[3] and another[1] < box[3],
+                            f"{words} runs over {other}",
+                        )
                     self.assertTrue(0 < box[0] and box[2] < width, words)
         self.assertGreater(drawn, 40)
 
     def test_a_design_on_the_lattice_but_for_rounding_is_that_design(self):
-        for text in ["6.0000000000000009,6,8,5,0", "6,5.999999999999999,8.000000000000002,5,0", "5.9999999999999991,6,8,5,-0.0"]:
+        for text in [
+            "6.0000000000000009,6,8,5,0",
+            "6,5.999999999999999,8.000000000000002,5,0",
+            "5.9999999999999991,6,8,5,-0.0",
+        ]:
             for arguments in [["--json"], []]:
-                self.assertEqual(run("section", *arguments, "--theta", text).stdout, run("section", *arguments, "--theta", "6,6,8,5,0").stdout)
+                self.assertEqual(
+                    run("section", *arguments, "--theta", text).stdout,
+                    run("section", *arguments, "--theta", "6,6,8,5,0").stdout,
+                )
 
     def test_exact_wall_is_feasible(self):
         self.assertEqual(run("section", "--theta", "10,8,4.5,4,7.5").returncode, 0)
@@ -371,7 +596,10 @@ class Answers(unittest.TestCase):
             self.assertEqual(run("section", "--out", str(out), "--quiet").stderr, "")
 
     def test_numbers_do_not_follow_the_locale(self):
-        self.assertEqual(run("section", "--json", "--theta", "6,6,8,5,0.5", locale="de_DE.UTF-8").stdout, run("section", "--json", "--theta", "6,6,8,5,0.5").stdout)
+        self.assertEqual(
+            run("section", "--json", "--theta", "6,6,8,5,0.5", locale="de_DE.UTF-8").stdout,
+            run("section", "--json", "--theta", "6,6,8,5,0.5").stdout,
+        )
 
 
 if __name__ == "__main__":

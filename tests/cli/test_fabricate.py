@@ -2,6 +2,7 @@
 
 usage: test_fabricate.py path/to/lumo
 """
+
 import collections
 import json
 import math
@@ -22,11 +23,26 @@ from refusal import check_refusal
 LUMO = ""
 USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
-EXTREMES = ["2,5.5,4,2,0", "19,1,15,2,2", "19,1,4,14.5,7.5", "2,18,4,2,7.5", "10,8,4.5,4,7.5", "8,1,4,2,0.5", "19,1,15,14,2"]
+EXTREMES = [
+    "2,5.5,4,2,0",
+    "19,1,15,2,2",
+    "19,1,4,14.5,7.5",
+    "2,18,4,2,7.5",
+    "10,8,4.5,4,7.5",
+    "8,1,4,2,0.5",
+    "19,1,15,14,2",
+]
 
 
 def run(*arguments, **options):
-    return subprocess.run([LUMO, *map(str, arguments)], capture_output=True, text=True, timeout=120, env=dict(os.environ, LC_ALL="C"), **options)
+    return subprocess.run(
+        [LUMO, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=dict(os.environ, LC_ALL="C"),
+        **options,
+    )
 
 
 def fabricate(folder, *arguments):
@@ -47,16 +63,22 @@ def read_3mf(path):
     """Triangles of each object by its name, and what is to be printed: (name, where)."""
     with zipfile.ZipFile(path) as package:
         assert package.testzip() is None
-        types, relations = (xml.etree.ElementTree.fromstring(package.read(name)) for name in ["[Content_Types].xml", "_rels/.rels"])
+        types, relations = (
+            xml.etree.ElementTree.fromstring(package.read(name)) for name in ["[Content_Types].xml", "_rels/.rels"]
+        )
         assert {"rels", "model"} == {e.get("Extension") for e in types}
         model = xml.etree.ElementTree.fromstring(package.read(relations[0].get("Target").lstrip("/")))
     assert model.get("unit") == "millimeter"
     objects, names = {}, {}
     for o in model.iter(CORE + "object"):
         points = [tuple(float(v.get(k)) for k in "xyz") for v in o.iter(CORE + "vertex")]
-        objects[o.get("name")] = [tuple(points[int(t.get(k))] for k in ["v1", "v2", "v3"]) for t in o.iter(CORE + "triangle")]
+        objects[o.get("name")] = [
+            tuple(points[int(t.get(k))] for k in ["v1", "v2", "v3"]) for t in o.iter(CORE + "triangle")
+        ]
         names[o.get("id")] = o.get("name")
-    items = [(names[i.get("objectid")], [float(v) for v in i.get("transform").split()]) for i in model.iter(CORE + "item")]
+    items = [
+        (names[i.get("objectid")], [float(v) for v in i.get("transform").split()]) for i in model.iter(CORE + "item")
+    ]
     return objects, items
 
 
@@ -64,7 +86,13 @@ def volume(triangles):
     """Of a closed surface; fails where an edge has not exactly one partner."""
     edges = collections.Counter((t[i], t[(i + 1) % 3]) for t in triangles for i in range(3))
     assert all(n == 1 and edges[b, a] == 1 for (a, b), n in edges.items()), "not closed"
-    return sum(a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]) for a, b, c in triangles) / 6.0
+    return (
+        sum(
+            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+            for a, b, c in triangles
+        )
+        / 6.0
+    )
 
 
 def box(triangles):
@@ -85,14 +113,34 @@ class Files(unittest.TestCase):
     def test_files_and_report(self):
         out = self.folder / "new" / "out"
         report = fabricate(out, "--theta", "5,10,10,6,3", "--material", "Sol")
-        self.assertEqual(self.names(out), sorted(["carrier.stl", "mould_a.stl", "mould_b.stl", "core.stl", "carrier.3mf", "mould.3mf", "casting_section.dxf", "casting_section.svg", "led_strip.dxf",
-                                                  "led_strip.svg", "core.dxf", "core.svg", "fabrication.json"]))
+        self.assertEqual(
+            self.names(out),
+            sorted(
+                [
+                    "carrier.stl",
+                    "mould_a.stl",
+                    "mould_b.stl",
+                    "core.stl",
+                    "carrier.3mf",
+                    "mould.3mf",
+                    "casting_section.dxf",
+                    "casting_section.svg",
+                    "led_strip.dxf",
+                    "led_strip.svg",
+                    "core.dxf",
+                    "core.svg",
+                    "fabrication.json",
+                ]
+            ),
+        )
         self.assertEqual(json.loads((out / "fabrication.json").read_text()), report)
         self.assertEqual((report["theta_mm"], report["material"]), ([5, 10, 10, 6, 3], "Sol"))
         silicone = report["silicone"]
         self.assertAlmostEqual(silicone["pad_volume_mm3"], 60 * (29.5 * 5 + math.pi / 4 * 29.5 * 10 - 16 * 6), 6)
         self.assertAlmostEqual(silicone["pad_mass_g"], silicone["pad_volume_mm3"] * 990e-6, 9)
-        self.assertAlmostEqual(silicone["cast_volume_mm3"], sum(silicone[k + "_volume_mm3"] for k in ["pad", "fits", "openings"]), 6)
+        self.assertAlmostEqual(
+            silicone["cast_volume_mm3"], sum(silicone[k + "_volume_mm3"] for k in ["pad", "fits", "openings"]), 6
+        )
         self.assertAlmostEqual(silicone["part_a_g"] + silicone["part_b_g"], 1.25 * silicone["cast_mass_g"], 9)
         for part in report["parts"]:
             self.assertAlmostEqual(part["mass_g"], part["volume_mm3"] * 1240e-6, 9)
@@ -131,7 +179,9 @@ class Files(unittest.TestCase):
         for theta in EXTREMES:
             self.check_solids(theta)
         while drawn < 8:
-            theta = ",".join(str(chance.randint(2 * low, 2 * high) / 2) for low, high in [(2, 18), (1, 18), (4, 15), (2, 10), (0, 7)])
+            theta = ",".join(
+                str(chance.randint(2 * low, 2 * high) / 2) for low, high in [(2, 18), (1, 18), (4, 15), (2, 10), (0, 7)]
+            )
             if run("section", "--theta", theta).returncode == 0:
                 drawn += 1
                 self.check_solids(theta)
@@ -143,13 +193,34 @@ class Files(unittest.TestCase):
             self.assertEqual((self.folder / "a" / name).read_bytes(), (self.folder / "b" / name).read_bytes(), name)
 
     def test_options(self):
-        report = fabricate(self.folder / "out", "--clearance", "0.1", "--plate", "5", "--wall", "9", "--strip-width", "3", "--strip-height", "1", "--gate", "3", "--vent", "1")
-        self.assertEqual(report["options_mm"], {"clearance": 0.1, "plate": 5, "wall": 9, "strip_width": 3, "strip_height": 1, "gate": 3, "vent": 1})
+        report = fabricate(
+            self.folder / "out",
+            "--clearance",
+            "0.1",
+            "--plate",
+            "5",
+            "--wall",
+            "9",
+            "--strip-width",
+            "3",
+            "--strip-height",
+            "1",
+            "--gate",
+            "3",
+            "--vent",
+            "1",
+        )
+        self.assertEqual(
+            report["options_mm"],
+            {"clearance": 0.1, "plate": 5, "wall": 9, "strip_width": 3, "strip_height": 1, "gate": 3, "vent": 1},
+        )
         parts = {p["name"]: p for p in report["parts"]}
         for name, wanted in [("carrier", [35.5, 74, 10]), ("mould_a", [29.5 + 18, 12 + 9 + 3, 60 + 7.1 + 5.9 + 0])]:
             for edge, value in zip(parts[name]["box_mm"], wanted):
                 self.assertAlmostEqual(edge, value, 9)
-        self.assertIn("the cores are 0.5 mm thick", fabricate(self.folder / "thin", "--theta", "8,1,4,2,0.5")["notes"][0])
+        self.assertIn(
+            "the cores are 0.5 mm thick", fabricate(self.folder / "thin", "--theta", "8,1,4,2,0.5")["notes"][0]
+        )
 
     def test_drawings_are_in_mm(self):
         fabricate(self.folder, "--theta", "5,10,10,6,3")
@@ -157,9 +228,21 @@ class Files(unittest.TestCase):
             drawing = xml.etree.ElementTree.parse(self.folder / f"{name}.svg").getroot()
             width, height = (float(drawing.get(k).removesuffix("mm")) for k in ["width", "height"])
             self.assertEqual([float(v) for v in drawing.get("viewBox").split()], [0, 0, width, height])
-            points = [tuple(map(float, p.split())) for path in drawing.iter("{http://www.w3.org/2000/svg}path") for p in re.split("[MLZ]", path.get("d")) if p]
+            points = [
+                tuple(map(float, p.split()))
+                for path in drawing.iter("{http://www.w3.org/2000/svg}path")
+                for p in re.split("[MLZ]", path.get("d"))
+                if p
+            ]
             self.assertTrue(all(0 <= x <= width and 0 <= y <= height for x, y in points))
-            outlines = [p for group in drawing.iter("{http://www.w3.org/2000/svg}g") if group.get("id") != "NOTES" for path in group for p in re.split("[MLZ]", path.get("d") or "") if p]
+            outlines = [
+                p
+                for group in drawing.iter("{http://www.w3.org/2000/svg}g")
+                if group.get("id") != "NOTES"
+                for path in group
+                for p in re.split("[MLZ]", path.get("d") or "")
+                if p
+            ]
             span = [max(v) - min(v) for v in zip(*(tuple(map(float, p.split())) for p in outlines))]
             for got, wanted in zip(span, size):
                 self.assertAlmostEqual(got, wanted, 5, name)
@@ -185,9 +268,15 @@ class Refusals(unittest.TestCase):
         self.refused(USAGE, ["unknown option '--threads'"], "--out", "o", "--threads", "2")
         self.refused(USAGE, ["five numbers"], "--out", "o", "--theta", "6")
         self.refused(USAGE, ["DS or Sol"], "--out", "o", "--material", "PDMS")
-        for option, bad, limits in [("--clearance", ["0", "0.5", "-1"], "[0.05, 0.4] mm"), ("--plate", ["2", "21"], "[3, 20] mm"), ("--wall", ["6", "31"], "[7, 30] mm"),
-                                    ("--strip-width", ["0.5", "11"], "[0.8, 10] mm"), ("--strip-height", ["0.1", "2"], "[0.2, 1.5] mm"), ("--gate", ["1", "5"], "[2, 4] mm"),
-                                    ("--vent", ["0.5", "3"], "[0.8, 2] mm")]:
+        for option, bad, limits in [
+            ("--clearance", ["0", "0.5", "-1"], "[0.05, 0.4] mm"),
+            ("--plate", ["2", "21"], "[3, 20] mm"),
+            ("--wall", ["6", "31"], "[7, 30] mm"),
+            ("--strip-width", ["0.5", "11"], "[0.8, 10] mm"),
+            ("--strip-height", ["0.1", "2"], "[0.2, 1.5] mm"),
+            ("--gate", ["1", "5"], "[2, 4] mm"),
+            ("--vent", ["0.5", "3"], "[0.8, 2] mm"),
+        ]:
             for text in bad:
                 self.refused(USAGE, [f"{option} is '{text}'", limits], "--out", "o", option, text)
             for text in ["nan", "wide", ""]:

@@ -1,8 +1,11 @@
-"""What other people's programs find in the files of `lumo fabricate`: trimesh and manifold3d that each part is a solid, that the closed mould's cavity is the pad, and
-that it opens; ezdxf that the drawings are sound. Nothing here knows lumo's layout: the mould is put together from what the report says, and the pad is its formula.
+"""What other people's programs find in the files of `lumo fabricate`: trimesh and manifold3d that each part is a solid,
+that the closed mould's cavity is the pad, and that it opens; ezdxf that the drawings are sound. Nothing here knows
+lumo's layout: the mould is put together from what the report says, and the pad is its formula.
 
-usage: test_fabricated_files.py path/to/lumo          (with the packages of tests/fabrication/requirements.txt; see tests/run)
+usage: test_fabricated_files.py path/to/lumo          (with the packages of tests/fabrication/requirements.txt; see
+       tests/run)
 """
+
 import json
 import math
 import os
@@ -19,14 +22,24 @@ import numpy
 import trimesh
 
 LUMO = ""
-DESIGNS = ["6,6,8,5,0", "5,10,10,6,3", "19,1,4,14.5,7.5", "10,8,4.5,4,7.5", "2,18,4,2,0.5", "19,1,15,14,2", "2,5.5,4,2,0"]
+DESIGNS = [
+    "6,6,8,5,0",
+    "5,10,10,6,3",
+    "19,1,4,14.5,7.5",
+    "10,8,4.5,4,7.5",
+    "2,18,4,2,0.5",
+    "19,1,15,14,2",
+    "2,5.5,4,2,0",
+]
 # Of the default options, in mm.
 PLATE, RIM, MOULD_END = 4.0, 3.0, 42.0
 
 
 def solid(mesh):
     """As manifold3d takes it; it refuses what is no manifold."""
-    m = manifold3d.Manifold(manifold3d.Mesh(numpy.asarray(mesh.vertices, numpy.float32), numpy.asarray(mesh.faces, numpy.uint32)))
+    m = manifold3d.Manifold(
+        manifold3d.Mesh(numpy.asarray(mesh.vertices, numpy.float32), numpy.asarray(mesh.faces, numpy.uint32))
+    )
     assert m.status() == manifold3d.Error.NoError and not m.is_empty(), m.status()
     return m
 
@@ -38,7 +51,9 @@ def box(low, high):
 def placed(mesh, turn, corner):
     """A printed part back in its place: turned, with the low corner of its box at `corner`."""
     moved = mesh.copy()
-    moved.apply_transform(numpy.block([[numpy.array(turn, float), numpy.zeros((3, 1))], [numpy.zeros((1, 3)), numpy.ones((1, 1))]]))
+    moved.apply_transform(
+        numpy.block([[numpy.array(turn, float), numpy.zeros((3, 1))], [numpy.zeros((1, 3)), numpy.ones((1, 1))]])
+    )
     moved.apply_translation(numpy.array(corner) - moved.bounds[0])
     return solid(moved)
 
@@ -47,7 +62,12 @@ class Design:
     def __init__(self, theta):
         self.scratch = tempfile.TemporaryDirectory()
         self.folder = pathlib.Path(self.scratch.name)
-        done = subprocess.run([LUMO, "fabricate", "--json", "--quiet", "--theta", theta, "--out", self.folder], capture_output=True, text=True, timeout=120)
+        done = subprocess.run(
+            [LUMO, "fabricate", "--json", "--quiet", "--theta", theta, "--out", self.folder],
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
         assert done.returncode == 0, done.stderr
         self.report = json.loads(done.stdout)
         self.theta = self.report["theta_mm"]
@@ -57,9 +77,15 @@ class Design:
         """Carrier, both mould halves and the cores in the finger's frame."""
         h_fp, h_ep, w_s, h_s, w_v = self.theta
         half = self.mesh["mould_a"].extents[0] / 2
-        parts = {"carrier": placed(self.mesh["carrier"], numpy.eye(3), [-self.mesh["carrier"].extents[0] / 2, -self.mesh["carrier"].extents[1] / 2, -PLATE]),
-                 "mould_a": placed(self.mesh["mould_a"], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [-half, -30, -RIM]),
-                 "mould_b": placed(self.mesh["mould_b"], [[1, 0, 0], [0, 0, 1], [0, -1, 0]], [-half, -MOULD_END, -RIM])}
+        parts = {
+            "carrier": placed(
+                self.mesh["carrier"],
+                numpy.eye(3),
+                [-self.mesh["carrier"].extents[0] / 2, -self.mesh["carrier"].extents[1] / 2, -PLATE],
+            ),
+            "mould_a": placed(self.mesh["mould_a"], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [-half, -30, -RIM]),
+            "mould_b": placed(self.mesh["mould_b"], [[1, 0, 0], [0, 0, 1], [0, -1, 0]], [-half, -MOULD_END, -RIM]),
+        }
         if w_v > 0:
             for name, x in [("core_right", w_s / 2), ("core_left", -w_s / 2 - w_v)]:
                 parts[name] = placed(self.mesh["core"], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], [x, -30, -RIM])
@@ -71,6 +97,7 @@ def for_each_design(check):
         for d in self.designs:
             with self.subTest(theta=d.theta):
                 check(self, d)
+
     return test
 
 
@@ -114,13 +141,14 @@ class Parts(unittest.TestCase):
         cavity = box([-14.75, -30, 0], [14.75, 30, h_fp + h_ep]) - parts
         pad = 60 * (29.5 * h_fp + math.pi / 4 * 29.5 * h_ep - (w_s + 2 * w_v) * h_s)
         self.assertAlmostEqual(d.report["silicone"]["pad_volume_mm3"], pad, 6)
-        # The room of the LED strip (2.4 × 52.4 × 0.9 mm), the duct below it (2 × 3 mm) and 0.2 mm of play at the stem's ends are open, too.
+        # The room of the LED strip (2.4 × 52.4 × 0.9 mm), the duct below it (2 × 3 mm) and 0.2 mm of play at the stem's
+        # ends are open, too.
         room = 2.4 * 52.4 * 0.9 + 6 * (h_s - 0.9) + w_s * h_s * 0.2
         self.assertAlmostEqual((cavity.volume() - room) / pad, 1, 3)
         # The chords of the curve are inside of it: the cavity is smaller by their segments, and by nothing else.
         self.assertLess(cavity.volume() - room, pad + 0.5)
         if w_v > 0:
-            self.assertLess((box([w_s / 2, -30, 0], [w_s / 2 + w_v, 30, h_s]) ^ cavity).volume(), 0.01)   # the void
+            self.assertLess((box([w_s / 2, -30, 0], [w_s / 2 + w_v, 30, h_s]) ^ cavity).volume(), 0.01)  # the void
         silicone = box([w_s / 2 + w_v + 0.01, -29.99, 0.01], [14.74, 29.99, min(h_s, h_fp)])
         self.assertAlmostEqual((silicone ^ cavity).volume() / silicone.volume(), 1, 5)
 
@@ -142,9 +170,11 @@ class Parts(unittest.TestCase):
         way = numpy.array(d.report["opening_direction"])
         self.assertAlmostEqual(numpy.linalg.norm(way), 1, 9)
         for step in [0.05, 0.2, 1, 3, 10, 40]:
-            for core in cores:   # first, along the finger
+            for core in cores:  # first, along the finger
                 moved = core.translate([0, step, 0])
-                self.assertLess(sum((moved ^ p).volume() for p in [pad, parts["carrier"], parts["mould_a"], parts["mould_b"]]), 0.05)
+                self.assertLess(
+                    sum((moved ^ p).volume() for p in [pad, parts["carrier"], parts["mould_a"], parts["mould_b"]]), 0.05
+                )
             a = parts["mould_a"].translate(list(step * way))
             self.assertLess((a ^ stays).volume(), 0.05, step)
             b = parts["mould_b"].translate(list(-step * way))
@@ -155,7 +185,9 @@ class Parts(unittest.TestCase):
     @for_each_design
     def test_drawings(self, d):
         h_fp, h_ep, w_s, h_s, w_v = d.theta
-        for name, size in [("casting_section", (45.5, h_fp + h_ep + 8 + PLATE)), ("led_strip", (52, 2))] + ([("core", (82, h_s + 3))] if w_v > 0 else []):
+        for name, size in [("casting_section", (45.5, h_fp + h_ep + 8 + PLATE)), ("led_strip", (52, 2))] + (
+            [("core", (82, h_s + 3))] if w_v > 0 else []
+        ):
             drawing = ezdxf.readfile(d.folder / f"{name}.dxf")
             self.assertEqual(drawing.dxfversion, "AC1009")
             audit = drawing.audit()
@@ -163,7 +195,9 @@ class Parts(unittest.TestCase):
             shapes = [e for e in drawing.modelspace().query("POLYLINE") if e.dxf.layer != "NOTES"]
             extent = ezdxf.bbox.extents(shapes)
             self.assertTrue(numpy.allclose([extent.size.x, extent.size.y], size, atol=1e-5), (name, extent.size))
-            self.assertEqual({e.dxf.layer for e in drawing.modelspace()} - {layer.dxf.name for layer in drawing.layers}, set())
+            self.assertEqual(
+                {e.dxf.layer for e in drawing.modelspace()} - {layer.dxf.name for layer in drawing.layers}, set()
+            )
             if name == "led_strip":
                 leds = sorted(sum(v.dxf.location.x for v in e.vertices) / 4 for e in shapes if e.dxf.layer == "LEDS")
                 self.assertTrue(numpy.allclose(leds, [-22, -11, 0, 11, 22], atol=1e-6))

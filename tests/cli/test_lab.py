@@ -1,7 +1,9 @@
-"""The virtual lab and the commands that read logs, from outside: files, JSON keys, exit codes, one line for every error. Coarse responses: nothing here is about accuracy.
+"""The virtual lab and the commands that read logs, from outside: files, JSON keys, exit codes, one line for every
+error. Coarse responses: nothing here is about accuracy.
 
 usage: test_lab.py path/to/lumo
 """
+
 import csv
 import json
 import math
@@ -22,7 +24,14 @@ USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
 
 
 def run(*arguments, **options):
-    return subprocess.run([LUMO, *map(str, arguments)], capture_output=True, text=True, timeout=options.pop("timeout", 900), env=dict(os.environ, LC_ALL="C"), **options)
+    return subprocess.run(
+        [LUMO, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=options.pop("timeout", 900),
+        env=dict(os.environ, LC_ALL="C"),
+        **options,
+    )
 
 
 def rows_of(path):
@@ -35,7 +44,19 @@ class Lab(unittest.TestCase):
     def setUpClass(cls):
         cls.folder = pathlib.Path(tempfile.mkdtemp())
         for kind in ["recontact", "cycle", "imaging", "force", "hand"]:
-            done = run("lab", kind, "--coarse", "--quiet", "--json", "--seed", 1, "--out", cls.folder / kind, "--cache", cls.folder / "cache")
+            done = run(
+                "lab",
+                kind,
+                "--coarse",
+                "--quiet",
+                "--json",
+                "--seed",
+                1,
+                "--out",
+                cls.folder / kind,
+                "--cache",
+                cls.folder / "cache",
+            )
             assert done.returncode == 0, done.stderr
             setattr(cls, kind, json.loads(done.stdout))
 
@@ -53,20 +74,37 @@ class Lab(unittest.TestCase):
 
     def test_files(self):
         log = self.folder / "force"
-        self.assertEqual(sorted(p.name for p in log.iterdir()), ["frames", "frames.csv", "joint.csv", "marker.csv", "session.json", "truth.csv", "wrench.csv"])
+        self.assertEqual(
+            sorted(p.name for p in log.iterdir()),
+            ["frames", "frames.csv", "joint.csv", "marker.csv", "session.json", "truth.csv", "wrench.csv"],
+        )
         rows = rows_of(log / "frames.csv")
         truth = rows_of(log / "truth.csv")
         self.assertEqual(len(rows), self.force["frames"])
         self.assertEqual([r["stamp_ns"] for r in rows], [r["stamp_ns"] for r in truth])
         self.assertTrue(all((log / "frames" / r["file"]).is_file() for r in rows))
-        self.assertGreaterEqual(self.force["contact_frames"], 931)   # as many as the paper's
+        self.assertGreaterEqual(self.force["contact_frames"], 931)  # as many as the paper's
         self.assertNotIn("truth", (log / "session.json").read_text())
-        self.assertEqual(len(list((self.folder / "cache").iterdir())), 1)   # one pad, computed once
+        self.assertEqual(len(list((self.folder / "cache").iterdir())), 1)  # one pad, computed once
 
     def test_same_seed_same_log(self):
         for seed, same in [(1, True), (2, False)]:
             out = self.folder / f"again{seed}"
-            self.assertEqual(run("lab", "force", "--coarse", "--quiet", "--seed", seed, "--out", out, "--cache", self.folder / "cache").returncode, 0)
+            self.assertEqual(
+                run(
+                    "lab",
+                    "force",
+                    "--coarse",
+                    "--quiet",
+                    "--seed",
+                    seed,
+                    "--out",
+                    out,
+                    "--cache",
+                    self.folder / "cache",
+                ).returncode,
+                0,
+            )
             for name in ["joint.csv", "truth.csv", "frames/000500.png"]:
                 self.assertEqual((out / name).read_bytes() == (self.folder / "force" / name).read_bytes(), same, name)
 
@@ -79,11 +117,16 @@ class Lab(unittest.TestCase):
         done = run("lab", "force", "--coarse", "--out", self.folder / "after", "--cache", cache)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("damaged", done.stderr)
-        self.assertEqual(file.read_text(), text)   # same responses, to the bit
+        self.assertEqual(file.read_text(), text)  # same responses, to the bit
 
     def test_an_interrupt_leaves_nothing(self):
         target = self.folder / "stopped"
-        lab = subprocess.Popen([LUMO, "lab", "recontact", "--coarse", "--cache", self.folder / "cache", "--out", target], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        lab = subprocess.Popen(
+            [LUMO, "lab", "recontact", "--coarse", "--cache", self.folder / "cache", "--out", target],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         until = time.monotonic() + 300
         while not list(self.folder.glob("stopped.part-*/frames/*")) and time.monotonic() < until:
             time.sleep(0.01)
@@ -108,7 +151,20 @@ class Lab(unittest.TestCase):
 
     def test_metrics(self):
         r = self.result("metrics", self.folder / "recontact")
-        self.assertEqual(list(r), ["D_neighbor", "W_recontact", "Q", "Q_low", "Q_high", "Q_bootstrap_low", "Q_bootstrap_high", "W_cycle", "gain_percent"])
+        self.assertEqual(
+            list(r),
+            [
+                "D_neighbor",
+                "W_recontact",
+                "Q",
+                "Q_low",
+                "Q_high",
+                "Q_bootstrap_low",
+                "Q_bootstrap_high",
+                "W_cycle",
+                "gain_percent",
+            ],
+        )
         self.assertAlmostEqual(r["Q"], r["D_neighbor"] / r["W_recontact"])
         self.assertLessEqual(r["Q_low"], r["Q"])
         self.assertGreaterEqual(r["Q_high"], r["Q"])
@@ -117,10 +173,13 @@ class Lab(unittest.TestCase):
         self.assertIsNone(r["gain_percent"])
         cycle = self.result("metrics", self.folder / "cycle", "--baseline", self.folder / "cycle")
         self.assertGreater(cycle["W_cycle"], 0.0)
-        self.assertAlmostEqual(cycle["gain_percent"], 0.0)   # against itself
+        self.assertAlmostEqual(cycle["gain_percent"], 0.0)  # against itself
         imaging = self.result("metrics", self.folder / "imaging", "--out", self.folder / "m")
         self.assertGreater(imaging["Q"], 0.0)
-        self.assertEqual({(row["place"], row["repetition"]) for row in rows_of(self.folder / "m" / "slopes.csv")}, {(str(p), str(v)) for p in range(3) for v in range(7)})
+        self.assertEqual(
+            {(row["place"], row["repetition"]) for row in rows_of(self.folder / "m" / "slopes.csv")},
+            {(str(p), str(v)) for p in range(3) for v in range(7)},
+        )
 
     def test_locate(self):
         out = self.folder / "l"
@@ -129,17 +188,21 @@ class Lab(unittest.TestCase):
         self.assertGreater(r["samples"], 500)
         self.assertEqual(sorted(p.name for p in out.iterdir()), ["locations.csv", "locations.svg", "overlay.png"])
         rows = rows_of(out / "locations.csv")
-        errors = [abs(float(x["y_mm"]) - float(x["true_y_mm"])) for x in rows if x["y_mm"] and x["true_y_mm"] and float(x["true_force_N"]) >= 5]
-        self.assertAlmostEqual(sum(errors) / len(errors), r["mae_mm"], places=9)   # by another hand
+        errors = [
+            abs(float(x["y_mm"]) - float(x["true_y_mm"]))
+            for x in rows
+            if x["y_mm"] and x["true_y_mm"] and float(x["true_force_N"]) >= 5
+        ]
+        self.assertAlmostEqual(sum(errors) / len(errors), r["mae_mm"], places=9)  # by another hand
 
     def test_force(self):
         out = self.folder / "f"
         r = self.result("force", self.folder / "force", "--out", out)
         self.assertEqual(list(r), ["samples", "mae_N", "coverage_90", "frame_ms", "alignment"])
-        self.assertGreater(r["alignment"]["torque_Nm"], 0.05)   # what the rig's current sensor scatters by, and more
+        self.assertGreater(r["alignment"]["torque_Nm"], 0.05)  # what the rig's current sensor scatters by, and more
         self.assertLess(r["alignment"]["torque_Nm"], 0.15)
         self.assertEqual(list(r["mae_N"]), ["fused", "optical", "fixed_arm", "known_location", "torque_only"])
-        self.assertIsNone(r["mae_N"]["torque_only"])   # one joint does not tell
+        self.assertIsNone(r["mae_N"]["torque_only"])  # one joint does not tell
         self.assertGreater(r["mae_N"]["fixed_arm"], r["mae_N"]["known_location"])
         rows = rows_of(out / "forces.csv")
         for row in rows:
@@ -148,12 +211,25 @@ class Lab(unittest.TestCase):
 
     def test_two_joints_tell_the_place_by_their_torques(self):
         log = self.folder / "two"
-        done = run("lab", "force", "--coarse", "--quiet", "--joints", 2, "--noise", 0.5, "--out", log, "--cache", self.folder / "cache")
+        done = run(
+            "lab",
+            "force",
+            "--coarse",
+            "--quiet",
+            "--joints",
+            2,
+            "--noise",
+            0.5,
+            "--out",
+            log,
+            "--cache",
+            self.folder / "cache",
+        )
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertEqual(json.loads((log / "session.json").read_text())["joint_to_joint_mm"], [45.0])
         r = self.result("force", log)
         self.assertIsNotNone(r["mae_N"]["torque_only"])
-        self.assertGreater(r["mae_N"]["torque_only"], r["mae_N"]["known_location"])   # a quotient of two noisy torques
+        self.assertGreater(r["mae_N"]["torque_only"], r["mae_N"]["known_location"])  # a quotient of two noisy torques
         self.assertLess(r["mae_N"]["known_location"], r["mae_N"]["fixed_arm"])
         session = json.loads((log / "session.json").read_text())
         session["joint_to_joint_mm"] = []
@@ -162,31 +238,52 @@ class Lab(unittest.TestCase):
 
     def test_hand(self):
         log, out = self.folder / "hand", self.folder / "h"
-        self.assertEqual(sorted(p.name for p in log.iterdir()), ["frames", "frames.csv", "joint.csv", "session.json", "truth.csv"])
+        self.assertEqual(
+            sorted(p.name for p in log.iterdir()), ["frames", "frames.csv", "joint.csv", "session.json", "truth.csv"]
+        )
         r = self.result("hand", log, "--out", out)
         self.assertEqual(list(r), ["frames", "references", "links", "score", "contacts"])
         self.assertEqual(r["frames"] + r["references"], self.hand["frames"])
-        self.assertEqual([link["name"] for link in r["links"]], ["left proximal", "left distal", "right proximal", "right distal"])
+        self.assertEqual(
+            [link["name"] for link in r["links"]], ["left proximal", "left distal", "right proximal", "right distal"]
+        )
         self.assertTrue(all(link["seen"] > 0.98 * r["frames"] for link in r["links"]))
         rows = rows_of(out / "contacts.csv")
-        self.assertEqual([(row["stamp_ns"], row["link"]) for row in rows], [(str(c["stamp_ns"]), str(c["link"])) for c in r["contacts"]])
+        self.assertEqual(
+            [(row["stamp_ns"], row["link"]) for row in rows],
+            [(str(c["stamp_ns"]), str(c["link"])) for c in r["contacts"]],
+        )
         truth, found, errors = {}, 0, []
         for row in rows_of(log / "truth.csv"):
             truth.setdefault(row["stamp_ns"], []).append(row)
-        touches = [t for rows in truth.values() for t in rows if float(t["force_N"]) >= 5 and int(t["stamp_ns"]) >= min(int(c["stamp_ns"]) for c in r["contacts"])]
+        touches = [
+            t
+            for rows in truth.values()
+            for t in rows
+            if float(t["force_N"]) >= 5 and int(t["stamp_ns"]) >= min(int(c["stamp_ns"]) for c in r["contacts"])
+        ]
         for t in touches:
-            off = [abs(float(row["y_mm"]) - float(t["y_mm"])) for row in rows if (row["stamp_ns"], row["link"]) == (t["stamp_ns"], t["link"])]
+            off = [
+                abs(float(row["y_mm"]) - float(t["y_mm"]))
+                for row in rows
+                if (row["stamp_ns"], row["link"]) == (t["stamp_ns"], t["link"])
+            ]
             if off and min(off) <= 8:
                 errors.append(min(off))
-        self.assertEqual((r["score"]["touches"], r["score"]["found"]), (len(touches), len(errors)))   # by another hand
+        self.assertEqual((r["score"]["touches"], r["score"]["found"]), (len(touches), len(errors)))  # by another hand
         self.assertAlmostEqual(r["score"]["mae_mm"], sum(errors) / len(errors), places=9)
         self.assertGreater(len(errors), 0.9 * len(touches))
-        near = lambda row: any(row["link"] == t["link"] and abs(float(row["y_mm"]) - float(t["y_mm"])) <= 8 for t in truth.get(row["stamp_ns"], []))
-        self.assertEqual(r["score"]["unfounded"], sum(not near(row) for row in rows))   # coarse light has bumps of its own: nothing is said of how many
+        near = lambda row: any(
+            row["link"] == t["link"] and abs(float(row["y_mm"]) - float(t["y_mm"])) <= 8
+            for t in truth.get(row["stamp_ns"], [])
+        )
+        self.assertEqual(
+            r["score"]["unfounded"], sum(not near(row) for row in rows)
+        )  # coarse light has bumps of its own: nothing is said of how many
         pictures = sorted(p.name for p in out.iterdir())
         self.assertEqual(pictures[-2:], ["contacts.csv", "contacts.svg"])
         self.assertEqual(pictures[:-2], [f"contact_{k:03d}.png" for k in range(len(pictures) - 2)])
-        self.assertGreaterEqual(len(pictures) - 2, 12)   # twelve grasps
+        self.assertGreaterEqual(len(pictures) - 2, 12)  # twelve grasps
         self.result("convert", log, self.folder / "hand.mcap")
         self.assertEqual(self.result("hand", self.folder / "hand.mcap"), r)
         bare = self.folder / "no_truth"
@@ -205,38 +302,75 @@ class Lab(unittest.TestCase):
 
     def test_calibrate(self):
         r = self.result("calibrate", self.folder / "imaging", "--coarse", "--cache", self.folder / "cache")
-        self.assertEqual(list(r), ["mu_Pa", "onset_mm", "residual_N", "gain_DN_per_electron", "lamps_DN", "lamps_electrons"])
-        self.assertAlmostEqual(r["mu_Pa"]["value"] / 98500, 1.0, delta=0.08)   # the rig presses the nominal pad; it creeps, and its place scatters
+        self.assertEqual(
+            list(r), ["mu_Pa", "onset_mm", "residual_N", "gain_DN_per_electron", "lamps_DN", "lamps_electrons"]
+        )
+        self.assertAlmostEqual(
+            r["mu_Pa"]["value"] / 98500, 1.0, delta=0.08
+        )  # the rig presses the nominal pad; it creeps, and its place scatters
         self.assertLess(r["mu_Pa"]["low"], r["mu_Pa"]["value"])
         self.assertAlmostEqual(r["gain_DN_per_electron"]["value"], 0.03, delta=0.006)
         other = self.folder / "specimen"
-        done = run("lab", "imaging", "--coarse", "--quiet", "--stiffness", 1.15, "--lamps", 0.8, "--out", other, "--cache", self.folder / "cache")
+        done = run(
+            "lab",
+            "imaging",
+            "--coarse",
+            "--quiet",
+            "--stiffness",
+            1.15,
+            "--lamps",
+            0.8,
+            "--out",
+            other,
+            "--cache",
+            self.folder / "cache",
+        )
         self.assertEqual(done.returncode, 0, done.stderr)
-        s = self.result("calibrate", other, "--coarse", "--cache", self.folder / "cache")   # the same noise, another pad
+        s = self.result("calibrate", other, "--coarse", "--cache", self.folder / "cache")  # the same noise, another pad
         self.assertAlmostEqual(s["mu_Pa"]["value"] / r["mu_Pa"]["value"], 1.15, delta=0.02)
         self.assertAlmostEqual(s["lamps_DN"] / r["lamps_DN"], 0.8, delta=0.01)
         self.assertAlmostEqual(s["gain_DN_per_electron"]["value"], 0.03, delta=0.006)
         self.refused(USAGE, ["--stiffness", "[0.8, 2]"], "lab", "imaging", "--stiffness", 3, "--out", self.folder / "x")
         self.refused(USAGE, ["--stiffness", "20 N"], "lab", "force", "--stiffness", 0.9, "--out", self.folder / "x")
-        self.refused(BAD_FILE, ["force", '"dark"'], "calibrate", self.folder / "force", "--coarse", "--quiet", "--cache", self.folder / "cache")
+        self.refused(
+            BAD_FILE,
+            ["force", '"dark"'],
+            "calibrate",
+            self.folder / "force",
+            "--coarse",
+            "--quiet",
+            "--cache",
+            self.folder / "cache",
+        )
 
     def test_an_mcap_file_is_the_same_log(self):
-        for kind, commands in [("recontact", ["decode", "metrics", "locate"]), ("cycle", ["metrics"]), ("force", ["locate", "force"]), ("imaging", ["calibrate"])]:
+        for kind, commands in [
+            ("recontact", ["decode", "metrics", "locate"]),
+            ("cycle", ["metrics"]),
+            ("force", ["locate", "force"]),
+            ("imaging", ["calibrate"]),
+        ]:
             file = self.folder / f"{kind}.mcap"
             result = self.result("convert", self.folder / kind, file)
-            self.assertEqual((result["frames"], result["truth"], result["fault"]), (getattr(self, kind)["frames"], True, None))
-            self.assertEqual((self.folder / f"{kind}.truth.csv").read_bytes(), (self.folder / kind / "truth.csv").read_bytes())
+            self.assertEqual(
+                (result["frames"], result["truth"], result["fault"]), (getattr(self, kind)["frames"], True, None)
+            )
+            self.assertEqual(
+                (self.folder / f"{kind}.truth.csv").read_bytes(), (self.folder / kind / "truth.csv").read_bytes()
+            )
             for command in commands:
                 more = ["--coarse", "--cache", self.folder / "cache"] if command == "calibrate" else []
                 results = [self.result(command, log, *more) for log in (self.folder / kind, file)]
                 for r in results:
-                    r.pop("frame_ms", None)   # the clock's
+                    r.pop("frame_ms", None)  # the clock's
                 self.assertEqual(*results, f"{command} {kind}")
         back = self.folder / "back"
         self.result("convert", self.folder / "cycle.mcap", back)
         for there in (self.folder / "cycle").rglob("*"):
             if there.is_file():
-                self.assertEqual((back / there.relative_to(self.folder / "cycle")).read_bytes(), there.read_bytes(), there)
+                self.assertEqual(
+                    (back / there.relative_to(self.folder / "cycle")).read_bytes(), there.read_bytes(), there
+                )
         tables = []
         for log, out in [(self.folder / "force", self.folder / "p1"), (self.folder / "force.mcap", self.folder / "p2")]:
             self.result("locate", log, "--out", out)
@@ -246,7 +380,7 @@ class Lab(unittest.TestCase):
     def test_a_cut_mcap_file_is_read_up_to_the_cut(self):
         file, cut = self.folder / "to_cut.mcap", self.folder / "was_cut.mcap"
         self.result("convert", self.folder / "force", file)
-        cut.write_bytes(file.read_bytes()[:file.stat().st_size // 2])
+        cut.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
         shutil.copy(self.folder / "to_cut.truth.csv", self.folder / "was_cut.truth.csv")
         whole, half = self.result("locate", file), self.result("locate", cut)
         self.assertGreater(half["samples"], 0)
@@ -276,7 +410,9 @@ class Lab(unittest.TestCase):
         tables = []
         for log, out in [(self.folder / "force", self.folder / "o1"), (lied, self.folder / "o2")]:
             self.result("force", log, "--out", out)
-            tables.append([[row[k] for k in ["stamp_ns", "force_N", "y_mm", "state"]] for row in rows_of(out / "forces.csv")])
+            tables.append(
+                [[row[k] for k in ["stamp_ns", "force_N", "y_mm", "state"]] for row in rows_of(out / "forces.csv")]
+            )
         self.assertEqual(*tables)
 
     def test_refusals(self):
@@ -284,7 +420,17 @@ class Lab(unittest.TestCase):
         self.refused(USAGE, ["--noise"], "lab", "force", "--out", self.folder / "x", "--noise", "-1")
         self.refused(USAGE, ["unknown command", "'everything'"], "lab", "everything")
         self.refused(INFEASIBLE, [], "lab", "force", "--out", self.folder / "x", "--theta", "1,1,1,1,1")
-        self.refused(BAD_FILE, ["not empty"], "lab", "force", "--coarse", "--out", self.folder / "force", "--cache", self.folder / "cache")
+        self.refused(
+            BAD_FILE,
+            ["not empty"],
+            "lab",
+            "force",
+            "--coarse",
+            "--out",
+            self.folder / "force",
+            "--cache",
+            self.folder / "cache",
+        )
         for command in ["decode", "metrics", "locate", "force", "hand"]:
             self.refused(USAGE, ["log is missing"], command)
             self.refused(BAD_FILE, ["session.json"], command, self.folder / "nothing", "--quiet")
@@ -296,30 +442,108 @@ class Lab(unittest.TestCase):
         self.refused(BAD_FILE, ["dark", "unloaded finger"], "locate", dark, "--quiet")
         if not os.path.exists("/dev/video63"):
             self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "doctor", "--camera", "63")
-            self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "locate", "--camera", "63", "--seconds", "5", "--quiet")
-            self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "locate", self.folder / "force", "--camera", "63", "--quiet")
-            for command in ["decode", "metrics", "record"]:   # no folder is made before the camera is there
-                self.refused(BAD_FILE, ["/dev/video63", "no such camera"], command, self.folder / "recontact", "--camera", "63", "--out", self.folder / "live", "--quiet")
+            self.refused(
+                BAD_FILE, ["/dev/video63", "no such camera"], "locate", "--camera", "63", "--seconds", "5", "--quiet"
+            )
+            self.refused(
+                BAD_FILE,
+                ["/dev/video63", "no such camera"],
+                "locate",
+                self.folder / "force",
+                "--camera",
+                "63",
+                "--quiet",
+            )
+            for command in ["decode", "metrics", "record"]:  # no folder is made before the camera is there
+                self.refused(
+                    BAD_FILE,
+                    ["/dev/video63", "no such camera"],
+                    command,
+                    self.folder / "recontact",
+                    "--camera",
+                    "63",
+                    "--out",
+                    self.folder / "live",
+                    "--quiet",
+                )
             self.assertFalse((self.folder / "live").exists())
             for command, motors in [("force", "1"), ("hand", "1,2,3,4")]:
-                self.refused(BAD_FILE, ["/dev/video63", "no such camera"], command, self.folder / command, "--camera", "63", "--can", "nocan0", "--motors", motors, "--quiet")
+                self.refused(
+                    BAD_FILE,
+                    ["/dev/video63", "no such camera"],
+                    command,
+                    self.folder / command,
+                    "--camera",
+                    "63",
+                    "--can",
+                    "nocan0",
+                    "--motors",
+                    motors,
+                    "--quiet",
+                )
             bare = self.folder / "unplanned"
             bare.mkdir()
             (bare / "session.json").write_text('{"format": "lumo-log", "version": 1}')
-            self.refused(BAD_FILE, ["no segments"], "decode", bare, "--camera", "63", "--out", self.folder / "live", "--quiet")
-        self.refused(USAGE, ["--motors", "1 motor", "4 joints"], "hand", self.folder / "hand", "--camera", "63", "--can", "nocan0", "--quiet")
-        self.refused(USAGE, ["--motors", "2 motors", "1 joint"], "force", self.folder / "force", "--camera", "63", "--can", "nocan0", "--motors", "1,2", "--quiet")
+            self.refused(
+                BAD_FILE, ["no segments"], "decode", bare, "--camera", "63", "--out", self.folder / "live", "--quiet"
+            )
+        self.refused(
+            USAGE,
+            ["--motors", "1 motor", "4 joints"],
+            "hand",
+            self.folder / "hand",
+            "--camera",
+            "63",
+            "--can",
+            "nocan0",
+            "--quiet",
+        )
+        self.refused(
+            USAGE,
+            ["--motors", "2 motors", "1 joint"],
+            "force",
+            self.folder / "force",
+            "--camera",
+            "63",
+            "--can",
+            "nocan0",
+            "--motors",
+            "1,2",
+            "--quiet",
+        )
         self.refused(USAGE, ["--exposure", "--rate"], "locate", "--camera", "63", "--exposure", "100")
         self.refused(USAGE, ["--rate is '1'"], "locate", "--camera", "63", "--rate", "1")
         log = self.folder / "force"
         self.refused(USAGE, ["--seconds", "--camera"], "locate", log, "--seconds", "5")
         self.refused(USAGE, ["--motors", "--can"], "force", log, "--camera", "63", "--motors", "2")
         self.refused(USAGE, ["--motors is '1,1'"], "force", log, "--camera", "63", "--can", "nocan0", "--motors", "1,1")
-        self.refused(USAGE, ["--motor-ranges is '3'", "three numbers"], "force", log, "--camera", "63", "--can", "nocan0", "--motor-ranges", "3")
+        self.refused(
+            USAGE,
+            ["--motor-ranges is '3'", "three numbers"],
+            "force",
+            log,
+            "--camera",
+            "63",
+            "--can",
+            "nocan0",
+            "--motor-ranges",
+            "3",
+        )
         self.refused(USAGE, ["--can is missing"], "force", log, "--camera", "63")
         self.refused(USAGE, ["--pixels is '640'", "640x480"], "locate", "--camera", "63", "--pixels", "640")
         self.refused(USAGE, ["--exposure is '0'", "ms"], "doctor", "--camera", "63", "--exposure", "0")
-        self.refused(USAGE, ["--out", "lumo record"], "force", log, "--camera", "63", "--can", "nocan0", "--out", self.folder / "live")
+        self.refused(
+            USAGE,
+            ["--out", "lumo record"],
+            "force",
+            log,
+            "--camera",
+            "63",
+            "--can",
+            "nocan0",
+            "--out",
+            self.folder / "live",
+        )
         self.refused(USAGE, ["--out is missing"], "metrics", log, "--camera", "63")
         self.refused(USAGE, ["log is missing"], "hand", "--camera", "63", "--can", "nocan0")
         self.refused(USAGE, ["--camera is missing"], "record", log, "--out", self.folder / "live")

@@ -2,6 +2,7 @@
 
 usage: test_readme.py path/to/lumo path/to/make_store
 """
+
 import os
 import pathlib
 import re
@@ -14,11 +15,13 @@ import unittest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHOWN = "\n".join((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/manual.md"))
 LUMO = MAKE_STORE = ""
-STARTED_S = 3.0   # a wrong command line is reported at once
-MADE_S = 120.0    # for what later commands read: the logs of the virtual lab
-ANSWERS = "".join('{"tell": {"id": %d, "y": [%d]}}\n' % (k, k) for k in range(4))   # for `optimize`
-SPACE = ('{"variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}], '
-         '"objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "evaluations": 4}')
+STARTED_S = 3.0  # a wrong command line is reported at once
+MADE_S = 120.0  # for what later commands read: the logs of the virtual lab
+ANSWERS = "".join('{"tell": {"id": %d, "y": [%d]}}\n' % (k, k) for k in range(4))  # for `optimize`
+SPACE = (
+    '{"variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}], '
+    '"objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "evaluations": 4}'
+)
 
 
 def subcommands(*words):
@@ -55,8 +58,9 @@ class Readme(unittest.TestCase):
                     self.starts(words, folder)
 
     def starts(self, words, folder):
-        process = subprocess.Popen([LUMO, *words], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                   stderr=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            [LUMO, *words], cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         try:
             _, complaint = process.communicate(ANSWERS, timeout=MADE_S if words[0] == "lab" else STARTED_S)
             self.assertEqual(process.returncode, 0, complaint)

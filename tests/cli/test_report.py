@@ -2,6 +2,7 @@
 
 usage: test_report.py path/to/lumo path/to/make_store path/to/chromium folder-for-stores-pages-and-screenshots
 """
+
 import csv
 import functools
 import html.parser
@@ -21,8 +22,8 @@ from refusal import check_refusal
 LUMO = MAKE_STORE = CHROMIUM = ""
 FOLDER = pathlib.Path()
 USAGE, BAD_FILE = 2, 5
-STORES = {"DS_flat": 14, "DS_curved": 14, "Sol_flat": 16, "Sol_curved": 16}   # successful evaluations
-OLD_STORE, OLD_VERSION = "Sol_curved", 3   # its results are of another version
+STORES = {"DS_flat": 14, "DS_curved": 14, "Sol_flat": 16, "Sol_curved": 16}  # successful evaluations
+OLD_STORE, OLD_VERSION = "Sol_curved", 3  # its results are of another version
 PLACES, BINS, SCENARIOS, LOADS = 7, 11, 28, 5
 
 
@@ -40,7 +41,17 @@ def store(name):
 
 
 def report(page, *names, threads=2):
-    done = run("campaign", "report", "--json", "--quiet", "--threads", threads, "--out", page, *[word for name in names for word in ("--store", store(name))])
+    done = run(
+        "campaign",
+        "report",
+        "--json",
+        "--quiet",
+        "--threads",
+        threads,
+        "--out",
+        page,
+        *[word for name in names for word in ("--store", store(name))],
+    )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -63,7 +74,11 @@ def data_of(page):
 
 
 def exported(name):
-    return [t for t in json.loads(run("campaign", "export", "--json", "--store", store(name)).stdout) if t["state"] == "evaluated"]
+    return [
+        t
+        for t in json.loads(run("campaign", "export", "--json", "--store", store(name)).stdout)
+        if t["state"] == "evaluated"
+    ]
 
 
 class Links(html.parser.HTMLParser):
@@ -74,14 +89,20 @@ class Links(html.parser.HTMLParser):
         self.found = []
 
     def handle_starttag(self, tag, attributes):
-        self.found += [(tag, key, value) for key, value in attributes if key in ("src", "href", "srcset", "data", "poster", "action", "background")]
+        self.found += [
+            (tag, key, value)
+            for key, value in attributes
+            if key in ("src", "href", "srcset", "data", "poster", "action", "background")
+        ]
 
 
 def volume(points, triangles):
     """Enclosed by a closed surface."""
     total = 0.0
     for a, b, c in ([points[n] for n in t] for t in triangles):
-        total += a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        total += (
+            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        )
     return total / 6.0
 
 
@@ -104,7 +125,9 @@ class Page(unittest.TestCase):
 
     def quiet(self):
         """No complaints, nothing from outside."""
-        self.assertEqual([c for c in self.browser.complaints() if "willReadFrequently" not in c], [])   # a hint of Chromium to plotly
+        self.assertEqual(
+            [c for c in self.browser.complaints() if "willReadFrequently" not in c], []
+        )  # a hint of Chromium to plotly
         for url in self.browser.requests():
             self.assertIn(url.split(":")[0], ("file", "data", "blob"), url)
 
@@ -114,13 +137,19 @@ class Page(unittest.TestCase):
         self.addCleanup(self.browser.__exit__)
 
     def plot(self, figure, expression):
-        return self.browser.evaluate(f"(() => {{ const plot = document.querySelector('#{figure} .plot'); return {expression}; }})()")
+        return self.browser.evaluate(
+            f"(() => {{ const plot = document.querySelector('#{figure} .plot'); return {expression}; }})()"
+        )
 
     def choose(self, selector, index):
-        self.browser.evaluate(f"(() => {{ const s = document.querySelectorAll('{selector}')[0]; s.selectedIndex = {index}; s.dispatchEvent(new Event('change')); }})()")
+        self.browser.evaluate(
+            f"(() => {{ const s = document.querySelectorAll('{selector}')[0]; s.selectedIndex = {index}; s.dispatchEvent(new Event('change')); }})()"
+        )
 
     def sentence(self, figure):
-        return self.browser.evaluate(f"(() => {{ const p = document.querySelector('#{figure} p.note'); return p.hidden ? '' : p.textContent; }})()")
+        return self.browser.evaluate(
+            f"(() => {{ const p = document.querySelector('#{figure} p.note'); return p.hidden ? '' : p.textContent; }})()"
+        )
 
     def csv(self, figure, name):
         """Clicks on the link and reads the file."""
@@ -154,15 +183,29 @@ class OneCampaign(Page):
         self.open(self.page)
         n = len(self.trials)
         self.assertEqual(n, STORES["DS_flat"])
-        self.assertEqual(self.browser.evaluate("document.querySelectorAll('#pareto-figure .scatterlayer path.point').length"), n)
-        marks = self.plot("pareto-figure", "plot.data.filter((d) => d.mode === 'markers' && d.x.length > 0).map((d) => [d.name, d.x.length, d.marker.symbol])")
+        self.assertEqual(
+            self.browser.evaluate("document.querySelectorAll('#pareto-figure .scatterlayer path.point').length"), n
+        )
+        marks = self.plot(
+            "pareto-figure",
+            "plot.data.filter((d) => d.mode === 'markers' && d.x.length > 0).map((d) => [d.name, d.x.length, d.marker.symbol])",
+        )
         self.assertEqual(sum(m[1] for m in marks), n)
         self.assertEqual([m[1:] for m in marks if m[0] == "selected design"], [[1, "star"]])
-        self.assertEqual({m[0]: m[1] for m in marks if m[0] != "selected design"}.get("reference design", 0) + ("reference" == self.origin(self.best)), 5)
+        self.assertEqual(
+            {m[0]: m[1] for m in marks if m[0] != "selected design"}.get("reference design", 0)
+            + ("reference" == self.origin(self.best)),
+            5,
+        )
 
         rows = self.csv("pareto-figure", "pareto")
-        self.assertEqual([[float(r["J_contact"]), float(r["J_obs"]), int(r["on_front"]), float(r["w_v_mm"])] for r in rows],
-                         [[t["record"]["J_contact"], t["record"]["J_obs"], int(t["on_front"]), t["theta_mm"][4]] for t in self.trials])
+        self.assertEqual(
+            [[float(r["J_contact"]), float(r["J_obs"]), int(r["on_front"]), float(r["w_v_mm"])] for r in rows],
+            [
+                [t["record"]["J_contact"], t["record"]["J_obs"], int(t["on_front"]), t["theta_mm"][4]]
+                for t in self.trials
+            ],
+        )
         rows = self.csv("history-figure", "hypervolume")
         self.assertEqual([float(r["hypervolume"]) for r in rows], [t["hypervolume"] for t in self.trials])
         self.assertEqual(self.plot("history-figure", "plot.querySelectorAll('path.point').length"), n)
@@ -173,7 +216,11 @@ class OneCampaign(Page):
         self.assertEqual(self.plot("check-figure", "plot.querySelectorAll('path.point').length"), 2 * n)
         caption = self.browser.evaluate("document.querySelector('#check-figure figcaption').textContent")
         for objective in ["J_contact", "J_obs"]:
-            z = [(float(r["computed"]) - float(r["predicted"])) / float(r["predicted_deviation"]) for r in rows if r["objective"] == objective]
+            z = [
+                (float(r["computed"]) - float(r["predicted"])) / float(r["predicted_deviation"])
+                for r in rows
+                if r["objective"] == objective
+            ]
             self.assertEqual(len(z), n)
             share = 100 * sum(abs(v) <= 1.96 for v in z) / n
             self.assertIn(f"{objective}: {math.floor(share + 0.5)} % of {n} within the bars", caption)
@@ -201,22 +248,42 @@ class OneCampaign(Page):
         self.assertEqual(self.browser.evaluate(caption), f"{len(self.trials)} designs.")
         self.browser.evaluate("document.getElementById('parallel-figure').scrollIntoView()")
         x, y, width, height = self.plot("parallel-figure", box("plot.querySelectorAll('.axis-brush')[1]"))
-        for kind, at in [("mouseMoved", 0.3), ("mousePressed", 0.3), ("mouseMoved", 0.5), ("mouseMoved", 0.7), ("mouseReleased", 0.7)]:
+        for kind, at in [
+            ("mouseMoved", 0.3),
+            ("mousePressed", 0.3),
+            ("mouseMoved", 0.5),
+            ("mouseMoved", 0.7),
+            ("mouseReleased", 0.7),
+        ]:
             held = at > 0.3
-            self.browser.call("Input.dispatchMouseEvent", type=kind, x=x + width / 2, y=y + at * height, button="left" if held or kind != "mouseMoved" else "none", buttons=int(held), clickCount=1)
+            self.browser.call(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x + width / 2,
+                y=y + at * height,
+                button="left" if held or kind != "mouseMoved" else "none",
+                buttons=int(held),
+                clickCount=1,
+            )
             time.sleep(0.1)
         self.browser.wait_for(f"{caption}.includes('within the brushes')")
         low, high = self.plot("parallel-figure", "plot.data[0].dimensions[1].constraintrange")
         within = sum(low <= t["theta_mm"][1] <= high for t in self.trials)
         self.assertGreater(len(self.trials), within)
-        self.assertTrue(self.browser.evaluate(caption).startswith(f"{within} of {len(self.trials)} designs within the brushes"))
+        self.assertTrue(
+            self.browser.evaluate(caption).startswith(f"{within} of {len(self.trials)} designs within the brushes")
+        )
 
     def test_hover_shows_errors(self):
         self.open(self.page)
         self.browser.evaluate("document.getElementById('pareto').scrollIntoView()")
-        x, y, width, height = self.plot("pareto-figure", box("[...plot.querySelectorAll('.scatterlayer path.point')].pop()"))
+        x, y, width, height = self.plot(
+            "pareto-figure", box("[...plot.querySelectorAll('.scatterlayer path.point')].pop()")
+        )
         self.browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + width / 2, y=y + height / 2)
-        self.browser.wait_for("document.querySelector('#pareto-figure .plot').data.some((d) => d.error_y && d.error_y.array.length === 1)")
+        self.browser.wait_for(
+            "document.querySelector('#pareto-figure .plot').data.some((d) => d.error_y && d.error_y.array.length === 1)"
+        )
         shown = self.plot("pareto-figure", "plot.querySelector('.hoverlayer').textContent")
         self.assertIn(f"#{self.best['index']}, selected", shown)
         self.assertIn("± 0.0040", shown)
@@ -224,7 +291,10 @@ class OneCampaign(Page):
     def test_design(self):
         self.open(self.page)
         record, theta = self.best["record"], ",".join(map(str, self.best["theta_mm"]))
-        self.assertIn(f"h_ep = {self.best['theta_mm'][1]:g} mm", self.browser.evaluate("document.querySelector('#section-figure svg').textContent"))
+        self.assertIn(
+            f"h_ep = {self.best['theta_mm'][1]:g} mm",
+            self.browser.evaluate("document.querySelector('#section-figure svg').textContent"),
+        )
         rows = self.csv("section-figure", "section")
         carrier = [float(r["z_mm"]) for r in rows if r["part"] == "carrier"]
         self.assertEqual(max(carrier), self.best["theta_mm"][3])
@@ -232,15 +302,25 @@ class OneCampaign(Page):
         self.assertEqual(self.plot("force-figure", "plot.data.length"), 4)
         self.assertEqual(len(self.csv("force-figure", "force_depth")), SCENARIOS * LOADS)
         here = [s for s in record["scenarios"] if s["y_mm"] == 0]
-        self.assertEqual(self.plot("force-figure", "plot.data.map((d) => d.x)"), [[0] + [k["depth_mm"] for k in s["states"]] for s in here])
+        self.assertEqual(
+            self.plot("force-figure", "plot.data.map((d) => d.x)"),
+            [[0] + [k["depth_mm"] for k in s["states"]] for s in here],
+        )
         self.choose("#force-figure select", 0)
         there = [s for s in record["scenarios"] if s["y_mm"] == record["scenarios"][0]["y_mm"]]
-        self.assertEqual(self.plot("force-figure", "plot.data.map((d) => d.x)"), [[0] + [k["depth_mm"] for k in s["states"]] for s in there])
+        self.assertEqual(
+            self.plot("force-figure", "plot.data.map((d) => d.x)"),
+            [[0] + [k["depth_mm"] for k in s["states"]] for s in there],
+        )
 
         z = self.plot("heat-figure", "plot.data[0].z")
         self.assertEqual((len(z), [len(row) for row in z]), (PLACES, [BINS] * PLACES))
         self.assertEqual(self.plot("heat-figure", "plot.data[0].zmin + plot.data[0].zmax"), 0)
-        change = [[r - u for r, u in zip(s["states"][-1]["response"], record["unloaded_response"])] for s in record["scenarios"] if s["diameter_mm"] == 10]
+        change = [
+            [r - u for r, u in zip(s["states"][-1]["response"], record["unloaded_response"])]
+            for s in record["scenarios"]
+            if s["diameter_mm"] == 10
+        ]
         scale = change[3][5] / z[3][5]
         for shown, wanted in zip(sum(z, []), sum(change, [])):
             self.assertAlmostEqual(shown * scale, wanted, delta=1e-12)
@@ -251,26 +331,34 @@ class OneCampaign(Page):
         # The 3-D view is the boundary of the mesh that a press of this design has.
         mesh = json.loads(run("mesh", "--theta", theta, "--json", "--quiet").stdout)
         triangles = self.plot("pad-figure", "(({i, j, k}) => i.map((n, t) => [n, j[t], k[t]]))(plot.data[0])")
-        self.assertEqual(len(triangles), 4 * mesh["boundary_faces"])   # four for each curved face
+        self.assertEqual(len(triangles), 4 * mesh["boundary_faces"])  # four for each curved face
         rows = self.csv("pad-figure", "pressed_pad")
         points = [[float(r[c]) for c in ("x_mm", "y_mm", "z_mm")] for r in rows]
         rest = [[float(r[c]) for c in ("rest_x_mm", "rest_y_mm", "rest_z_mm")] for r in rows]
         self.assertEqual(sorted({n for t in triangles for n in t}), list(range(len(rows))))
-        self.assertAlmostEqual(volume(rest, triangles) / mesh["volume_mm3"], 1.0, delta=0.002)     # but for what four flat triangles leave out of a curved face
-        self.assertAlmostEqual(volume(points, triangles) / volume(rest, triangles), 1.0, delta=0.01)   # silicone hardly gives way in volume
+        self.assertAlmostEqual(
+            volume(rest, triangles) / mesh["volume_mm3"], 1.0, delta=0.002
+        )  # but for what four flat triangles leave out of a curved face
+        self.assertAlmostEqual(
+            volume(points, triangles) / volume(rest, triangles), 1.0, delta=0.01
+        )  # silicone hardly gives way in volume
         press = json.loads(run("press", "--theta", theta, "--json", "--quiet").stdout)
         depth = press["states"][-1]["depth_mm"] if "states" in press else press["scenario"]["states"][-1]["depth_mm"]
         apex = max(range(len(rest)), key=lambda n: (rest[n][2], -abs(rest[n][0]) - abs(rest[n][1])))
         self.assertAlmostEqual((rest[apex][2] - points[apex][2]) / depth, 1.0, delta=0.01)
         self.assertGreater(self.colours("pad-figure"), 50)
         self.choose("#pad-figure select", 1)
-        self.assertIn("sphere of 30 mm", self.browser.evaluate("document.querySelector('#pad-figure figcaption').textContent"))
+        self.assertIn(
+            "sphere of 30 mm", self.browser.evaluate("document.querySelector('#pad-figure figcaption').textContent")
+        )
 
         # Patches seen from above are a little smaller than on the curved surface, and grow with the load.
         rows = self.csv("patch-figure", "contact_patches")
         areas = {}
         for r in rows:
-            areas.setdefault((float(r["diameter_mm"]), float(r["load_N"]), float(r["reference_area_mm2"])), {}).setdefault(r["loop"], []).append((float(r["y_mm"]), float(r["x_mm"])))
+            areas.setdefault(
+                (float(r["diameter_mm"]), float(r["load_N"]), float(r["reference_area_mm2"])), {}
+            ).setdefault(r["loop"], []).append((float(r["y_mm"]), float(r["x_mm"])))
         self.assertEqual(len(areas), 2 * LOADS)
         for (_, _, wanted), loops in areas.items():
             self.assertTrue(all(loop[0] == loop[-1] for loop in loops.values()))
@@ -297,7 +385,10 @@ class OneCampaign(Page):
         page.write_text(head + json.dumps(model).replace("<", "\\u003c") + tail)
         self.open(page)
         for figure in ["patch", "pad"]:
-            self.assertEqual(self.sentence(f"{figure}-figure"), "The pad was not pressed for this page: mesh: the mesher ran out of time")
+            self.assertEqual(
+                self.sentence(f"{figure}-figure"),
+                "The pad was not pressed for this page: mesh: the mesher ran out of time",
+            )
         self.assertEqual(self.plot("force-figure", "plot.data.length"), 4)
         self.browser.screenshot(FOLDER / "no_press.png")
 
@@ -306,15 +397,29 @@ class Campaigns(Page):
     def test_four(self):
         page = FOLDER / "four.html"
         report(page, *STORES)
-        self.assertEqual(data_of(page)["campaigns"][0], data_of(one_campaign()[0])["campaigns"][0])   # to the bit, from two threads and from one
+        self.assertEqual(
+            data_of(page)["campaigns"][0], data_of(one_campaign()[0])["campaigns"][0]
+        )  # to the bit, from two threads and from one
         self.open(page)
         counts = [len(exported(name)) for name in STORES]
         self.assertEqual(counts, list(STORES.values()))
-        self.assertEqual(self.browser.evaluate("document.querySelectorAll('#pareto-figure .scatterlayer path.point').length"), sum(counts))
-        stars = self.plot("pareto-figure", "plot.data.filter((d) => d.name === 'selected design').map((d) => [d.x.length, d.marker.symbol, d.xaxis])")
+        self.assertEqual(
+            self.browser.evaluate("document.querySelectorAll('#pareto-figure .scatterlayer path.point').length"),
+            sum(counts),
+        )
+        stars = self.plot(
+            "pareto-figure",
+            "plot.data.filter((d) => d.name === 'selected design').map((d) => [d.x.length, d.marker.symbol, d.xaxis])",
+        )
         self.assertEqual(stars, [[1, "star", x] for x in ("x", "x2", "x3", "x4")])
-        self.assertEqual(self.plot("pareto-figure", "plot.layout.annotations.map((a) => a.text)"), ["<b>DS, flat</b>", "<b>Sol, flat</b>", "<b>DS, curved</b>", "<b>Sol, curved</b>"])
-        ranges = self.plot("pareto-figure", "['', 2, 3, 4].map((n) => [plot.layout['xaxis' + n].range, plot.layout['yaxis' + n].range])")
+        self.assertEqual(
+            self.plot("pareto-figure", "plot.layout.annotations.map((a) => a.text)"),
+            ["<b>DS, flat</b>", "<b>Sol, flat</b>", "<b>DS, curved</b>", "<b>Sol, curved</b>"],
+        )
+        ranges = self.plot(
+            "pareto-figure",
+            "['', 2, 3, 4].map((n) => [plot.layout['xaxis' + n].range, plot.layout['yaxis' + n].range])",
+        )
         self.assertEqual((ranges[0], ranges[1]), (ranges[2], ranges[3]))
         self.assertEqual(len(self.csv("pareto-figure", "pareto")), sum(counts))
         self.assertEqual(self.plot("history-figure", "plot.data[0].x.length"), counts[0])
@@ -323,8 +428,16 @@ class Campaigns(Page):
         self.assertEqual(len(self.csv("force-figure", "force_depth")), 5 * SCENARIOS * LOADS)
         self.assertEqual(self.browser.evaluate("document.querySelectorAll('#provenance tr').length"), 5)
         foot = self.browser.evaluate("document.getElementById('provenance').textContent")
-        self.assertEqual(foot.count("lumo 0.1.0, 2 threads, an abacus, Linux 0, g++ 12, TetGen 1.5.0, Embree 3.13.5, CHOLMOD 3.0.14"), 4)
-        digests = [json.loads(run("campaign", "status", "--json", "--store", store(name)).stdout)["problem_digest"] for name in STORES]
+        self.assertEqual(
+            foot.count(
+                "lumo 0.1.0, 2 threads, an abacus, Linux 0, g++ 12, TetGen 1.5.0, Embree 3.13.5, CHOLMOD 3.0.14"
+            ),
+            4,
+        )
+        digests = [
+            json.loads(run("campaign", "status", "--json", "--store", store(name)).stdout)["problem_digest"]
+            for name in STORES
+        ]
         self.assertEqual(len(set(digests)), 4)
         for digest in digests:
             self.assertIn(f"digest {digest}", foot)
@@ -347,11 +460,16 @@ class Campaigns(Page):
         for figure in ["pareto", "history", "parallel", "section", "force", "patch", "heat", "pad"]:
             self.assertRegex(self.sentence(f"{figure}-figure"), "No evaluation has succeeded|No design is selected")
         self.assertIn("fewer than five", self.sentence("check-figure"))
-        self.assertEqual(self.browser.evaluate("document.querySelectorAll('.plot:not([hidden]), button.csv:not([hidden])').length"), 0)
+        self.assertEqual(
+            self.browser.evaluate("document.querySelectorAll('.plot:not([hidden]), button.csv:not([hidden])').length"),
+            0,
+        )
         # Odd words of a store are shown as they are.
         said = self.browser.evaluate("[...document.querySelectorAll('#failures li')].map((e) => e.textContent)")
         self.assertEqual(len(said), 5)
-        self.assertIn("</script><img src=x onerror=alert(1)> & \"quotes\", {{script}}, no UTF-8: \N{REPLACEMENT CHARACTER}", said[0])
+        self.assertIn(
+            '</script><img src=x onerror=alert(1)> & "quotes", {{script}}, no UTF-8: \N{REPLACEMENT CHARACTER}', said[0]
+        )
         self.assertEqual(self.browser.evaluate("document.images.length"), 0)
         self.browser.screenshot(FOLDER / "failed.png")
 
@@ -365,7 +483,7 @@ class Refusals(unittest.TestCase):
         self.refused(BAD_FILE, ["none.db"], "--store", "none.db")
         self.refused(BAD_FILE, ["none.db"], "--store", store("DS_flat"), "--store", "none.db")
         self.refused(BAD_FILE, ["directory"], "--store", store("DS_flat"), "--out", "pages/")
-        (FOLDER / "taken.html").mkdir(exist_ok=True)   # refused before anything is pressed: there is no progress
+        (FOLDER / "taken.html").mkdir(exist_ok=True)  # refused before anything is pressed: there is no progress
         self.refused(BAD_FILE, ["taken.html", "directory"], "--store", store("DS_flat"), "--out", "taken.html")
         self.assertEqual([p.name for p in FOLDER.glob("pages*")], [])
 

@@ -1,7 +1,9 @@
-"""What the commands compute, seen from outside: every promised key, sound files, one answer for any number of threads, a clean stop.
+"""What the commands compute, seen from outside: every promised key, sound files, one answer for any number of threads,
+a clean stop.
 
 usage: test_results.py path/to/lumo [quick|long]
 """
+
 import base64
 import csv
 import json
@@ -19,14 +21,49 @@ import unittest
 import xml.etree.ElementTree
 
 LUMO, LONG = "", False
-STATE = ["load_N", "force_N", "depth_mm", "contact_area_mm2", "reference_area_mm2", "residual_N", "penetration_mm", "response", "response_change_err"]
+STATE = [
+    "load_N",
+    "force_N",
+    "depth_mm",
+    "contact_area_mm2",
+    "reference_area_mm2",
+    "residual_N",
+    "penetration_mm",
+    "response",
+    "response_change_err",
+]
 SCENARIO = ["diameter_mm", "angle_deg", "y_mm", "status", "q_form", "q_stable", "q_stiff", "states"]
-EVALUATION = ["theta_mm", "material", "mechanics", "ensemble", "J_contact", "J_contact_err", "J_obs", "J_obs_err", "worst_contact", "worst_observation",
-              "unloaded_response", "unloaded_response_err", "scenarios", "ledger", "mesh", "seconds"]
+EVALUATION = [
+    "theta_mm",
+    "material",
+    "mechanics",
+    "ensemble",
+    "J_contact",
+    "J_contact_err",
+    "J_obs",
+    "J_obs_err",
+    "worst_contact",
+    "worst_observation",
+    "unloaded_response",
+    "unloaded_response_err",
+    "scenarios",
+    "ledger",
+    "mesh",
+    "seconds",
+]
 
 
-MECHANICS = {"mode": "default", "solver": "quasi_static", "element": "quadratic", "size_mm": None, "sweeps": None, "law": "neo_hookean",
-             "contact_stiffness_N_per_m3": 1e11, "contact_points": "surface", "friction": 0}
+MECHANICS = {
+    "mode": "default",
+    "solver": "quasi_static",
+    "element": "quadratic",
+    "size_mm": None,
+    "sweeps": None,
+    "law": "neo_hookean",
+    "contact_stiffness_N_per_m3": 1e11,
+    "contact_points": "surface",
+    "friction": 0,
+}
 STUDIED = ["name", "mechanics", "mesh", "status", "q_form", "q_stable", "q_stiff", "score", "seconds", "states"]
 
 
@@ -36,13 +73,16 @@ def run(*arguments, timeout=900):
 
 def strict(text):
     """JSON without the NaN that Python would let pass."""
+
     def refuse(word):
         raise ValueError(f"{word} is not JSON")
+
     return json.loads(text, parse_constant=refuse)
 
 
 def read_arrays(path):
-    """Sizes and name → numbers of a .vtu file: UInt64 byte count, then little-endian values, all in one base64 piece."""
+    """Sizes and name → numbers of a .vtu file: UInt64 byte count, then little-endian values, all in one base64
+    piece."""
     formats = {"Float64": "d", "Int64": "q", "UInt8": "B"}
     piece = xml.etree.ElementTree.parse(path).getroot().find("UnstructuredGrid/Piece")
     arrays = {}
@@ -77,9 +117,9 @@ class Quick(unittest.TestCase):
         self.assertEqual(len(arrays["connectivity"]), 10 * cells)
         self.assertEqual((min(arrays["connectivity"]), max(arrays["connectivity"])), (0, points - 1))
         # Straight or curved, an edge's middle node lies near the middle of its ends: the node order is VTK's.
-        node = lambda i: arrays["position_m"][3 * i: 3 * i + 3]
+        node = lambda i: arrays["position_m"][3 * i : 3 * i + 3]
         for cell in range(0, cells, max(1, cells // 200)):
-            nodes = arrays["connectivity"][10 * cell: 10 * cell + 10]
+            nodes = arrays["connectivity"][10 * cell : 10 * cell + 10]
             for k, (a, b) in enumerate([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]):
                 ends, middle = (node(nodes[a]), node(nodes[b])), node(nodes[4 + k])
                 self.assertLess(math.dist(middle, [(p + q) / 2 for p, q in zip(*ends)]), 0.25 * math.dist(*ends))
@@ -95,7 +135,9 @@ class Quick(unittest.TestCase):
             for picture in ["force_depth.svg", "contact.svg"]:
                 xml.etree.ElementTree.parse(pathlib.Path(folder) / picture)
         self.assertEqual(report["mechanics"], MECHANICS)
-        self.assertEqual(written, {"force_depth.svg", "contact.svg", "press.csv", "press.pvd", "press_1.vtu", "press_2.vtu"})
+        self.assertEqual(
+            written, {"force_depth.svg", "contact.svg", "press.csv", "press.pvd", "press_1.vtu", "press_2.vtu"}
+        )
         for key in SCENARIO:
             self.assertIn(key, report)
         self.assertEqual([s["load_N"] for s in report["states"]], [1, 2])
@@ -106,19 +148,41 @@ class Quick(unittest.TestCase):
             self.assertTrue(0 < state["penetration_mm"] < 0.01 * state["depth_mm"], state)
         depths = [s["depth_mm"] for s in report["states"]]
         self.assertLess(depths[0], depths[1])
-        self.assertIsNone(report["q_stiff"])   # needs loads that were not given
-        self.assertEqual([float(row["penetration_mm"]) for row in table], [float(f"{s['penetration_mm']:.12g}") for s in report["states"]])
+        self.assertIsNone(report["q_stiff"])  # needs loads that were not given
+        self.assertEqual(
+            [float(row["penetration_mm"]) for row in table],
+            [float(f"{s['penetration_mm']:.12g}") for s in report["states"]],
+        )
         self.assertEqual(len(arrays["displacement_m"]), 3 * points)
         lowest = min(arrays["displacement_m"][2::3])
         self.assertLess(lowest, -0.5e-3 * depths[1])
         self.assertEqual(len(arrays["pressure_Pa"]), points)
-        self.assertTrue(min(arrays["pressure_Pa"]) == 0 and max(arrays["pressure_Pa"]) > report["states"][1]["load_N"] / (1e-6 * report["states"][1]["contact_area_mm2"]))
+        self.assertTrue(
+            min(arrays["pressure_Pa"]) == 0
+            and max(arrays["pressure_Pa"])
+            > report["states"][1]["load_N"] / (1e-6 * report["states"][1]["contact_area_mm2"])
+        )
         field = arrays["contact_field_m"]
-        self.assertTrue(all(map(math.isfinite, field)) and min(field) < 0 < max(field))   # outside, inside the contact
+        self.assertTrue(all(map(math.isfinite, field)) and min(field) < 0 < max(field))  # outside, inside the contact
 
     def test_a_contact_comes_back_as_typed(self):
         for angle in (-30, 15):
-            done = self.good("press", "--mode", "paper", "--size", "5", "--sweeps", "2", "--loads", "1", "--angle", str(angle), "--y", "-11", "--json")
+            done = self.good(
+                "press",
+                "--mode",
+                "paper",
+                "--size",
+                "5",
+                "--sweeps",
+                "2",
+                "--loads",
+                "1",
+                "--angle",
+                str(angle),
+                "--y",
+                "-11",
+                "--json",
+            )
             report = strict(done.stdout)
             self.assertEqual([report["diameter_mm"], report["angle_deg"], report["y_mm"]], [10, angle, -11])
 
@@ -126,42 +190,97 @@ class Quick(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             out = os.path.join(folder, "out")
             done = run("press", "--diameter", "2", "--loads", "1,900", "--json", "--out", out)
-            self.assertEqual(os.listdir(folder), [])   # files are for good results only
+            self.assertEqual(os.listdir(folder), [])  # files are for good results only
         self.assertEqual(done.returncode, 4)
         report = strict(done.stdout)
         self.assertNotEqual(report["status"], "converged")
         self.assertGreater(report["states"][0]["depth_mm"], 0)
         self.assertIsNone(report["states"][1]["depth_mm"])
-        self.assertEqual([line.split(" (")[0] for line in done.stderr.splitlines() if "press" in line or "no eq" in line], ["lumo: press ...", "lumo: no equilibrium at 900 N"])
+        self.assertEqual(
+            [line.split(" (")[0] for line in done.stderr.splitlines() if "press" in line or "no eq" in line],
+            ["lumo: press ...", "lumo: no equilibrium at 900 N"],
+        )
 
     def test_files_of_an_earlier_press_stay(self):
         with tempfile.TemporaryDirectory() as folder:
             for loads in ["1,2", "1"]:
                 self.good("press", "--loads", loads, "--out", folder)
-            series = [entry.get("file") for entry in xml.etree.ElementTree.parse(pathlib.Path(folder) / "press.pvd").iter("DataSet")]
-            self.assertEqual(series, ["press_1.vtu"])   # of the last run
+            series = [
+                entry.get("file")
+                for entry in xml.etree.ElementTree.parse(pathlib.Path(folder) / "press.pvd").iter("DataSet")
+            ]
+            self.assertEqual(series, ["press_1.vtu"])  # of the last run
             self.assertTrue((pathlib.Path(folder) / "press_2.vtu").exists())
 
-    def test_depths_of_the_model(self):   # quadratic elements, twice as many nodes; believed to the larger of 1.5 % and 15 µm
-        for diameter, depths in ("10", [0.735, 1.114, 1.908, 2.864, 3.638]), ("30", [0.480, 0.706, 1.152, 1.653, 2.034]):
+    def test_depths_of_the_model(
+        self,
+    ):  # quadratic elements, twice as many nodes; believed to the larger of 1.5 % and 15 µm
+        for diameter, depths in ("10", [0.735, 1.114, 1.908, 2.864, 3.638]), (
+            "30",
+            [0.480, 0.706, 1.152, 1.653, 2.034],
+        ):
             report = strict(self.good("press", "--diameter", diameter, "--json").stdout)
             for state, depth in zip(report["states"], depths, strict=True):
                 self.assertAlmostEqual(state["depth_mm"], depth, delta=max(0.015 * depth, 0.015))
 
     def test_every_solver_element_law_and_contact(self):
         depths = {}
-        for solver, element, size, law, points in [("quasi_static", "linear", "4", "neo_hookean", "surface"), ("quasi_static", "linear", "4", "newton", "surface"),
-                                                   ("quasi_static", "linear", "4", "neo_hookean", "vertex"), ("quasi_static", "linear", "4", "newton", "vertex"),
-                                                   ("quasi_static", "quadratic", "6", "neo_hookean", "surface"), ("quasi_static", "quadratic", "6", "newton", "surface"),
-                                                   ("quasi_static", "quadratic", "6", "neo_hookean", "vertex"), ("quasi_static", "quadratic", "6", "newton", "vertex"),
-                                                   ("vbd", "linear", "4", "neo_hookean", "surface"), ("vbd", "linear", "4", "newton", "surface"),
-                                                   ("vbd", "linear", "4", "neo_hookean", "vertex"), ("vbd", "linear", "4", "newton", "vertex"), ("vbd", "quadratic", "8", "newton", "surface")]:
+        for solver, element, size, law, points in [
+            ("quasi_static", "linear", "4", "neo_hookean", "surface"),
+            ("quasi_static", "linear", "4", "newton", "surface"),
+            ("quasi_static", "linear", "4", "neo_hookean", "vertex"),
+            ("quasi_static", "linear", "4", "newton", "vertex"),
+            ("quasi_static", "quadratic", "6", "neo_hookean", "surface"),
+            ("quasi_static", "quadratic", "6", "newton", "surface"),
+            ("quasi_static", "quadratic", "6", "neo_hookean", "vertex"),
+            ("quasi_static", "quadratic", "6", "newton", "vertex"),
+            ("vbd", "linear", "4", "neo_hookean", "surface"),
+            ("vbd", "linear", "4", "newton", "surface"),
+            ("vbd", "linear", "4", "neo_hookean", "vertex"),
+            ("vbd", "linear", "4", "newton", "vertex"),
+            ("vbd", "quadratic", "8", "newton", "surface"),
+        ]:
             sweeps = ["--sweeps", "3"] if solver == "vbd" else []
-            report = strict(self.good("press", "--json", "--diameter", "30", "--loads", "0.5", "--solver", solver, "--element", element, "--size", size, "--law", law, *sweeps,
-                                      "--contact-points", points, "--contact-stiffness", "1e10", "--friction", "0.2").stdout)
+            report = strict(
+                self.good(
+                    "press",
+                    "--json",
+                    "--diameter",
+                    "30",
+                    "--loads",
+                    "0.5",
+                    "--solver",
+                    solver,
+                    "--element",
+                    element,
+                    "--size",
+                    size,
+                    "--law",
+                    law,
+                    *sweeps,
+                    "--contact-points",
+                    points,
+                    "--contact-stiffness",
+                    "1e10",
+                    "--friction",
+                    "0.2",
+                ).stdout
+            )
             with self.subTest((solver, element, law, points)):
-                self.assertEqual(report["mechanics"], {"mode": "default", "solver": solver, "element": element, "size_mm": int(size), "sweeps": 3 if sweeps else None, "law": law,
-                                                       "contact_stiffness_N_per_m3": 1e10, "contact_points": points, "friction": 0.2})
+                self.assertEqual(
+                    report["mechanics"],
+                    {
+                        "mode": "default",
+                        "solver": solver,
+                        "element": element,
+                        "size_mm": int(size),
+                        "sweeps": 3 if sweeps else None,
+                        "law": law,
+                        "contact_stiffness_N_per_m3": 1e10,
+                        "contact_points": points,
+                        "friction": 0.2,
+                    },
+                )
                 self.assertEqual(report["status"], "held" if sweeps else "converged")
                 (state,) = report["states"]
                 self.assertGreater(state["residual_N"], 0)
@@ -169,24 +288,61 @@ class Quick(unittest.TestCase):
                     self.assertAlmostEqual(state["force_N"], 0.5, delta=1e-6)
                     self.assertLessEqual(state["residual_N"], 1e-6 * state["load_N"])
                 depths[solver, element, law, points] = state["depth_mm"]
-        for law, points in [("neo_hookean", "surface"), ("newton", "surface")]:   # linear elements lock
-            self.assertLess(depths["quasi_static", "linear", law, points], depths["quasi_static", "quadratic", law, points])
+        for law, points in [("neo_hookean", "surface"), ("newton", "surface")]:  # linear elements lock
+            self.assertLess(
+                depths["quasi_static", "linear", law, points], depths["quasi_static", "quadratic", law, points]
+            )
 
     def test_a_solver_alone_does_not_change_the_contact(self):
-        still, held = (strict(self.good("press", "--json", "--loads", "0.5", "--element", "linear", "--size", "5", "--solver", s).stdout)["mechanics"] for s in ("quasi_static", "vbd"))
-        self.assertEqual({k: v for k, v in held.items() if k not in ("solver", "sweeps")}, {k: v for k, v in still.items() if k not in ("solver", "sweeps")})
+        still, held = (
+            strict(
+                self.good(
+                    "press", "--json", "--loads", "0.5", "--element", "linear", "--size", "5", "--solver", s
+                ).stdout
+            )["mechanics"]
+            for s in ("quasi_static", "vbd")
+        )
+        self.assertEqual(
+            {k: v for k, v in held.items() if k not in ("solver", "sweeps")},
+            {k: v for k, v in still.items() if k not in ("solver", "sweeps")},
+        )
         paper = strict(self.good("press", "--json", "--loads", "0.5", "--mode", "paper", "--size", "5").stdout)
-        self.assertEqual(paper["mechanics"], {**MECHANICS, "mode": "paper", "solver": "vbd", "element": "linear", "size_mm": 5, "sweeps": 10, "law": "newton", "friction": 0.5})
+        self.assertEqual(
+            paper["mechanics"],
+            {
+                **MECHANICS,
+                "mode": "paper",
+                "solver": "vbd",
+                "element": "linear",
+                "size_mm": 5,
+                "sweeps": 10,
+                "law": "newton",
+                "friction": 0.5,
+            },
+        )
         self.assertEqual(paper["status"], "held")
-        smooth = strict(self.good("press", "--json", "--loads", "0.5", "--mode", "paper", "--size", "5", "--friction", "0").stdout)
+        smooth = strict(
+            self.good("press", "--json", "--loads", "0.5", "--mode", "paper", "--size", "5", "--friction", "0").stdout
+        )
         self.assertEqual(smooth["mechanics"], {**paper["mechanics"], "friction": 0})
         self.assertNotEqual(smooth["states"], paper["states"])
-        one, two = (without_times(strict(self.good("press", "--json", "--loads", "0.5", "--mode", "paper", "--size", "5", "--threads", n).stdout)) for n in "12")
+        one, two = (
+            without_times(
+                strict(
+                    self.good(
+                        "press", "--json", "--loads", "0.5", "--mode", "paper", "--size", "5", "--threads", n
+                    ).stdout
+                )
+            )
+            for n in "12"
+        )
         self.assertEqual(one, two)
 
     def test_study_of_solvers(self):
         with tempfile.TemporaryDirectory() as folder:
-            done = self.good("study", "solver", "--size", "4", "--diameter", "20", "--loads", "1,2", "--json", "--out", folder)
+            done = self.good(
+                "study", "solver", "--size", "4", "--diameter", "20", "--loads", "1,2", "--json", "--out", folder
+            )
             report = strict(done.stdout)
             self.assertEqual(set(os.listdir(folder)), {"study_solver.json", "study_solver.csv", "study_solver.html"})
             self.assertEqual((pathlib.Path(folder) / "study_solver.json").read_text(), done.stdout)
@@ -196,13 +352,16 @@ class Quick(unittest.TestCase):
         self.assertEqual(page.count("<svg"), 2)
         for elsewhere in ["<script", "http://", "https://", "<link"]:
             self.assertNotIn(elsewhere, page.replace("http://www.w3.org/2000/svg", ""))
-        self.assertEqual([r["name"] for r in report["rows"]], ["VBD, 10 sweeps", "VBD, 100 sweeps", "quasi-static, linear", "quasi-static, quadratic"])
+        self.assertEqual(
+            [r["name"] for r in report["rows"]],
+            ["VBD, 10 sweeps", "VBD, 100 sweeps", "quasi-static, linear", "quasi-static, quadratic"],
+        )
         few, many, linear, quadratic = report["rows"]
         for row in report["rows"]:
             self.assertEqual(list(row), STUDIED)
             self.assertEqual([s["load_N"] for s in row["states"]], [1, 2])
             self.assertIsNotNone(row["q_form"])
-            self.assertIsNone(row["q_stiff"])   # needs loads that were not given
+            self.assertIsNone(row["q_stiff"])  # needs loads that were not given
             self.assertIn(row["name"], page)
         self.assertEqual([r["status"] for r in report["rows"]], ["held", "held", "converged", "converged"])
         self.assertEqual(len({json.dumps(r["mesh"]) for r in (few, many, linear)}), 1)
@@ -211,21 +370,28 @@ class Quick(unittest.TestCase):
                 self.assertLessEqual(state["residual_over_force"], 1e-6)
         for a, b in zip(few["states"], many["states"], strict=True):
             self.assertGreater(a["met_force_N"], a["load_N"] - 1e-12)
-            self.assertLess(b["distance_over_height"], a["distance_over_height"])   # more sweeps, nearer to equilibrium
+            self.assertLess(b["distance_over_height"], a["distance_over_height"])  # more sweeps, nearer to equilibrium
             self.assertLess(b["residual_over_force"], a["residual_over_force"])
             self.assertLess(abs(b["depth_mm"] / b["equilibrium_depth_mm"] - 1), 0.005)
         for state in linear["states"]:
             self.assertEqual((state["distance_over_height"], state["depth_mm"]), (0, state["equilibrium_depth_mm"]))
-        for state in quadratic["states"]:   # on a mesh of its own
+        for state in quadratic["states"]:  # on a mesh of its own
             self.assertIsNone(state["distance_over_height"])
-        self.assertLess(linear["states"][-1]["depth_mm"], quadratic["states"][-1]["depth_mm"])   # linear elements lock
+        self.assertLess(linear["states"][-1]["depth_mm"], quadratic["states"][-1]["depth_mm"])  # linear elements lock
 
     def test_a_store_knows_its_mode(self):
         with tempfile.TemporaryDirectory() as folder:
             store = os.path.join(folder, "s.db")
-            process = subprocess.Popen([LUMO, "campaign", "run", "--store", store, "--mode", "paper", "--evaluations", "1", "--threads", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            process = subprocess.Popen(
+                [LUMO, "campaign", "run", "--store", store, "--mode", "paper", "--evaluations", "1", "--threads", "1"],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )
             try:
-                while process.poll() is None and (status := run("campaign", "status", "--store", store, "--json")).returncode != 0:
+                while (
+                    process.poll() is None
+                    and (status := run("campaign", "status", "--store", store, "--json")).returncode != 0
+                ):
                     time.sleep(0.1)
                 self.assertEqual(strict(status.stdout)["mode"], "paper")
                 self.assertIn("paper mode", self.good("campaign", "status", "--store", store).stdout)
@@ -237,18 +403,22 @@ class Quick(unittest.TestCase):
             self.assertEqual((other.returncode, other.stdout), (5, ""))
             self.assertIn("mechanics", other.stderr)
 
-    def test_little_memory_is_a_numerical_failure(self):   # OpenBLAS would ask for its work area for ever
+    def test_little_memory_is_a_numerical_failure(self):  # OpenBLAS would ask for its work area for ever
         for command, megabytes in [("press", 250), ("press", 300), ("press", 350), ("trace", 500)]:
             limited = f"ulimit -v {1000 * megabytes}; exec '{LUMO}' {command} --loads 1 --threads 2"
-            done = subprocess.run(["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=120)
+            done = subprocess.run(
+                ["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=120
+            )
             self.assertIn(done.returncode, (0, 4), (command, megabytes, done.stderr))
 
     def test_what_the_machine_fails_at_is_told_with_its_stage_and_left_to_another_run(self):
         with tempfile.TemporaryDirectory() as folder:
             store = os.path.join(folder, "campaign.db")
             limited = f"ulimit -v 250000; exec '{LUMO}' campaign run --evaluations 2 --threads 2 --store {store}"
-            for runs in (1, 2, 3):   # more than 15 of them in all would have closed the store to every later run
-                done = subprocess.run(["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=300)
+            for runs in (1, 2, 3):  # more than 15 of them in all would have closed the store to every later run
+                done = subprocess.run(
+                    ["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=300
+                )
                 self.assertEqual(done.returncode, 4, done.stderr)
                 self.assertIn("5 of 5 evaluations failed", done.stderr)
                 rows = strict(self.good("campaign", "export", "--store", store, "--json").stdout)
@@ -261,14 +431,20 @@ class Quick(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             for command in ["press", "trace"]:
                 self.good(command, "--loads", "1,2", "--out", os.path.join(folder, command))
-            pressed, traced = ({p.name: p.read_bytes() for p in (pathlib.Path(folder) / command).iterdir()} for command in ["press", "trace"])
+            pressed, traced = (
+                {p.name: p.read_bytes() for p in (pathlib.Path(folder) / command).iterdir()}
+                for command in ["press", "trace"]
+            )
         self.assertEqual(set(traced) - set(pressed), {"response.svg", "trace.csv"})
-        self.assertEqual({name: traced.get(name) for name in pressed}, pressed)   # byte for byte
+        self.assertEqual({name: traced.get(name) for name in pressed}, pressed)  # byte for byte
         columns = traced["trace.csv"].decode().splitlines()[0]
         self.assertTrue(columns.startswith(pressed["press.csv"].decode().splitlines()[0] + ",response_1"), columns)
 
     def test_trace_does_not_depend_on_threads(self):
-        one, two = (without_times(strict(self.good("trace", "--json", "--loads", "1", "--threads", n).stdout)) for n in ("1", "2"))
+        one, two = (
+            without_times(strict(self.good("trace", "--json", "--loads", "1", "--threads", n).stdout))
+            for n in ("1", "2")
+        )
         self.assertEqual(one, two)
         self.assertEqual(len(one["unloaded_response"]), 11)
         self.assertEqual(len(one["states"][0]["response"]), 11)
@@ -278,7 +454,8 @@ class Quick(unittest.TestCase):
         self.assertLess(abs(ledger["sampling"]), 0.02 * ledger["regions"])
         for response, error in zip(one["unloaded_response"], one["unloaded_response_err"], strict=True):
             self.assertTrue(0 < error < 0.05 * response, (response, error))
-        # What rays do not know of a change is far less than what they do not know of the response, for both states share them.
+        # What rays do not know of a change is far less than what they do not know of the response, for both states
+        # share them.
         self.assertEqual(len(one["states"][0]["response_change_err"]), 11)
         self.assertTrue(0 < sum(one["states"][0]["response_change_err"]) < 0.5 * sum(one["unloaded_response_err"]))
 
@@ -295,7 +472,7 @@ class Quick(unittest.TestCase):
         try:
             while part := os.read(ours, 4096):
                 seen += part
-        except OSError:   # the other end is closed
+        except OSError:  # the other end is closed
             pass
         os.close(ours)
         process.communicate(timeout=60)
@@ -303,21 +480,28 @@ class Quick(unittest.TestCase):
         shown = seen.decode()
         self.assertRegex(shown, r"\r\x1b\[Ktrace █+░+ [12]/3, [\d.]+ m?s left")
         self.assertRegex(shown, r"\r\x1b\[Klumo: trace: done in [\d.]+ m?s\r\n")
-        self.assertNotIn("lumo: trace ...", shown)   # that is for logs
+        self.assertNotIn("lumo: trace ...", shown)  # that is for logs
 
-    def test_termination_is_heard_at_any_moment(self):   # METIS has a handler of its own for it
+    def test_termination_is_heard_at_any_moment(self):  # METIS has a handler of its own for it
         for moment in range(25):
-            process = subprocess.Popen([LUMO, "press", "--loads", "1", "--threads", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            process = subprocess.Popen(
+                [LUMO, "press", "--loads", "1", "--threads", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            )
             time.sleep(0.1 + 0.04 * moment)
             process.send_signal(signal.SIGTERM)
             process.communicate(timeout=20)
-            self.assertIn(process.returncode, (130, 0))   # 0: it had already ended
+            self.assertIn(process.returncode, (130, 0))  # 0: it had already ended
             self.assertTrue(process.returncode == 130 or moment > 10)
 
     def interrupted(self, number):
         with tempfile.TemporaryDirectory() as folder:
             out = os.path.join(folder, "out")
-            process = subprocess.Popen([LUMO, "trace", "--angle", "20", "--y", "5.5", "--out", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            process = subprocess.Popen(
+                [LUMO, "trace", "--angle", "20", "--y", "5.5", "--out", out],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
             time.sleep(1)
             process.send_signal(number)
             stdout, stderr = process.communicate(timeout=20)
@@ -354,7 +538,19 @@ class Long(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         report = strict(done.stdout)
         self.assertEqual(list(report), EVALUATION)
-        self.assertEqual(report["mechanics"], {**MECHANICS, "mode": "paper", "solver": "vbd", "element": "linear", "size_mm": 4, "sweeps": 5, "law": "newton", "friction": 0.5})
+        self.assertEqual(
+            report["mechanics"],
+            {
+                **MECHANICS,
+                "mode": "paper",
+                "solver": "vbd",
+                "element": "linear",
+                "size_mm": 4,
+                "sweeps": 5,
+                "law": "newton",
+                "friction": 0.5,
+            },
+        )
         self.assertEqual({s["status"] for s in report["scenarios"]}, {"held"})
         for scenario in report["scenarios"]:
             one, two, three, four = ((s["force_N"], s["depth_mm"]) for s in scenario["states"][:4])
@@ -365,18 +561,42 @@ class Long(unittest.TestCase):
         self.assertGreater(report["J_obs"], 0)
 
     def test_curved_ensemble(self):
-        done = run("evaluate", "--json", "--ensemble", "curved", "--mode", "paper", "--size", "5", "--sweeps", "2", "--ray-error", "100", timeout=3600)
+        done = run(
+            "evaluate",
+            "--json",
+            "--ensemble",
+            "curved",
+            "--mode",
+            "paper",
+            "--size",
+            "5",
+            "--sweeps",
+            "2",
+            "--ray-error",
+            "100",
+            timeout=3600,
+        )
         self.assertEqual(done.returncode, 0, done.stderr)
         report = strict(done.stdout)
         self.assertEqual(report["ensemble"], "curved")
         contacts = {(s["diameter_mm"], s["angle_deg"], s["y_mm"]) for s in report["scenarios"]}
         self.assertEqual(len(report["scenarios"]), 140)
-        self.assertEqual(contacts, {(d, a, y) for d in (10, 15, 20, 30) for a in (-30, -15, 0, 15, 30) for y in (-22, -11, -5.5, 0, 5.5, 11, 22)})
+        self.assertEqual(
+            contacts,
+            {
+                (d, a, y)
+                for d in (10, 15, 20, 30)
+                for a in (-30, -15, 0, 15, 30)
+                for y in (-22, -11, -5.5, 0, 5.5, 11, 22)
+            },
+        )
 
     def test_campaign_keeps_what_evaluate_gives(self):
         with tempfile.TemporaryDirectory() as folder:
             store, page = os.path.join(folder, "campaign.db"), os.path.join(folder, "report.html")
-            done = run("campaign", "run", "--store", store, "--evaluations", "1", "--ray-error", "5", "--json", timeout=1800)
+            done = run(
+                "campaign", "run", "--store", store, "--evaluations", "1", "--ray-error", "5", "--json", timeout=1800
+            )
             self.assertEqual(done.returncode, 0, done.stderr)
             status = strict(done.stdout)
             row = strict(run("campaign", "export", "--store", store, "--json").stdout)[0]
@@ -397,8 +617,12 @@ class Long(unittest.TestCase):
             self.assertEqual(first.returncode, 0, first.stderr)
             second = run("study", "carrier", "--designs", "2", "--store", parts, "--json", "--out", folder)
             self.assertEqual(second.returncode, 0, second.stderr)
-            self.assertEqual(run("study", "carrier", "--designs", "2", "--store", whole, "--json").stdout, second.stdout)
-            again = run("study", "carrier", "--designs", "2", "--store", parts, "--json", timeout=60)   # nothing is left to do
+            self.assertEqual(
+                run("study", "carrier", "--designs", "2", "--store", whole, "--json").stdout, second.stdout
+            )
+            again = run(
+                "study", "carrier", "--designs", "2", "--store", parts, "--json", timeout=60
+            )  # nothing is left to do
             self.assertEqual(again.stdout, second.stdout)
             other = run("study", "void", "--designs", "2", "--store", parts)
             self.assertEqual((other.returncode, other.stdout), (5, ""))
@@ -413,7 +637,7 @@ class Long(unittest.TestCase):
             j = {v["variant"]: v["J_contact"] for v in design["record"]["variants"]}
             for twin in ["bonded_base", "unsupported_base"]:
                 self.assertAlmostEqual(design[f"{twin} delta_J_contact"][0], j["design"] - j[twin], places=12)
-            self.assertGreater(j["design"], j["unsupported_base"])   # the paper's finding, in every design
+            self.assertGreater(j["design"], j["unsupported_base"])  # the paper's finding, in every design
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 usage: test_select.py path/to/lumo path/to/make_store
 """
+
 import json
 import pathlib
 import subprocess
@@ -32,7 +33,11 @@ class Select(unittest.TestCase):
         done = run("campaign", "select", "--store", self.store, "--seeds", 3, "--json", "--quiet")
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         chosen = json.loads(done.stdout)
-        trials = [t for t in json.loads(run("campaign", "export", "--json", "--store", self.store).stdout) if t["state"] == "evaluated"]
+        trials = [
+            t
+            for t in json.loads(run("campaign", "export", "--json", "--store", self.store).stdout)
+            if t["state"] == "evaluated"
+        ]
         best = {key: max(t["record"][key] for t in trials) for key in ("J_contact", "J_obs")}
         expected = max(trials, key=lambda t: min(t["record"][key] / best[key] for key in best))
         self.assertEqual((chosen["index"], chosen["theta_mm"]), (expected["index"], expected["theta_mm"]))
@@ -41,17 +46,19 @@ class Select(unittest.TestCase):
         stability = chosen["stability"]
         self.assertEqual(stability["searches"], 3)
         self.assertEqual(sum(c["count"] for c in stability["choices"]), 3)
-        self.assertEqual(stability["same"], sum(c["count"] for c in stability["choices"] if c["theta_mm"] == chosen["theta_mm"]))
+        self.assertEqual(
+            stability["same"], sum(c["count"] for c in stability["choices"] if c["theta_mm"] == chosen["theta_mm"])
+        )
         self.assertEqual(chosen["gain_angles_deg"], [-30, 0, 30])
-        self.assertEqual(chosen["gain_percent"][0], chosen["gain_percent"][2])   # the pad is its own mirror image
+        self.assertEqual(chosen["gain_percent"][0], chosen["gain_percent"][2])  # the pad is its own mirror image
         self.assertEqual(len(chosen["table_2"]), 4)
 
     def test_the_baseline_gains_nothing_on_itself(self):
-        self.make("6,6,8,5,0", "1")   # results of another version are read, too
+        self.make("6,6,8,5,0", "1")  # results of another version are read, too
         done = run("campaign", "select", "--store", self.store, "--json", "--quiet")
         chosen = json.loads(done.stdout)
         self.assertEqual(chosen["gain_percent"], [0, 0, 0])
-        self.assertIsNone(chosen["stability"])   # one result is no model
+        self.assertIsNone(chosen["stability"])  # one result is no model
 
     def test_nothing_to_choose_from(self):
         self.make("0")

@@ -2,6 +2,7 @@
 
 usage: test_store.py path/to/lumo path/to/make_store
 """
+
 import csv
 import io
 import json
@@ -18,7 +19,9 @@ BAD_FILE = 5
 
 
 def run(*arguments):
-    return subprocess.run([LUMO, *map(str, arguments)], capture_output=True, encoding="utf-8", errors="replace", timeout=600)   # a failure of made-up stores holds a byte that is no UTF-8
+    return subprocess.run(
+        [LUMO, *map(str, arguments)], capture_output=True, encoding="utf-8", errors="replace", timeout=600
+    )  # a failure of made-up stores holds a byte that is no UTF-8
 
 
 class Stores(unittest.TestCase):
@@ -36,10 +39,11 @@ class Stores(unittest.TestCase):
         return done.stdout
 
     def flip(self, text, at):
-        """Flips the lowest bit of one byte of a text, wherever the file holds it: a page that was split leaves copies."""
+        """Flips the lowest bit of one byte of a text, wherever the file holds it: a page that was split leaves
+        copies."""
         data, wanted = self.store.read_bytes(), text.encode()
         self.assertIn(wanted, data)
-        self.store.write_bytes(data.replace(wanted, wanted[:at] + bytes([wanted[at] ^ 1]) + wanted[at + 1:]))
+        self.store.write_bytes(data.replace(wanted, wanted[:at] + bytes([wanted[at] ^ 1]) + wanted[at + 1 :]))
 
     def contents(self, number):
         with sqlite3.connect(self.store) as db:
@@ -49,15 +53,21 @@ class Stores(unittest.TestCase):
         self.make("12")
         trials = json.loads(self.read("export", "--json"))
         table = list(csv.reader(io.StringIO(self.read("export"))))
-        self.assertEqual(table[0], "index,h_fp_mm,h_ep_mm,w_s_mm,h_s_mm,w_v_mm,state,J_contact,J_contact_err,J_obs,J_obs_err,hypervolume,on_front,selected,worst_contact_diameter_mm,"
-                                   "worst_contact_angle_deg,worst_contact_y_mm,worst_observation_diameter_mm,worst_observation_angle_deg,worst_observation_load_N,worst_observation_y_a_mm,"
-                                   "worst_observation_y_b_mm,nodes,elements,seconds,why".split(","))
+        self.assertEqual(
+            table[0],
+            "index,h_fp_mm,h_ep_mm,w_s_mm,h_s_mm,w_v_mm,state,J_contact,J_contact_err,J_obs,J_obs_err,hypervolume,on_front,selected,worst_contact_diameter_mm,"
+            "worst_contact_angle_deg,worst_contact_y_mm,worst_observation_diameter_mm,worst_observation_angle_deg,worst_observation_load_N,worst_observation_y_a_mm,"
+            "worst_observation_y_b_mm,nodes,elements,seconds,why".split(","),
+        )
         self.assertEqual(len(table) - 1, len(trials))
         self.assertEqual(sum(t["state"] == "evaluated" for t in trials), 12)
         self.assertEqual(sum(t["state"] == "failed" for t in trials), 1)
         for line, t in zip(table[1:], trials):
             row, record = dict(zip(table[0], line, strict=True)), t["record"]
-            self.assertEqual([int(row["index"]), row["state"], row["on_front"], row["selected"]], [t["index"], t["state"], str(int(t["on_front"])), str(int(t["selected"]))])
+            self.assertEqual(
+                [int(row["index"]), row["state"], row["on_front"], row["selected"]],
+                [t["index"], t["state"], str(int(t["on_front"])), str(int(t["selected"]))],
+            )
             self.assertEqual([float(v) for v in line[1:6]], t["theta_mm"])
             self.assertEqual(float(row["seconds"]), t["notes"]["seconds"]["total"])
             if t["state"] == "failed":
@@ -66,8 +76,22 @@ class Stores(unittest.TestCase):
                 continue
             self.assertEqual(row["why"], "")
             worst = record["worst_contact"], record["worst_observation"]
-            expected = [record["J_contact"], record["J_contact_err"], record["J_obs"], record["J_obs_err"], t["hypervolume"], worst[0]["diameter_mm"], worst[0]["angle_deg"], worst[0]["y_mm"],
-                        worst[1]["diameter_mm"], worst[1]["angle_deg"], worst[1]["load_N"], *worst[1]["y_mm"], record["mesh"]["nodes"], record["mesh"]["elements"]]
+            expected = [
+                record["J_contact"],
+                record["J_contact_err"],
+                record["J_obs"],
+                record["J_obs_err"],
+                t["hypervolume"],
+                worst[0]["diameter_mm"],
+                worst[0]["angle_deg"],
+                worst[0]["y_mm"],
+                worst[1]["diameter_mm"],
+                worst[1]["angle_deg"],
+                worst[1]["load_N"],
+                *worst[1]["y_mm"],
+                record["mesh"]["nodes"],
+                record["mesh"]["elements"],
+            ]
             self.assertEqual([float(v) for v in line[7:12] + line[14:24]], expected)
 
     def test_verify_names_the_entry(self):
@@ -87,21 +111,23 @@ class Stores(unittest.TestCase):
         good = self.store.read_bytes()
         last = 0
         for kept in [*range(1, 10), *range(10, len(good) // 4096, 9), len(good) // 4096 - 1]:
-            self.store.write_bytes(good[:4096 * kept + 100])
+            self.store.write_bytes(good[: 4096 * kept + 100])
             for command in ("verify", "status"):
                 done = run("campaign", command, "--store", self.store)
-                self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (BAD_FILE, "", 1), done.stderr)
+                self.assertEqual(
+                    (done.returncode, done.stdout, done.stderr.count("\n")), (BAD_FILE, "", 1), done.stderr
+                )
             named = re.search(r"is damaged (?:at|after) entry (\d+)", done.stderr)
-            self.assertTrue(named or kept < 5, done.stderr)   # the first pages are SQLite's own
+            self.assertTrue(named or kept < 5, done.stderr)  # the first pages are SQLite's own
             number = int(named[1]) if named else 0
             self.assertGreaterEqual(number, last)
             last = number
-        self.assertEqual(last, 26)   # the last page holds a part of the last entry
+        self.assertEqual(last, 26)  # the last page holds a part of the last entry
 
     def test_damaged_notes_are_null(self):
         self.make("2")
         with sqlite3.connect(self.store) as db:
-            db.execute("UPDATE entry SET notes = '{\"lumo\": \"0.1.0\", \"threads' WHERE number = 2")
+            db.execute('UPDATE entry SET notes = \'{"lumo": "0.1.0", "threads\' WHERE number = 2')
         self.assertIn("ok", self.read("verify"))
         trials = json.loads(self.read("export", "--json"))
         self.assertIsNone(trials[0]["notes"])
@@ -139,7 +165,12 @@ class Stores(unittest.TestCase):
     def test_an_emptied_store_is_reported(self):
         for command in (["campaign", "run"], ["study", "carrier"]):
             self.store.write_bytes(b"")
-            begun = subprocess.Popen([LUMO, *command, "--store", self.store, "--threads", "1"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+            begun = subprocess.Popen(
+                [LUMO, *command, "--store", self.store, "--threads", "1"],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
             warning = begun.stderr.readline()
             begun.terminate()
             begun.communicate(timeout=60)

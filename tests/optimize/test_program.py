@@ -2,6 +2,7 @@
 
 usage: test_program.py path/to/lumo
 """
+
 import copy
 import itertools
 import json
@@ -19,10 +20,21 @@ import unittest
 LUMO = ""
 USAGE, BAD_FILE = 2, 5
 SPACE = {
-    "variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}, {"name": "b", "lower": 1, "upper": 20, "step": 0.5}, {"name": "t", "lower": -1, "upper": 1}],
+    "variables": [
+        {"name": "a", "lower": 2, "upper": 29, "step": 0.5},
+        {"name": "b", "lower": 1, "upper": 20, "step": 0.5},
+        {"name": "t", "lower": -1, "upper": 1},
+    ],
     "constraints": [{"terms": {"a": 1, "b": 1}, "upper": 20}, {"terms": {"b": 1, "a": -1}, "lower": -15, "upper": 12}],
-    "objectives": [{"name": "f1", "goal": "maximize", "reference": -0.06}, {"name": "f2", "goal": "minimize", "reference": 2}],
-    "initial": [[6, 6, 0], [4, 8, 0.25]], "sobol": 4, "evaluations": 14, "seed": 1, "source": "paper",
+    "objectives": [
+        {"name": "f1", "goal": "maximize", "reference": -0.06},
+        {"name": "f2", "goal": "minimize", "reference": 2},
+    ],
+    "initial": [[6, 6, 0], [4, 8, 0.25]],
+    "sobol": 4,
+    "evaluations": 14,
+    "seed": 1,
+    "source": "paper",
 }
 
 
@@ -38,7 +50,9 @@ class Session:
         path = pathlib.Path(folder) / "space.json"
         path.write_text(json.dumps(space))
         words = [LUMO, "optimize", "--space", str(path)] + (["--transcript", str(transcript)] if transcript else [])
-        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(
+            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
 
     def read(self):
         line = self.process.stdout.readline()
@@ -76,7 +90,13 @@ class Protocol(unittest.TestCase):
 
     def session(self, space=SPACE, keep=True):
         session = Session(self.folder.name, space, self.transcript if keep else None)
-        self.addCleanup(lambda: (session.process.kill(), session.process.wait(), [f.close() for f in (session.process.stdin, session.process.stdout, session.process.stderr) if f]))
+        self.addCleanup(
+            lambda: (
+                session.process.kill(),
+                session.process.wait(),
+                [f.close() for f in (session.process.stdin, session.process.stdout, session.process.stderr) if f],
+            )
+        )
         return session
 
     def whole_run(self, space=SPACE):
@@ -100,8 +120,10 @@ class Protocol(unittest.TestCase):
             self.assertEqual(set(last), {"front", "hypervolume"})
             for point in last["front"]:
                 self.assertEqual(point["y"], answers[tuple(point["x"])])
-                self.assertFalse(any(y[0] >= point["y"][0] and y[1] <= point["y"][1] and y != point["y"] for y in answers.values()))
-            total, level = 0.0, 2.0   # the staircase by hand
+                self.assertFalse(
+                    any(y[0] >= point["y"][0] and y[1] <= point["y"][1] and y != point["y"] for y in answers.values())
+                )
+            total, level = 0.0, 2.0  # the staircase by hand
             for f1, f2 in sorted((p["y"] for p in last["front"]), reverse=True):
                 if f1 > -0.06 and f2 < level:
                     total, level = total + (f1 + 0.06) * (level - f2), f2
@@ -121,7 +143,7 @@ class Protocol(unittest.TestCase):
         self.assertEqual((again["x"], again["id"]), (second["x"], second["id"] + 1))
         session.answer(again)
         asks, last = session.finish()
-        self.assertEqual(len(asks), 13)   # 14 successful ones are wanted
+        self.assertEqual(len(asks), 13)  # 14 successful ones are wanted
         self.assertNotIn(first["x"], [a["x"] for a in asks])
         self.assertEqual(session.end()[0], 0)
 
@@ -138,7 +160,7 @@ class Protocol(unittest.TestCase):
                 rest, end = resumed.finish()
                 self.assertEqual(resumed.end(), (0, "", ""))
                 self.assertEqual(end, last)
-                self.assertEqual(rest, asks[max(0, cut - 1) // 2:] if cut < len(lines) else [])
+                self.assertEqual(rest, asks[max(0, cut - 1) // 2 :] if cut < len(lines) else [])
                 self.assertEqual(self.transcript.read_text(), "".join(lines))
 
     def test_kill_at_any_time(self):
@@ -165,13 +187,27 @@ class Protocol(unittest.TestCase):
 
     def test_bad_answers(self):
         for message, words in [
-            ("nonsense", ["not JSON"]), ("{", ["not JSON"]), ("[]", ["object"]), ("{}", ["tell"]), ('{"tell":{"id":2,"y":[NaN,1]}}', ["NaN"]),
-            ('{"tell":{"id":2,"y":[1e999,1]}}', ["finite"]), ('{"tell":{"id":2,"y":[null,1]}}', ["null"]), ('{"tell":{"id":2,"y":["1",1]}}', ["finite"]),
-            ('{"tell":{"id":2,"y":[1]}}', ["1 values", "2"]), ('{"tell":{"id":2,"y":[1,2,3]}}', ["3 values"]), ('{"tell":{"id":2}}', ["y"]),
-            ('{"tell":{"y":[1,2]}}', ["id"]), ('{"tell":{"id":9,"y":[1,2]}}', ["trial 9", "never asked"]), ('{"tell":{"id":-1,"y":[1,2]}}', ["never asked"]),
-            ('{"tell":{"id":1,"y":[1,2]}}', ["trial 1", "answered before"]), ('{"tell":{"id":2.5,"y":[1,2]}}', ["whole number"]),
-            ('{"tell":{"id":2,"y":[1,2],"z":1}}', ["unknown key", "z"]), ('{"answer":{"id":2,"y":[1,2]}}', ["unknown key", "answer"]),
-            ('{"fail":{"id":2,"retry":"no"}}', ["retry"]), ('{"fail":{"id":2,"why":3}}', ["why"]), ('{"tell":{"id":2,"y":[1,2]},"fail":{"id":2}}', ["tell", "fail"]),
+            ("nonsense", ["not JSON"]),
+            ("{", ["not JSON"]),
+            ("[]", ["object"]),
+            ("{}", ["tell"]),
+            ('{"tell":{"id":2,"y":[NaN,1]}}', ["NaN"]),
+            ('{"tell":{"id":2,"y":[1e999,1]}}', ["finite"]),
+            ('{"tell":{"id":2,"y":[null,1]}}', ["null"]),
+            ('{"tell":{"id":2,"y":["1",1]}}', ["finite"]),
+            ('{"tell":{"id":2,"y":[1]}}', ["1 values", "2"]),
+            ('{"tell":{"id":2,"y":[1,2,3]}}', ["3 values"]),
+            ('{"tell":{"id":2}}', ["y"]),
+            ('{"tell":{"y":[1,2]}}', ["id"]),
+            ('{"tell":{"id":9,"y":[1,2]}}', ["trial 9", "never asked"]),
+            ('{"tell":{"id":-1,"y":[1,2]}}', ["never asked"]),
+            ('{"tell":{"id":1,"y":[1,2]}}', ["trial 1", "answered before"]),
+            ('{"tell":{"id":2.5,"y":[1,2]}}', ["whole number"]),
+            ('{"tell":{"id":2,"y":[1,2],"z":1}}', ["unknown key", "z"]),
+            ('{"answer":{"id":2,"y":[1,2]}}', ["unknown key", "answer"]),
+            ('{"fail":{"id":2,"retry":"no"}}', ["retry"]),
+            ('{"fail":{"id":2,"why":3}}', ["why"]),
+            ('{"tell":{"id":2,"y":[1,2]},"fail":{"id":2}}', ["tell", "fail"]),
             ('{"tell":{"id":99999999999999999999,"y":[1,2]}}', ["id"]),
         ]:
             with self.subTest(message):
@@ -207,9 +243,12 @@ class Protocol(unittest.TestCase):
         session.end()
         before = self.transcript.read_bytes()
         for change, words in [
-            (lambda s: s.update(seed=2), ["seed is 2, was 1"]), (lambda s: s["variables"][1].update(upper=19), ["variables[1].upper is 19, was 20"]),
-            (lambda s: s["variables"].pop(), ["initial", "variables"]), (lambda s: s["objectives"][0].update(goal="minimize"), ["objectives[0].goal", "maximize"]),
-            (lambda s: s.pop("constraints"), ["constraints has 0 entries, had 2"]), (lambda s: s.update(source="default"), ["source"]),
+            (lambda s: s.update(seed=2), ["seed is 2, was 1"]),
+            (lambda s: s["variables"][1].update(upper=19), ["variables[1].upper is 19, was 20"]),
+            (lambda s: s["variables"].pop(), ["initial", "variables"]),
+            (lambda s: s["objectives"][0].update(goal="minimize"), ["objectives[0].goal", "maximize"]),
+            (lambda s: s.pop("constraints"), ["constraints has 0 entries, had 2"]),
+            (lambda s: s.update(source="default"), ["source"]),
         ]:
             space = copy.deepcopy(SPACE)
             change(space)
@@ -225,8 +264,11 @@ class Protocol(unittest.TestCase):
         session.end()
         lines = self.transcript.read_text().splitlines(keepends=True)
         for text, words in [
-            ("hello\nworld\n", ["transcript"]), ("".join(lines[:3] + ["garbage\n"] + lines[4:]), ["line 4"]), ("".join(lines[1:]), ["no transcript"]),
-            ("".join(lines[:3] + lines[5:]), ["line 4"]), ("".join(lines[:3] + [lines[2]] + lines[3:]), ["line 4"]),
+            ("hello\nworld\n", ["transcript"]),
+            ("".join(lines[:3] + ["garbage\n"] + lines[4:]), ["line 4"]),
+            ("".join(lines[1:]), ["no transcript"]),
+            ("".join(lines[:3] + lines[5:]), ["line 4"]),
+            ("".join(lines[:3] + [lines[2]] + lines[3:]), ["line 4"]),
         ]:
             self.transcript.write_text(text)
             code, out, err = self.session().end()
@@ -260,8 +302,19 @@ class Protocol(unittest.TestCase):
         self.assertIn("in use", err)
 
     def test_exhausted_lattice(self):
-        space = {"variables": [{"name": "a", "lower": 0, "upper": 1, "step": 0.1}, {"name": "b", "lower": 0, "upper": 1, "step": 0.1}], "constraints": [{"terms": {"a": 1, "b": 1}, "upper": 0.3}],
-                 "objectives": [{"name": "f", "goal": "maximize", "reference": 0}, {"name": "g", "goal": "minimize", "reference": 1}], "evaluations": 40, "sobol": 3}
+        space = {
+            "variables": [
+                {"name": "a", "lower": 0, "upper": 1, "step": 0.1},
+                {"name": "b", "lower": 0, "upper": 1, "step": 0.1},
+            ],
+            "constraints": [{"terms": {"a": 1, "b": 1}, "upper": 0.3}],
+            "objectives": [
+                {"name": "f", "goal": "maximize", "reference": 0},
+                {"name": "g", "goal": "minimize", "reference": 1},
+            ],
+            "evaluations": 40,
+            "sobol": 3,
+        }
         session = self.session(space)
         asks = []
         while "ask" in (message := session.read()):
@@ -294,7 +347,10 @@ class Protocol(unittest.TestCase):
         points = [[g * v for g, v in zip(goals, y)] for y in values]
         reference = [g * o["reference"] for g, o in zip(goals, space["objectives"])]
         beaten = [any(all(a >= b for a, b in zip(q, p)) and q != p for q in points) for p in points]
-        self.assertEqual(sorted((p["x"], p["y"]) for p in last["front"]), sorted((x, y) for x, y, b in zip(designs, values, beaten) if not b))
+        self.assertEqual(
+            sorted((p["x"], p["y"]) for p in last["front"]),
+            sorted((x, y) for x, y, b in zip(designs, values, beaten) if not b),
+        )
         edges = [sorted({r} | {p[k] for p in points if p[k] > r}) for k, r in enumerate(reference)]
         volume = 0.0
         for cell in itertools.product(*[list(zip(e, e[1:])) for e in edges]):
@@ -304,14 +360,23 @@ class Protocol(unittest.TestCase):
         self.assertAlmostEqual(last["hypervolume"] / volume, 1.0, places=10)
 
     def test_one_variable(self):
-        space = {"variables": [{"name": "x", "lower": -2, "upper": 3}], "objectives": [{"name": "f", "goal": "minimize", "reference": 30}]}
+        space = {
+            "variables": [{"name": "x", "lower": -2, "upper": 3}],
+            "objectives": [{"name": "f", "goal": "minimize", "reference": 30}],
+        }
         designs, values, last = self.outcome(space, lambda x: [(x[0] - 1.3) ** 2 + 2])
         self.check_front(space, designs, values, last)
         self.assertAlmostEqual(last["front"][0]["x"][0], 1.3, delta=0.05)
 
     def test_equality_on_a_lattice(self):
-        space = {"variables": [{"name": n, "lower": 0, "upper": 3, "step": 0.1} for n in "abcdef"], "constraints": [{"terms": {n: 1 for n in "abcdef"}, "lower": 6, "upper": 6}],
-                 "objectives": [{"name": "f", "goal": "maximize", "reference": -20}, {"name": "g", "goal": "minimize", "reference": 20}]}
+        space = {
+            "variables": [{"name": n, "lower": 0, "upper": 3, "step": 0.1} for n in "abcdef"],
+            "constraints": [{"terms": {n: 1 for n in "abcdef"}, "lower": 6, "upper": 6}],
+            "objectives": [
+                {"name": "f", "goal": "maximize", "reference": -20},
+                {"name": "g", "goal": "minimize", "reference": 20},
+            ],
+        }
         designs, values, last = self.outcome(space, lambda x: [x[0] - (x[1] - 1) ** 2, (x[0] - 2) ** 2 + x[2]])
         for x in designs:
             self.assertAlmostEqual(sum(x), 6.0, places=9)
@@ -319,18 +384,32 @@ class Protocol(unittest.TestCase):
         self.check_front(space, designs, values, last)
 
     def test_continuous(self):
-        space = {"variables": [{"name": n, "lower": 0, "upper": 1} for n in "xyz"], "constraints": [{"terms": {"x": 1, "y": 2}, "lower": 0.5, "upper": 1.5}],
-                 "objectives": [{"name": "f", "goal": "maximize", "reference": -1}, {"name": "g", "goal": "maximize", "reference": -1}]}
+        space = {
+            "variables": [{"name": n, "lower": 0, "upper": 1} for n in "xyz"],
+            "constraints": [{"terms": {"x": 1, "y": 2}, "lower": 0.5, "upper": 1.5}],
+            "objectives": [
+                {"name": "f", "goal": "maximize", "reference": -1},
+                {"name": "g", "goal": "maximize", "reference": -1},
+            ],
+        }
         designs, values, last = self.outcome(space, lambda x: [x[0] - x[2] ** 2, x[1] - (x[2] - 0.5) ** 2])
         for x in designs:
             self.assertTrue(all(0 <= v <= 1 for v in x) and 0.5 - 1e-12 <= x[0] + 2 * x[1] <= 1.5 + 1e-12, x)
-        self.assertGreater(len({v for x in designs for v in x}), 3 * 12)   # on no lattice
+        self.assertGreater(len({v for x in designs for v in x}), 3 * 12)  # on no lattice
         self.check_front(space, designs, values, last)
 
     def test_three_objectives(self):
-        space = {"variables": [{"name": n, "lower": 0, "upper": 1, "step": 0.05} for n in "xyz"],
-                 "objectives": [{"name": "f", "goal": "maximize", "reference": -1}, {"name": "g", "goal": "minimize", "reference": 2}, {"name": "h", "goal": "maximize", "reference": 0.1}]}
-        designs, values, last = self.outcome(space, lambda x: [x[0] - x[1] ** 2, (x[0] - 0.2) ** 2 + x[2], x[1] + 0.5 * x[2]])
+        space = {
+            "variables": [{"name": n, "lower": 0, "upper": 1, "step": 0.05} for n in "xyz"],
+            "objectives": [
+                {"name": "f", "goal": "maximize", "reference": -1},
+                {"name": "g", "goal": "minimize", "reference": 2},
+                {"name": "h", "goal": "maximize", "reference": 0.1},
+            ],
+        }
+        designs, values, last = self.outcome(
+            space, lambda x: [x[0] - x[1] ** 2, (x[0] - 0.2) ** 2 + x[2], x[1] + 0.5 * x[2]]
+        )
         self.check_front(space, designs, values, last)
         self.assertGreater(len(last["front"]), 3)
 
@@ -349,7 +428,13 @@ class Refusals(unittest.TestCase):
             path = pathlib.Path(folder) / "space.json"
             if text is not None:
                 path.write_text(text if isinstance(text, str) else json.dumps(text))
-            done = subprocess.run([LUMO, "optimize"] + (arguments if arguments is not None else ["--space", str(path)]), capture_output=True, text=True, timeout=60, input="")
+            done = subprocess.run(
+                [LUMO, "optimize"] + (arguments if arguments is not None else ["--space", str(path)]),
+                capture_output=True,
+                text=True,
+                timeout=60,
+                input="",
+            )
             self.assertEqual(done.returncode, code, done.stderr)
             self.assertEqual(done.stdout, "")
             self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
@@ -364,8 +449,12 @@ class Refusals(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "space.json"
             path.write_text(json.dumps(SPACE))
-            self.refused(BAD_FILE, ["/nowhere/run.jsonl"], arguments=["--space", str(path), "--transcript", "/nowhere/run.jsonl"])
-            self.refused(BAD_FILE, ["not a regular file"], arguments=["--space", str(path), "--transcript", "/dev/null"])
+            self.refused(
+                BAD_FILE, ["/nowhere/run.jsonl"], arguments=["--space", str(path), "--transcript", "/nowhere/run.jsonl"]
+            )
+            self.refused(
+                BAD_FILE, ["not a regular file"], arguments=["--space", str(path), "--transcript", "/dev/null"]
+            )
 
     def test_space_files(self):
         def changed(change):
@@ -374,19 +463,35 @@ class Refusals(unittest.TestCase):
             return space
 
         for text, words in [
-            ("", ["not JSON"]), ("[]", ["object"]), ('{"variables":[{"name":"a","lower":NaN}]}', ["not JSON"]),
-            (changed(lambda s: s.update(frobnicate=1)), ["unknown key", "frobnicate"]), (changed(lambda s: s.pop("variables")), ["variables is missing"]),
-            (changed(lambda s: s.update(variables=[])), ["variables", "at least 1"]), (changed(lambda s: s.update(objectives={})), ["objectives", "list"]),
-            (changed(lambda s: s["variables"][0].update(lower=30)), ["variables[0]", "30", "29"]), (changed(lambda s: s["variables"][0].update(step=0)), ["variables[0].step", "> 0"]),
-            (changed(lambda s: s["variables"][0].update(step="x")), ["variables[0].step", "number"]), (changed(lambda s: s["variables"][0].update(unit="mm")), ["unknown key", "unit"]),
-            (changed(lambda s: s["variables"][1].update(name="a")), ["a", "twice"]), (changed(lambda s: s["constraints"][0]["terms"].update(zz=1)), ["zz", "no variable"]),
-            (changed(lambda s: s["constraints"][0].pop("upper")), ["constraints[0]", "neither"]), (changed(lambda s: s["objectives"][0].update(goal="best")), ["goal", "maximize"]),
-            (changed(lambda s: s["objectives"][0].pop("reference")), ["objectives[0].reference", "missing"]), (changed(lambda s: s["initial"][0].pop()), ["initial[0]", "2 values", "3"]),
-            (changed(lambda s: s.update(initial=[[6.25, 6, 0]])), ["initial[0]", "6.25", "0.5"]), (changed(lambda s: s.update(initial=[[12, 9, 0]])), ["initial[0]", "21", "20"]),
-            (changed(lambda s: s.update(sobol=-1)), ["sobol", "-1"]), (changed(lambda s: s.update(evaluations=2.5)), ["evaluations", "2.5"]), (changed(lambda s: s.pop("evaluations")), ["evaluations is missing"]),
-            (changed(lambda s: s.update(seed=-1)), ["seed"]), (changed(lambda s: s.update(source="best")), ["source", "paper", "default"]),
+            ("", ["not JSON"]),
+            ("[]", ["object"]),
+            ('{"variables":[{"name":"a","lower":NaN}]}', ["not JSON"]),
+            (changed(lambda s: s.update(frobnicate=1)), ["unknown key", "frobnicate"]),
+            (changed(lambda s: s.pop("variables")), ["variables is missing"]),
+            (changed(lambda s: s.update(variables=[])), ["variables", "at least 1"]),
+            (changed(lambda s: s.update(objectives={})), ["objectives", "list"]),
+            (changed(lambda s: s["variables"][0].update(lower=30)), ["variables[0]", "30", "29"]),
+            (changed(lambda s: s["variables"][0].update(step=0)), ["variables[0].step", "> 0"]),
+            (changed(lambda s: s["variables"][0].update(step="x")), ["variables[0].step", "number"]),
+            (changed(lambda s: s["variables"][0].update(unit="mm")), ["unknown key", "unit"]),
+            (changed(lambda s: s["variables"][1].update(name="a")), ["a", "twice"]),
+            (changed(lambda s: s["constraints"][0]["terms"].update(zz=1)), ["zz", "no variable"]),
+            (changed(lambda s: s["constraints"][0].pop("upper")), ["constraints[0]", "neither"]),
+            (changed(lambda s: s["objectives"][0].update(goal="best")), ["goal", "maximize"]),
+            (changed(lambda s: s["objectives"][0].pop("reference")), ["objectives[0].reference", "missing"]),
+            (changed(lambda s: s["initial"][0].pop()), ["initial[0]", "2 values", "3"]),
+            (changed(lambda s: s.update(initial=[[6.25, 6, 0]])), ["initial[0]", "6.25", "0.5"]),
+            (changed(lambda s: s.update(initial=[[12, 9, 0]])), ["initial[0]", "21", "20"]),
+            (changed(lambda s: s.update(sobol=-1)), ["sobol", "-1"]),
+            (changed(lambda s: s.update(evaluations=2.5)), ["evaluations", "2.5"]),
+            (changed(lambda s: s.pop("evaluations")), ["evaluations is missing"]),
+            (changed(lambda s: s.update(seed=-1)), ["seed"]),
+            (changed(lambda s: s.update(source="best")), ["source", "paper", "default"]),
             (changed(lambda s: s["constraints"].append({"terms": {"a": 1}, "upper": 1})), ["initial[0]"]),
-            (changed(lambda s: (s.update(initial=[]), s["constraints"].append({"terms": {"a": 1}, "upper": 1}))), ["no feasible design"]),
+            (
+                changed(lambda s: (s.update(initial=[]), s["constraints"].append({"terms": {"a": 1}, "upper": 1}))),
+                ["no feasible design"],
+            ),
         ]:
             self.refused(BAD_FILE, ["space.json"] + words, text)
 

@@ -2,6 +2,7 @@
 
 usage: check_clang.py --compiler clang++ --commands compile_commands.json [--jobs N]
 """
+
 import argparse
 import concurrent.futures
 import json
@@ -24,7 +25,7 @@ def command_of(compiler, entry):
         elif word not in ("-MD", "-c") and not word.startswith("-Wl,"):
             out.append(word)
     if "/Unity/" in entry["file"]:
-        out.append("-Wno-shadow")   # names of one test source may hide those of another that is compiled with it
+        out.append("-Wno-shadow")  # names of one test source may hide those of another that is compiled with it
     return out
 
 

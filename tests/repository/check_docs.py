@@ -3,6 +3,7 @@
 usage: check_docs.py --generate docs/generate --folder DIR [--browser CHROMIUM] [--shots]
 --shots leaves a picture of each page in DIR/shots.
 """
+
 import argparse
 import pathlib
 import subprocess
@@ -12,9 +13,19 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "cli"))
 sys.dont_write_bytecode = True
 
 # The least number of formulas on each page.
-PAGES = {"index": 2, "page_solver": 30, "page_contact": 20, "page_optics": 20, "page_objectives": 10,
-         "page_acquisition": 20, "page_estimator": 25, "page_own": 1, "page_assumptions": 0, "page_benchmarks": 0,
-         "page_inclusion": 0}
+PAGES = {
+    "index": 2,
+    "page_solver": 30,
+    "page_contact": 20,
+    "page_optics": 20,
+    "page_objectives": 10,
+    "page_acquisition": 20,
+    "page_estimator": 25,
+    "page_own": 1,
+    "page_assumptions": 0,
+    "page_benchmarks": 0,
+    "page_inclusion": 0,
+}
 
 # MathJax works through its queue; each formula leaves a script and, when it is understood, a picture.
 DONE = "typeof MathJax !== 'undefined' && !!MathJax.Hub && new Promise(done => MathJax.Hub.Queue(() => done(true)))"
@@ -33,6 +44,7 @@ LOOK = """(() => ({
 
 def look(browser_program, html, shots):
     from browser import Browser
+
     faults = []
     with Browser(browser_program, seconds=300) as browser:
         browser.resize(1360, 900)
@@ -41,15 +53,20 @@ def look(browser_program, html, shots):
             browser.wait_for(DONE)
             found = browser.evaluate(LOOK)
             if found["formulas"] < least or found["drawn"] != found["formulas"]:
-                faults.append(f"{page}: {found['drawn']} of {found['formulas']} formulas are drawn, "
-                              f"at least {least} are expected")
+                faults.append(
+                    f"{page}: {found['drawn']} of {found['formulas']} formulas are drawn, "
+                    f"at least {least} are expected"
+                )
             for text in [*found["errors"], *found["undefined_sequences"]]:
                 faults.append(f"{page}: a formula is not understood: {text}")
             for text in found["wide"]:
                 faults.append(f"{page}: is wider than its place: {text!r}")
             faults += [f"{page}: {text}" for text in browser.complaints()]
-            faults += [f"{page}: asks for {url}" for url in browser.requests()
-                       if not url.startswith(("file:", "data:", "about:"))]
+            faults += [
+                f"{page}: asks for {url}"
+                for url in browser.requests()
+                if not url.startswith(("file:", "data:", "about:"))
+            ]
             if shots:
                 shots.mkdir(parents=True, exist_ok=True)
                 browser.resize(1360, 2600)

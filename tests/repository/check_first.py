@@ -3,6 +3,7 @@ equilibria and draws a picture.
 
 usage: check_first.py --compiler c++ --eigen DIR
 """
+
 import argparse
 import pathlib
 import re

@@ -4,6 +4,7 @@ usage: check_headers.py --compiler c++ --include DIR… [--cache FILE] [--skip s
 The first include folder is lumo's own; the others are taken as system folders. Results are kept in the cache file by
 the content of a header and of all that it includes, so that only what has changed is compiled again.
 """
+
 import argparse
 import concurrent.futures
 import hashlib
@@ -39,7 +40,7 @@ def check(compiler, folders, cache_file=None, skip=()):
     except (OSError, TypeError, ValueError):
         passed = set()
     headers = [h.relative_to(own).as_posix() for h in sorted((own / "lumo").rglob("*.hpp"))]
-    headers = [h for h in headers if h[len("lumo/"):] not in skip]
+    headers = [h for h in headers if h[len("lumo/") :] not in skip]
     if not headers:
         return ["no headers found"], 0
 
@@ -53,6 +54,7 @@ def check(compiler, folders, cache_file=None, skip=()):
             todo.append(header)
 
     with tempfile.TemporaryDirectory() as scratch:
+
         def compile_one(header):
             source = pathlib.Path(scratch) / (header.replace("/", "_") + ".cpp")
             source.write_text(f'#include "{header}"\n#include "{header}"\n', encoding="utf-8")

@@ -54,8 +54,7 @@ ALLOWED[""] = {room for room in ROOMS if not room.startswith("support")} | {
     ""
 }  # umbrella headers, which need Eigen only
 
-STANDARD = set(
-    """algorithm any array atomic barrier bit bitset charconv chrono cmath compare complex concepts
+STANDARD = set("""algorithm any array atomic barrier bit bitset charconv chrono cmath compare complex concepts
     condition_variable coroutine cstddef cstdint cstdio cstdlib cstring ctime deque exception execution
     expected filesystem format forward_list fstream functional future initializer_list iomanip ios iosfwd
     iostream istream iterator latch limits list locale map memory memory_resource mutex new numbers numeric
@@ -63,8 +62,7 @@ STANDARD = set(
     source_location span sstream stack stdexcept stop_token streambuf string string_view syncstream
     system_error thread tuple type_traits typeindex typeinfo unordered_map unordered_set utility valarray
     variant vector version cassert cctype cerrno cfenv cfloat cinttypes climits clocale csetjmp csignal
-    cstdarg cuchar cwchar cwctype""".split()
-)
+    cstdarg cuchar cwchar cwctype""".split())
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
@@ -134,9 +132,7 @@ def check(root):
                 if "/detail/" in inside and not here.startswith(inside[: inside.index("detail/")]):
                     faults.append(f"{where}: {target} is a detail, for headers of its own room only")
                 if room_of(inside) not in ALLOWED[room]:
-                    faults.append(
-                        f"{where}: {shown(room)} must not include {shown(room_of(inside))} ({target})"
-                    )
+                    faults.append(f"{where}: {shown(room)} must not include {shown(room_of(inside))} ({target})")
             elif bracket == '"':
                 faults.append(f'{where}: write the path from the include folder: "{target}"')
             elif (

@@ -3,6 +3,7 @@
 usage: check_names.py --clang-tidy TOOL --config .clang-tidy --include DIR… [--skip support/x.hpp]…
 The first include folder is lumo's own; the others are taken as system folders.
 """
+
 import argparse
 import pathlib
 import re
@@ -16,15 +17,24 @@ FAULT = re.compile(r"^(.*?):(\d+):\d+: (?:warning|error): (.*?)(?: \[readability
 def check(tool, config, folders, skip=()):
     own = pathlib.Path(folders[0]).resolve()
     headers = [h.relative_to(own).as_posix() for h in sorted((own / "lumo").rglob("*.hpp"))]
-    headers = [h for h in headers if h[len("lumo/"):] not in skip]
+    headers = [h for h in headers if h[len("lumo/") :] not in skip]
     if not headers:
         return ["no headers found"], 0
     with tempfile.TemporaryDirectory() as scratch:
         source = pathlib.Path(scratch) / "every_header.cpp"
         source.write_text("".join(f'#include "{h}"\n' for h in headers), encoding="utf-8")
-        command = [tool, f"--config-file={config}", "--checks=-*,readability-identifier-naming", 
-                   f"--header-filter=^{re.escape(str(own))}/lumo/", "--quiet", str(source),
-                   "--", "-std=c++20", "-I", str(own)]
+        command = [
+            tool,
+            f"--config-file={config}",
+            "--checks=-*,readability-identifier-naming",
+            f"--header-filter=^{re.escape(str(own))}/lumo/",
+            "--quiet",
+            str(source),
+            "--",
+            "-std=c++20",
+            "-I",
+            str(own),
+        ]
         for folder in folders[1:]:
             command += ["-isystem", folder]
         done = subprocess.run(command, capture_output=True, text=True)

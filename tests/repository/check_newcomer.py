@@ -6,6 +6,7 @@ Searches and studies that take hours are stopped once they have found something,
 takes long, as the manual says may be done at any time. tests/run is not run: it is what runs this. With --from the
 clone of an earlier run is kept and the first N − 1 commands are passed over.
 """
+
 import argparse
 import os
 import pathlib
@@ -18,22 +19,40 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 PAGES = ("README.md", "docs/manual.md")
-SPACE = ('{"variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}], '
-         '"objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "evaluations": 4}')
+SPACE = (
+    '{"variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}], '
+    '"objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "evaluations": 4}'
+)
 ANSWERS = "".join('{"tell": {"id": %d, "y": [%d]}}\n' % (k, k) for k in range(4))
 # What takes hours, and the line of progress after which it has shown what it does; none: half a minute.
-LONG = {"campaign run": r"^lumo: +[2-9]/", "study carrier": r"^lumo: +1/", "study void": r"^lumo: +1/",
-        "study readings": None}
+LONG = {
+    "campaign run": r"^lumo: +[2-9]/",
+    "study carrier": r"^lumo: +1/",
+    "study void": r"^lumo: +1/",
+    "study readings": None,
+}
 INTERRUPTED = 130
-LEAST = 24   # commands of both pages
-PROMISED = ("first", "press.svg", "out/section.svg", "out/report.html", "out/evaluation/evaluation.json", "ds_flat.csv",
-            "report.html", "run.jsonl", "pressed/session.json", "places/locations.csv", "forces/forces.csv",
-            "pressed.mcap")
+LEAST = 24  # commands of both pages
+PROMISED = (
+    "first",
+    "press.svg",
+    "out/section.svg",
+    "out/report.html",
+    "out/evaluation/evaluation.json",
+    "ds_flat.csv",
+    "report.html",
+    "run.jsonl",
+    "pressed/session.json",
+    "places/locations.csv",
+    "forces/forces.csv",
+    "pressed.mcap",
+)
 
 
 def commands(page):
-    lines = [line for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines()
-             if line.strip()]
+    lines = [
+        line for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines() if line.strip()
+    ]
     return [re.split(r"\s+# ", line)[0].strip() for line in lines]
 
 
@@ -46,8 +65,17 @@ def has_shown(words, log, begun):
 def run(command, folder, log):
     """Exit code of one command, and whether it is as it should be."""
     with open(log, "w", encoding="utf-8") as out:
-        process = subprocess.Popen(command, shell=True, executable="/bin/bash", cwd=folder, stdin=subprocess.PIPE,
-                                   stdout=out, stderr=subprocess.STDOUT, text=True, start_new_session=True)
+        process = subprocess.Popen(
+            command,
+            shell=True,
+            executable="/bin/bash",
+            cwd=folder,
+            stdin=subprocess.PIPE,
+            stdout=out,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
         if "optimize" in command:
             process.stdin.write(ANSWERS)
         process.stdin.close()

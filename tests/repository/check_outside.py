@@ -4,6 +4,7 @@ two steps with a kill between them: the same designs and numbers.
 
 usage: check_outside.py --cmake cmake --compiler c++ --prefix DIR --scratch DIR
 """
+
 import argparse
 import pathlib
 import shutil
@@ -15,8 +16,9 @@ EVALUATIONS = 4
 
 
 def run(*command, **options):
-    done = subprocess.run([str(c) for c in command], text=True, stdout=subprocess.PIPE,
-                          stderr=subprocess.STDOUT, **options)
+    done = subprocess.run(
+        [str(c) for c in command], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **options
+    )
     if done.returncode != 0:
         sys.exit(f"{' '.join(map(str, command))}: exit code {done.returncode}\n{done.stdout}")
     return done.stdout.splitlines()
@@ -29,8 +31,15 @@ def main(a):
     policies = [ROOT / "examples/own" / f"{name}.hpp" for name in ("material", "contact", "emitter", "objective")]
     for source in [*(ROOT / "tests/repository/outside").iterdir(), *policies]:
         shutil.copy(source, project)
-    run(a.cmake, "-S", project, "-B", project / "build", f"-DCMAKE_PREFIX_PATH={a.prefix}",
-        f"-DCMAKE_CXX_COMPILER={a.compiler}")
+    run(
+        a.cmake,
+        "-S",
+        project,
+        "-B",
+        project / "build",
+        f"-DCMAKE_PREFIX_PATH={a.prefix}",
+        f"-DCMAKE_CXX_COMPILER={a.compiler}",
+    )
     cache = (project / "build/CMakeCache.txt").read_text(encoding="utf-8")
     if f"lumo_DIR:PATH={a.prefix}" not in cache:
         sys.exit("another lumo was found than the installed one")
@@ -42,7 +51,7 @@ def main(a):
     begins = end.startswith(f"observed {EVALUATIONS}, hypervolume ")
     if len(designs) != EVALUATIONS or not begins or float(end.split()[-1]) <= 0.0:
         sys.exit("\n".join(["not the campaign that was asked for:", *whole]))
-    for line in designs:   # number, five lengths, two objectives
+    for line in designs:  # number, five lengths, two objectives
         even, firm = map(float, line.split()[6:])
         if not (0.0 < even <= 1.0 and firm > 0.0):
             sys.exit(f"objectives are out of range: {line}")

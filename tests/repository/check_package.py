@@ -4,6 +4,7 @@ and its program.
 usage: check_package.py --cpack CPACK --ctest CTEST --generator G --compiler c++ --build DIR --scratch DIR
   --version X.Y.Z [--program] component…
 """
+
 import argparse
 import gzip
 import os
@@ -15,8 +16,16 @@ import sys
 
 import check_pkg_config
 
-LICENCES = ["MPL-2.0", "AGPL-3.0-or-later", "GPL-2.0-or-later", "LGPL-2.1-or-later", "Apache-2.0", "public domain",
-            "BSD-2-Clause", "Permission is hereby granted"]
+LICENCES = [
+    "MPL-2.0",
+    "AGPL-3.0-or-later",
+    "GPL-2.0-or-later",
+    "LGPL-2.1-or-later",
+    "Apache-2.0",
+    "public domain",
+    "BSD-2-Clause",
+    "Permission is hereby granted",
+]
 
 
 def run(*command, **options):
@@ -60,31 +69,53 @@ def main(a):
     scratch, root = pathlib.Path(a.scratch), pathlib.Path(a.scratch) / "root"
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.mkdir(parents=True)
-    run(a.cpack, "--config", f"{a.build}/CPackConfig.cmake", "-B", scratch / "made", "-D",
-        f"CPACK_COMPONENTS_ALL={'headers;program' if a.program else 'headers'}")
+    run(
+        a.cpack,
+        "--config",
+        f"{a.build}/CPackConfig.cmake",
+        "-B",
+        scratch / "made",
+        "-D",
+        f"CPACK_COMPONENTS_ALL={'headers;program' if a.program else 'headers'}",
+    )
     made = {field(p, "Package"): p for p in sorted((scratch / "made").glob("*.deb"))}
     require(set(made) == {"liblumo-dev", *(["lumo-bin"] if a.program else [])}, f"packages made: {sorted(made)}")
     for name, package in made.items():
-        require(field(package, "Version").split("-")[0] == a.version,
-                f"{name} is of version {field(package, 'Version')}")
+        require(
+            field(package, "Version").split("-")[0] == a.version, f"{name} is of version {field(package, 'Version')}"
+        )
         unpack(package, root)
         check_documents(root, name)
 
     headers = made["liblumo-dev"]
-    require(field(headers, "Architecture") == "all" and "libeigen3-dev" in field(headers, "Depends"),
-            "liblumo-dev: wrong architecture or dependencies")
+    require(
+        field(headers, "Architecture") == "all" and "libeigen3-dev" in field(headers, "Depends"),
+        "liblumo-dev: wrong architecture or dependencies",
+    )
     unlinked = [p for p in root.rglob("*") if p.is_file() and "lumo-bin" not in p.parts and p.parent.name != "bin"]
-    for path in unlinked:   # what is for every architecture must name no folder of this one
+    for path in unlinked:  # what is for every architecture must name no folder of this one
         if path.suffix in (".pc", ".cmake"):
             text = path.read_text(encoding="utf-8")
             require("linux-gnu" not in text and str(a.build) not in text, f"{path} names a folder of this machine")
 
     components = scratch / "components"
-    run(a.ctest, "--build-and-test", pathlib.Path(__file__).parent / "components", components,
-        "--build-generator", a.generator, "--build-options",
-        f"-DCMAKE_PREFIX_PATH={root}/usr", f"-DCMAKE_CXX_COMPILER={a.compiler}", f"-DLUMO_VERSION={a.version}",
+    run(
+        a.ctest,
+        "--build-and-test",
+        pathlib.Path(__file__).parent / "components",
+        components,
+        "--build-generator",
+        a.generator,
+        "--build-options",
+        f"-DCMAKE_PREFIX_PATH={root}/usr",
+        f"-DCMAKE_CXX_COMPILER={a.compiler}",
+        f"-DLUMO_VERSION={a.version}",
         f"-DLUMO_WANTED={';'.join(a.components)}",
-        "--test-command", a.ctest, "--output-on-failure", "--no-tests=error")
+        "--test-command",
+        a.ctest,
+        "--output-on-failure",
+        "--no-tests=error",
+    )
     cache = (components / "CMakeCache.txt").read_text()
     require(f"lumo_DIR:PATH={root}/usr/share/lumo/cmake" in cache, "another lumo was found than the unpacked one")
     check_pkg_config.check(a.compiler, root / "usr", a.version, a.components)
@@ -95,14 +126,16 @@ def main(a):
         require(field(package, "Architecture") == architecture, "lumo-bin: wrong architecture")
         video = ["libopencv-videoio"] if "opencv" in a.components else []
         for library in ("libc6", "libtet", "libcholmod", "libembree", *video):
-            require(library in field(package, "Depends"),
-                    f"lumo-bin does not depend on {library}: {field(package, 'Depends')}")
+            require(
+                library in field(package, "Depends"),
+                f"lumo-bin does not depend on {library}: {field(package, 'Depends')}",
+            )
         lumo = root / "usr/bin/lumo"
         require(os.stat(lumo).st_mode & stat.S_IXOTH, "lumo may not be run by all")
         require(a.version in run(lumo, "--version"), "lumo states another version")
         run(lumo, "section", "--theta", "6,6,8,5,0", "--out", scratch / "out")
         require("<svg" in (scratch / "out/section.svg").read_text(encoding="utf-8"), "no drawing")
-        if {"opencv", "lz4", "zstd"} <= set(a.components):   # its module is found where it is installed
+        if {"opencv", "lz4", "zstd"} <= set(a.components):  # its module is found where it is installed
             done = subprocess.run([lumo, "decode", scratch / "none"], capture_output=True, text=True)
             require(done.returncode == 5 and "OpenCV" not in done.stderr, f"lumo decode: {done.stderr}")
     print("packages:", ", ".join(p.name for p in made.values()))

@@ -3,6 +3,7 @@
 usage: check_pkg_config.py --compiler c++ --prefix DIR --version X.Y.Z component…
 DIR is where lumo is installed, such as the usr folder of an unpacked package.
 """
+
 import argparse
 import os
 import pathlib
@@ -32,11 +33,23 @@ def check(compiler, prefix, version, components):
             sys.exit(f"{name}.pc is not the one of {prefix}: it names {folder}")
     with tempfile.TemporaryDirectory() as scratch:
         for component in components:
-            flags = {kind: run(["pkg-config", f"--{kind}", f"lumo-{component}"], env=environment)
-                     for kind in ("cflags", "libs")}
+            flags = {
+                kind: run(["pkg-config", f"--{kind}", f"lumo-{component}"], env=environment)
+                for kind in ("cflags", "libs")
+            }
             program = f"{scratch}/{component}"
-            run([compiler, "-std=c++20", f'-DWANTED_VERSION="{version}"', *flags["cflags"],
-                 str(SOURCES / f"{component}.cpp"), "-o", program, *flags["libs"]])
+            run(
+                [
+                    compiler,
+                    "-std=c++20",
+                    f'-DWANTED_VERSION="{version}"',
+                    *flags["cflags"],
+                    str(SOURCES / f"{component}.cpp"),
+                    "-o",
+                    program,
+                    *flags["libs"],
+                ]
+            )
             run([program], cwd=scratch)
     print(f"pkg-config: lumo and {len(components)} components build and run")
 

@@ -2,6 +2,7 @@
 
 usage: check_plain.py --compiler c++ --include DIR…   (lumo's own first, then Eigen's)
 """
+
 import argparse
 import pathlib
 import subprocess
@@ -10,7 +11,7 @@ import tempfile
 
 UMBRELLAS = ["lumo", "sense", "lab", "fabrication"]
 EVERY_HEADER = "#pragma once\n" + "".join(f'#include "lumo/{name}.hpp"\n' for name in UMBRELLAS)
-EVERY_HEADER += 'inline auto executor() { return lumo::Serial{}; }\n'
+EVERY_HEADER += "inline auto executor() { return lumo::Serial{}; }\n"
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
@@ -22,7 +23,14 @@ if __name__ == "__main__":
         (pathlib.Path(scratch) / "every_header.hpp").write_text(EVERY_HEADER, encoding="utf-8")
         program = f"{scratch}/consumer"
         folders = [word for folder in [*arguments.include, scratch] for word in ("-I", folder)]
-        command = [arguments.compiler, "-std=c++20", *folders, str(sources / "one.cpp"), str(sources / "two.cpp"),
-                   "-o", program]
+        command = [
+            arguments.compiler,
+            "-std=c++20",
+            *folders,
+            str(sources / "one.cpp"),
+            str(sources / "two.cpp"),
+            "-o",
+            program,
+        ]
         print(" ".join(command), flush=True)
         sys.exit(subprocess.run(command).returncode or subprocess.run([program]).returncode)

@@ -5,6 +5,7 @@ usage: check_refusals.py --compiler c++ --include DIR…
 The first include folder is lumo's own; the others are taken as system folders. The same lines with sound
 types must compile.
 """
+
 import argparse
 import pathlib
 import re
@@ -94,51 +95,94 @@ struct Squeeze {                                 // a codec without a name
 };
 """
 GROUPS = [
-    (MECHANICS, [
-        ("Simulator<int, SDFContact> s;", "Simulator<NeoHookean, SDFContact> s;", "HyperelasticMaterial"),
-        ("Simulator<Soft, SDFContact> s;", "Simulator<NeoHookean, SDFContact, LinearTet> s;", "HyperelasticMaterial"),
-        ("Simulator<NeoHookean, NeoHookean> s;", "Simulator<NeoHookean, SDFContact> s;", "ContactHandler"),
-        ("Simulator<NeoHookean, Inward> s;", "Simulator<NeoHookean, SDFContact> s;", "ContactHandler"),
-        ("Simulator<NeoHookean, SDFContact, FivePoints> s;",
-         "Simulator<NeoHookean, SDFContact, LinearTet> s;", "TetElement"),
-        ("Simulator<NeoHookean, SDFContact, QuadraticTet, double> s;",
-         "Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<EigenCholesky>> s;", "PressSolver"),
-        ("Simulator<NeoHookean, SDFContact, LinearTet, Still> s;",
-         "Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent> s;", "PressSolver"),
-        ("QuasiStatic<int> s;", "QuasiStatic<EigenCholesky> s;", "LinearSolver"),
-        ("BlockDescent<int> s;", "BlockDescent<Serial> s;", "Executor"),
-        ("Scenario<Blunt> s;", "Scenario<Sphere> s;", "Indenter"),
-        ("Oriented<Blunt> s;", "Oriented<Sphere> s;", "Indenter"),
-        ("VertexPacks<Soft>* s;", "VertexPacks<NeoHookean>* s;", "DilatationalMaterial"),
-    ]),
-    (LIGHT, [
-        ("Tracer<int> t;", "Tracer<BeerLambert> t;", "TransparentMedium"),
-        ("Tracer<Fog> t;", "Tracer<ScatteringMedium> t;", "TransparentMedium"),
-        ("Tracer<BeerLambert, Blind> t;", "Tracer<BeerLambert, ExitPower> t;", "ExitReadout"),
-        ("Tracer<BeerLambert, ExitPower, int> t;", "Tracer<BeerLambert, ExitPower, Bvh> t;", "Intersector"),
-        ("const Emitter e{Lamp{}};", "const Emitter e{RectangleEmitter{}};", "EmitterModel"),
-        ("Pipeline<Sieve, int, Tracer<>>* p;", "Pipeline<Filled, int, Tracer<>>* p;", "Mesher"),
-    ]),
-    (SEARCH, [
-        ("Optimizer<Straight>* o;", "Optimizer<RbfKernel>* o;", "CovarianceKernel"),
-        ("Optimizer<RbfKernel, LogNehvi, Stubborn>* o;",
-         "Optimizer<RbfKernel, LogNehvi, FreshCandidates>* o;", "CandidateSource"),
-        ("Optimizer<RbfKernel, LogNehvi, FreshCandidates, int>* o;",
-         "Optimizer<RbfKernel, LogNehvi, FreshCandidates, EachOutput>* o;", "Reduction"),
-        ("GaussianProcess<Straight>* g;", "GaussianProcess<Matern52Kernel>* g;", "CovarianceKernel"),
-    ]),
-    (SENSE, [
-        ("ForceEstimator<int, RecordedActuator, PeakLocalizer>* e;",
-         "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "Camera"),
-        ("ForceEstimator<Watch, Stalled, PeakLocalizer>* e;",
-         "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "Actuator"),
-        ("ForceEstimator<Watch, RecordedActuator, Lost>* e;",
-         "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "LocationEstimator"),
-        ("ForceEstimator<Watch, RecordedActuator, PeakLocalizer, GreenProfile, Lost>* e;",
-         "ForceEstimator<Watch, RecordedActuator, PeakLocalizer, GreenProfile, MomentArm>* e;", "ContactJacobian"),
-        ("ContactFilter<Lost>* f;", "ContactFilter<MomentArm>* f;", "ContactJacobian"),
-        ("McapWriter<Squeeze>* w;", "McapWriter<Uncompressed>* w;", "ChunkCodec"),
-    ]),
+    (
+        MECHANICS,
+        [
+            ("Simulator<int, SDFContact> s;", "Simulator<NeoHookean, SDFContact> s;", "HyperelasticMaterial"),
+            (
+                "Simulator<Soft, SDFContact> s;",
+                "Simulator<NeoHookean, SDFContact, LinearTet> s;",
+                "HyperelasticMaterial",
+            ),
+            ("Simulator<NeoHookean, NeoHookean> s;", "Simulator<NeoHookean, SDFContact> s;", "ContactHandler"),
+            ("Simulator<NeoHookean, Inward> s;", "Simulator<NeoHookean, SDFContact> s;", "ContactHandler"),
+            (
+                "Simulator<NeoHookean, SDFContact, FivePoints> s;",
+                "Simulator<NeoHookean, SDFContact, LinearTet> s;",
+                "TetElement",
+            ),
+            (
+                "Simulator<NeoHookean, SDFContact, QuadraticTet, double> s;",
+                "Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<EigenCholesky>> s;",
+                "PressSolver",
+            ),
+            (
+                "Simulator<NeoHookean, SDFContact, LinearTet, Still> s;",
+                "Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent> s;",
+                "PressSolver",
+            ),
+            ("QuasiStatic<int> s;", "QuasiStatic<EigenCholesky> s;", "LinearSolver"),
+            ("BlockDescent<int> s;", "BlockDescent<Serial> s;", "Executor"),
+            ("Scenario<Blunt> s;", "Scenario<Sphere> s;", "Indenter"),
+            ("Oriented<Blunt> s;", "Oriented<Sphere> s;", "Indenter"),
+            ("VertexPacks<Soft>* s;", "VertexPacks<NeoHookean>* s;", "DilatationalMaterial"),
+        ],
+    ),
+    (
+        LIGHT,
+        [
+            ("Tracer<int> t;", "Tracer<BeerLambert> t;", "TransparentMedium"),
+            ("Tracer<Fog> t;", "Tracer<ScatteringMedium> t;", "TransparentMedium"),
+            ("Tracer<BeerLambert, Blind> t;", "Tracer<BeerLambert, ExitPower> t;", "ExitReadout"),
+            ("Tracer<BeerLambert, ExitPower, int> t;", "Tracer<BeerLambert, ExitPower, Bvh> t;", "Intersector"),
+            ("const Emitter e{Lamp{}};", "const Emitter e{RectangleEmitter{}};", "EmitterModel"),
+            ("Pipeline<Sieve, int, Tracer<>>* p;", "Pipeline<Filled, int, Tracer<>>* p;", "Mesher"),
+        ],
+    ),
+    (
+        SEARCH,
+        [
+            ("Optimizer<Straight>* o;", "Optimizer<RbfKernel>* o;", "CovarianceKernel"),
+            (
+                "Optimizer<RbfKernel, LogNehvi, Stubborn>* o;",
+                "Optimizer<RbfKernel, LogNehvi, FreshCandidates>* o;",
+                "CandidateSource",
+            ),
+            (
+                "Optimizer<RbfKernel, LogNehvi, FreshCandidates, int>* o;",
+                "Optimizer<RbfKernel, LogNehvi, FreshCandidates, EachOutput>* o;",
+                "Reduction",
+            ),
+            ("GaussianProcess<Straight>* g;", "GaussianProcess<Matern52Kernel>* g;", "CovarianceKernel"),
+        ],
+    ),
+    (
+        SENSE,
+        [
+            (
+                "ForceEstimator<int, RecordedActuator, PeakLocalizer>* e;",
+                "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;",
+                "Camera",
+            ),
+            (
+                "ForceEstimator<Watch, Stalled, PeakLocalizer>* e;",
+                "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;",
+                "Actuator",
+            ),
+            (
+                "ForceEstimator<Watch, RecordedActuator, Lost>* e;",
+                "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;",
+                "LocationEstimator",
+            ),
+            (
+                "ForceEstimator<Watch, RecordedActuator, PeakLocalizer, GreenProfile, Lost>* e;",
+                "ForceEstimator<Watch, RecordedActuator, PeakLocalizer, GreenProfile, MomentArm>* e;",
+                "ContactJacobian",
+            ),
+            ("ContactFilter<Lost>* f;", "ContactFilter<MomentArm>* f;", "ContactJacobian"),
+            ("McapWriter<Squeeze>* w;", "McapWriter<Uncompressed>* w;", "ChunkCodec"),
+        ],
+    ),
 ]
 
 
@@ -159,10 +203,10 @@ def faults_of(command, preamble, all_cases):
         code, errors = compile_lines(command, scratch, "sound.cpp", preamble, [good for _, good, _ in all_cases])
         if code != 0:
             return [f"the sound lines do not compile:\n{errors}"]
-        for begin in range(0, len(all_cases), 6):   # clang gives up after twenty errors
-            cases = all_cases[begin:begin + 6]
+        for begin in range(0, len(all_cases), 6):  # clang gives up after twenty errors
+            cases = all_cases[begin : begin + 6]
             _, errors = compile_lines(command, scratch, "bad.cpp", preamble, [bad for bad, _, _ in cases])
-            said, at = {}, None   # line -> its errors with their notes
+            said, at = {}, None  # line -> its errors with their notes
             for line in errors.splitlines():
                 match = ERROR.match(line)
                 at = int(match.group(1)) if match else at

@@ -3,11 +3,12 @@ lateral voids.
 
 usage: check_vocabulary.py include/lumo
 """
+
 import pathlib
 import re
 import sys
 
-FINGER_ROOMS = {"morphology", "fabrication"}   # which make the finger: its body, its parts and moulds
+FINGER_ROOMS = {"morphology", "fabrication"}  # which make the finger: its body, its parts and moulds
 
 WORDS = re.compile(
     r"""\b(?:h_fp|h_ep|w_s|h_s|w_v)(?:_\w+)?\b            # design variables

@@ -400,13 +400,13 @@ class House(unittest.TestCase):
     def test_reader(self):
         reader = cpp.Reader(
             '/* { */ const char* s = R"x({ "a" )x";  // {\n'
-            '#define F(x) { \\\n {\n'
-            'namespace a::b {\n'
-            'enum class E : int { x, y };\n'
-            'class C final : public B<(1 > 0)> {\n'
-            ' public:\n'
-            '  explicit(true) C(int);\n'
-            '  ~C() {}\n  int f() const& { return 1\'000; }\n  X x{1};\n};\n}\nint main() {}\n'
+            "#define F(x) { \\\n {\n"
+            "namespace a::b {\n"
+            "enum class E : int { x, y };\n"
+            "class C final : public B<(1 > 0)> {\n"
+            " public:\n"
+            "  explicit(true) C(int);\n"
+            "  ~C() {}\n  int f() const& { return 1'000; }\n  X x{1};\n};\n}\nint main() {}\n"
         )
         self.assertEqual(
             [(d.kind, d.name) for d in reader.declarations],
