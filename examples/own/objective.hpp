@@ -2,7 +2,6 @@
 
 #include "lumo/pipeline/evaluate.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <optional>
 

@@ -6766,8 +6766,8 @@ class BvhScene {
       }
     if (triangles.empty()) return;
     center_ = all.center();
-    const double extent = all.diagonal().norm(), pad = 1e-6 * extent;
-    slack_ = 1e-11 * extent;
+    const double extent = all.diagonal().norm(), pad = box_margin * extent;
+    slack_ = behind * extent;
     for (const SceneTriangle& t : triangles) {
       Box box;
       for (const Vec3d& p : t.corners) box.extend(Vec3d(p - center_));
@@ -6793,7 +6793,7 @@ class BvhScene {
     for (std::size_t a = 0; a < 3; ++a) {
       const double d = direction[Eigen::Index(a)];
       of[a] = float(o[Eigen::Index(a)]);
-      inverse[a] = float(1.0 / (std::abs(d) < 1e-12 ? std::copysign(1e-12, d) : d));
+      inverse[a] = float(1.0 / (std::abs(d) < parallel ? std::copysign(parallel, d) : d));
     }
     struct Todo {
       int child, count;
@@ -6813,10 +6813,10 @@ class BvhScene {
         const double f = 1.0 / det;
         const Vec3d s = o - t.corner;
         const double u = f * s.dot(p);
-        if (!(u >= -1e-10 && u <= 1.0 + 1e-10)) continue;
+        if (!(u >= -edge && u <= 1.0 + edge)) continue;
         const Vec3d q = s.cross(t.edge1);
         const double v = f * direction.dot(q);
-        if (!(v >= -1e-10 && u + v <= 1.0 + 1e-10)) continue;
+        if (!(v >= -edge && u + v <= 1.0 + edge)) continue;
         const double d = f * t.edge2.dot(q);
         if (d >= -slack_ && d < best.t) best = {d, t.id};
       }
@@ -6831,7 +6831,7 @@ class BvhScene {
       }
       const std::size_t base = top;
       for (std::size_t k = 0; k < 4; ++k) {
-        if (node.count[k] < 0 || !(enter[Eigen::Index(k)] <= leave[Eigen::Index(k)] * 1.000001f) || top == stack.size())
+        if (node.count[k] < 0 || !(enter[Eigen::Index(k)] <= leave[Eigen::Index(k)] * rounding) || top == stack.size())
           continue;
         std::size_t at = top++;  // keep the nearest on top
         for (; at > base && stack[at - 1].t < enter[Eigen::Index(k)]; --at) stack[at] = stack[at - 1];
@@ -6842,7 +6842,13 @@ class BvhScene {
   }
 
  private:
-  static constexpr std::size_t bins = 16;
+  // Shares of the scene's diagonal: by how much boxes exceed their triangles, which covers float's rounding, and how
+  // far behind its origin a ray still hits, which covers double's.
+  static constexpr double box_margin = 1e-6, behind = 1e-11;
+  static constexpr double parallel = 1e-12;     ///< components of a direction below it count as this
+  static constexpr double edge = 1e-10;         ///< of barycentric coordinates: neighbours leave no gap between them
+  static constexpr float rounding = 1.000001f;  ///< of the float that leaves a box: some units in the last place
+  static constexpr std::size_t bins = 16;       ///< of the surface-area heuristic
   using Box = Eigen::AlignedBox<double, 3>;
   struct Triangle {
     Vec3d corner, edge1, edge2;

@@ -4631,6 +4631,10 @@ struct ContactFilterConfig {
   double no_contact_Nm = 0.01;                        ///< torque of what may act on the pad unseen
   double jump_gate = 5.0;     ///< a location or torque this many standard deviations off is a new contact or load
   std::size_t history = 512;  ///< measurements that a late one may precede
+  static constexpr double outside_m = 5.0_mm;  ///< how far beyond the pad's ends a place may be estimated
+  // Gauss–Newton for place and force: iterations, and steps after which no further one is made.
+  static constexpr int iterations = 8;
+  static constexpr double place_step_m = 1e-9, force_step_N = 1e-7;
 };
 
 /// Fuses contact locations and joint torques, which come at different rates and with different delays. The filters hold
@@ -4680,6 +4684,8 @@ template <ContactJacobian Jacobian> class ContactFilter {
   const Jacobian& jacobian() const { return jacobian_; }
 
  private:
+  static constexpr double least_variance = 1e-14;  ///< [m² or N²·m²] of what is known exactly: keeps weights finite
+
   enum class Kind { torque, location, no_contact };
   struct Seen {
     std::int64_t stamp_ns = 0;
@@ -4792,20 +4798,20 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
   Seen s = last();
   predict(s, stamp_ns);
   const int n = jacobian_.joints();
-  const double place = s.place.x, place_weight = 1.0 / std::max(s.place.xx, 1e-14),
+  const double place = s.place.x, place_weight = 1.0 / std::max(s.place.xx, least_variance),
                force_weight = 1.0 / (config_.force_prior_N * config_.force_prior_N);
   // Mode of exp(−½ [(y − place)²/P_y + Σ (T_j − F a_j(y))²/P_j + F²/P_F]).
   ContactBelief belief;
   double y = place, force = 0.0;
   Eigen::Matrix2d information;
-  for (int k = 0; k < 8; ++k) {
+  for (int k = 0; k < Config::iterations; ++k) {
     const double inside = std::clamp(y, config_.from_m, config_.to_m);
     const JointVector a = jacobian_.column(q, {config_.link, inside}),
                       slope = jacobian_.slope(q, {config_.link, inside});
     double aa = force_weight, at = 0.0;
     for (int j = 0; j < n; ++j) {
       const OffsetWalk& t = s.torque[std::size_t(j)];
-      const double weight = 1.0 / std::max(t.xx, 1e-14);
+      const double weight = 1.0 / std::max(t.xx, least_variance);
       aa += weight * a[j] * a[j];
       at += weight * a[j] * t.x;
     }
@@ -4814,7 +4820,7 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
     Eigen::Vector2d gradient(place_weight * (place - y), at - aa * force);
     for (int j = 0; j < n; ++j) {
       const OffsetWalk& t = s.torque[std::size_t(j)];
-      const double weight = 1.0 / std::max(t.xx, 1e-14), h = slope[j] * force;
+      const double weight = 1.0 / std::max(t.xx, least_variance), h = slope[j] * force;
       information(0, 0) += weight * h * h;
       information(0, 1) += weight * h * a[j];
       gradient[0] += weight * h * (t.x - a[j] * force);
@@ -4822,9 +4828,9 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
     information(1, 0) = information(0, 1);
     belief.covariance = information.inverse();
     const Eigen::Vector2d step = belief.covariance * gradient;
-    y = std::clamp(y + step[0], config_.from_m - 5.0_mm, config_.to_m + 5.0_mm);
+    y = std::clamp(y + step[0], config_.from_m - Config::outside_m, config_.to_m + Config::outside_m);
     force += step[1];
-    if (std::abs(step[0]) < 1e-9 && std::abs(step[1]) < 1e-7) break;
+    if (std::abs(step[0]) < Config::place_step_m && std::abs(step[1]) < Config::force_step_N) break;
   }
   belief.y_m = y;
   belief.force_N = force;
@@ -5041,18 +5047,25 @@ inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& 
 
 namespace lumo::sense {
 
+/// Numbers of both solutions.
+struct ForceSolutionConfig {
+  static constexpr double on_axis_m = 1e-4;           ///< contacts so near all axes count as on them
+  static constexpr double rank_tolerance = 1e-3;      ///< singular values below this share of the largest count as 0
+  static constexpr double place_unit_m = 0.01;        ///< of y beside a force of 1 N, for the rank
+  static constexpr int cells = 64, refinements = 40;  ///< of the search along the pad, and within the best cells
+};
+
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
 /// separate come back as null directions: three contacts on two joints, two on one link of one joint, any at a
 /// joint's axis.
 template <ContactJacobian J> Identification solve_forces(const J& jacobian, const JointVector& q,
     const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
   const auto m = Eigen::Index(contacts.size());
-  // A contact within a tenth of a millimetre of all axes counts as on them.
   const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
   const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
-  if (largest < 1e-4)
+  if (largest < ForceSolutionConfig::on_axis_m)
     return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
-  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
+  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, ForceSolutionConfig::rank_tolerance);
 }
 
 /// One contact from torques alone: place and force together, as far as the joints determine them.
@@ -5069,6 +5082,7 @@ struct TorqueOnlySolution {
 /// range's middle.
 template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q,
     const JointVector& contact_torque_Nm, const PadRange& range, double torque_sigma_Nm) {
+  using Config = ForceSolutionConfig;
   const int link = range.link;
   const double from_m = range.from_m, to_m = range.to_m;
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
@@ -5085,16 +5099,17 @@ template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacob
   s.force_N = force_at(s.y_m, misfit);
   const auto sensitivity = [&] {
     Eigen::MatrixXd h(jacobian.joints(), 2);
-    h.col(0) = 0.01 * s.force_N * jacobian.slope(q, {link, s.y_m});
+    h.col(0) = Config::place_unit_m * s.force_N * jacobian.slope(q, {link, s.y_m});
     h.col(1) = jacobian.column(q, {link, s.y_m});
     return h;
   };
   const auto look = [&] {
-    return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm, 1e-3);
+    return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm,
+        Config::rank_tolerance);
   };
   Identification local = look();
   if (local.complete()) {
-    constexpr int cells = 64;
+    constexpr int cells = Config::cells;
     double least = std::numeric_limits<double>::infinity();
     int best = 0;
     for (int k = 0; k <= cells; ++k) {
@@ -5106,14 +5121,14 @@ template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacob
     }
     const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells,
                  b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
-    s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, 40);
+    s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, Config::refinements);
     s.force_N = force_at(s.y_m, misfit);
     local = look();
   }
   s.rank = int(local.rank);
   if (s.rank == 1) s.null_direction = local.null_space.col(0);
   if (s.rank == 2) {
-    const Eigen::Vector2d unit(0.01, 1.0);
+    const Eigen::Vector2d unit(Config::place_unit_m, 1.0);
     s.covariance = unit.asDiagonal() * local.covariance * unit.asDiagonal();
   }
   return s;

@@ -8,9 +8,7 @@
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <csignal>
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <random>
 
 using namespace lumo;

@@ -10,7 +10,6 @@
 #include "lumo/support/zstd.hpp"
 
 #include <filesystem>
-#include <fstream>
 #include <sstream>
 #include <string>
 

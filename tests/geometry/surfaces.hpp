@@ -13,7 +13,6 @@
 #include <map>
 #include <numbers>
 #include <random>
-#include <string>
 #include <utility>
 #include <vector>
 

@@ -3,7 +3,6 @@
 #include "catch.hpp"
 #include "geometry/surfaces.hpp"
 
-#include <limits>
 #include <optional>
 #include <random>
 #include <set>

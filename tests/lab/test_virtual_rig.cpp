@@ -7,7 +7,6 @@
 #include "lumo/sense/profile/finger_view.hpp"
 
 #include <cmath>
-#include <optional>
 #include <sstream>
 #include <vector>
 

@@ -7,7 +7,6 @@
 #include "mesh/finger_laws.hpp"
 #include "mesh/random_design.hpp"
 
-#include <map>
 #include <random>
 
 using namespace lumo;

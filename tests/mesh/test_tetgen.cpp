@@ -16,7 +16,6 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
-#include <new>
 #include <optional>
 #include <set>
 #include <thread>

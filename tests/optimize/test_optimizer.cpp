@@ -3,7 +3,6 @@
 #include "lumo/optimize/optimizer.hpp"
 
 #include <limits>
-#include <map>
 
 using namespace lumo;
 

@@ -1,8 +1,6 @@
 #include "catch.hpp"
 #include "lumo/pipeline/ensemble.hpp"
 
-#include <set>
-
 using namespace lumo;
 
 TEST_CASE(

@@ -6,7 +6,6 @@
 #include "temporary_folder.hpp"
 
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <sstream>
 

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <vector>
 
 /// Pictures and noise for tests: smooth, known in closed form, and nothing that an estimator is tuned to.
 namespace synthetic {

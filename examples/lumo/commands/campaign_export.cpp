@@ -9,7 +9,7 @@ namespace {
 std::string rows_of(const StoredCampaign& c) {
   Json rows = Json::array();
   for (const StoredTrial& t : c.trials)
-    rows.push_back({{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"state", t.state},
+    rows.push_back({{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"state", name(t.state)},
         {"why", t.why.empty() ? Json(nullptr) : Json(t.why)}, {"on_front", t.on_front}, {"selected", t.selected},
         {"hypervolume", number(t.hypervolume)}, {"record", t.record}, {"notes", t.notes}});
   return text_of(rows, 1) + "\n";
@@ -26,7 +26,7 @@ std::string table_of(const StoredCampaign& c) {
   for (const StoredTrial& t : c.trials) {
     const Json r = t.record.is_object() ? t.record : Json::object();
     const auto at = [&](const char* pointer) { return csv_field(r.value(Json::json_pointer(pointer), Json(nullptr))); };
-    text += std::to_string(t.id) + "," + joined(t.theta_mm) + "," + t.state;
+    text += std::to_string(t.id) + "," + joined(t.theta_mm) + "," + name(t.state);
     for (const char* key : {"/J_contact", "/J_contact_err", "/J_obs", "/J_obs_err"}) text += "," + at(key);
     text += "," + csv_field(number(t.hypervolume)) + (t.on_front ? ",1" : ",0") + (t.selected ? ",1" : ",0");
     for (const char* key : {"/worst_contact/diameter_mm", "/worst_contact/angle_deg", "/worst_contact/y_mm",

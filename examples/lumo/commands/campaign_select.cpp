@@ -1,4 +1,3 @@
-
 #include "commands/campaigns.hpp"
 #include "computing/contacts.hpp"
 #include "computing/evaluation.hpp"
@@ -34,7 +33,7 @@ struct Stability {
 
 Stability stability_of(const StoredCampaign& c, int seeds, int threads, Progress& progress) {
   progress.stage("searches on a model of the results", seeds);
-  const int evaluations = c.count("evaluated");
+  const int evaluations = c.count(Trial::State::observed);
   const auto chosen = with_optimizer(c.problem, evaluations, [&]<class O>(const O& optimizer) {
     return choices_over_seeds(
         optimizer.problem(), c.asked, {seeds, evaluations}, [](const Problem& problem) { return O(problem); },
@@ -163,12 +162,12 @@ struct CampaignSelect : StoreCommand {
     if (!c.selected)
       throw InputError(
           "store '" + store + "' holds no evaluation with both objectives above 0: there is nothing to select from");
-    Selection r{c, c.count("evaluated"), {}, {}};
+    Selection r{c, c.count(Trial::State::observed), {}, {}};
     if (r.evaluated >= enough_for_a_model) r.stability = stability_of(c, seeds, threads, progress);
     r.gain = gain_of(c, threads, progress);
     progress.finish();
     for (const StoredTrial& k : c.trials) {
-      if (k.state != "evaluated") continue;
+      if (k.state != Trial::State::observed) continue;
       r.best_contact = std::max(r.best_contact, value_at(k.record, "J_contact"));
       r.best_observation = std::max(r.best_observation, value_at(k.record, "J_obs"));
     }

@@ -23,7 +23,8 @@ std::string campaign_status(const std::string& store, bool as_json) {
   const StoredCampaign c = read_campaign(SqliteJournal(store), store);
   double seconds = 0.0;
   for (const StoredTrial& t : c.trials) seconds += std::isfinite(t.seconds()) ? t.seconds() : 0.0;
-  const int done = c.count("evaluated"), failed = c.count("failed"), open = c.count("under way");
+  const int done = c.count(Trial::State::observed), failed = c.count(Trial::State::failed),
+            open = c.count(Trial::State::pending);
   if (as_json) {
     Json j = {{"store", store}, {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)},
         {"mode", c.problem.paper ? "paper" : "default"}, {"source", c.problem.source}, {"seed", c.problem.seed},
@@ -50,7 +51,7 @@ std::string campaign_status(const std::string& store, bool as_json) {
     if (t.on_front) text += line(t);
   if (c.selected && !c.trials[*c.selected].on_front) text += "\n" + line(c.trials[*c.selected]);
   for (const StoredTrial& t : c.trials)
-    if (t.state == "failed") text += "failed " + std::to_string(t.id) + ": " + t.why + "\n";
+    if (t.state == Trial::State::failed) text += "failed " + std::to_string(t.id) + ": " + t.why + "\n";
   return text;
 }
 

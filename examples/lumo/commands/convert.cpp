@@ -8,13 +8,10 @@
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
 
 #include <cerrno>
-#include <cstdio>
 #include <cstring>
 #include <filesystem>
-#include <memory>
 #include <optional>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 namespace lumo::program {

@@ -12,7 +12,6 @@
 #include "report/present.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <span>
 #include <sstream>
 #include <vector>

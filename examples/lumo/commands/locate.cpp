@@ -10,7 +10,6 @@
 
 #include <cmath>
 #include <limits>
-#include <vector>
 
 namespace lumo::program {
 

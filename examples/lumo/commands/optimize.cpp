@@ -4,7 +4,6 @@
 #include "console/text.hpp"
 #include "store/campaign_problem.hpp"
 
-#include <functional>
 #include <iostream>
 #include <optional>
 

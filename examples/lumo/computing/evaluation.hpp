@@ -6,7 +6,6 @@
 #include "lumo/pipeline/ensemble.hpp"
 #include "lumo/pipeline/evaluate.hpp"
 
-#include <array>
 #include <vector>
 
 namespace lumo::program {

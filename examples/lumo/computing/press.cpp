@@ -5,7 +5,6 @@
 
 #include "lumo/mesh/quality.hpp"
 
-#include <algorithm>
 #include <map>
 #include <new>
 

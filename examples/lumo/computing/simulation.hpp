@@ -9,7 +9,6 @@
 #include "lumo/morphology/silicone.hpp"
 
 #include <functional>
-#include <memory>
 #include <vector>
 
 namespace lumo::program {

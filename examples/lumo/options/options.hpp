@@ -5,7 +5,6 @@
 #include <CLI/App.hpp>
 
 #include <functional>
-#include <initializer_list>
 #include <optional>
 #include <string>
 #include <string_view>

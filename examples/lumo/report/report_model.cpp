@@ -44,7 +44,7 @@ Json trial_model(const StoredTrial& t, const std::vector<Design>& first) {
       {"origin", start < reference_designs().size() ? "reference"
                  : start < first.size()             ? "sobol"
                                                     : "search"},
-      {"state", t.state}, {"why", t.why}};
+      {"state", name(t.state)}, {"why", t.why}};
   append(j, only_numbers(t.record, {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}));
   append(j, {{"hypervolume", number(t.hypervolume)}, {"on_front", t.on_front}, {"selected", t.selected}});
   return j;
@@ -55,7 +55,7 @@ Json model_check(const StoredCampaign& campaign, const char* objective) {
   const std::vector<Variable> variables = finger_space().variables;
   std::vector<const StoredTrial*> evaluated;
   for (const StoredTrial& t : campaign.trials)
-    if (t.state == "evaluated" && std::isfinite(value_at(t.record, objective))) evaluated.push_back(&t);
+    if (t.state == Trial::State::observed && std::isfinite(value_at(t.record, objective))) evaluated.push_back(&t);
   const auto n = Eigen::Index(evaluated.size()), dimensions = Eigen::Index(variables.size());
   if (n < fewest_for_check) return nullptr;
   TrainingData data{

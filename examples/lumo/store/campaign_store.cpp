@@ -4,7 +4,6 @@
 #include "lumo/optimize/hypervolume.hpp"
 
 #include <algorithm>
-#include <limits>
 
 namespace lumo::program {
 
@@ -31,11 +30,15 @@ void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std
 
 }  // namespace
 
+const char* name(Trial::State state) {
+  return state == Trial::State::observed ? "evaluated" : state == Trial::State::failed ? "failed" : "under way";
+}
+
 double StoredTrial::seconds() const {
   return notes.is_object() && notes.contains("seconds") ? value_at(notes["seconds"], "total") : undefined;
 }
 
-int StoredCampaign::count(std::string_view state) const {
+int StoredCampaign::count(Trial::State state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
 }
 
@@ -54,9 +57,7 @@ StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store)
       StoredTrial s;
       s.id = t.id;
       std::copy_n(t.x.begin(), 5, s.theta_mm.begin());
-      s.state = t.state == Trial::State::observed ? "evaluated"
-                : t.state == Trial::State::failed ? "failed"
-                                                  : "under way";
+      s.state = t.state;
       s.why = t.why;
       if (const auto number = state.answered(t.id)) {
         s.record = json_or_null(log.record(*number));

@@ -12,11 +12,14 @@
 
 namespace lumo::program {
 
+/// A state as campaigns report it: "evaluated", "failed" or "under way".
+const char* name(Trial::State state);
+
 /// One trial of a campaign as it stands in the store.
 struct StoredTrial {
   int id = 0;
   std::array<double, 5> theta_mm{};
-  std::string state;   ///< "evaluated", "failed" or "under way"
+  Trial::State state = Trial::State::pending;
   std::string why;     ///< it failed
   Json record, notes;  ///< null while it is under way, or where they are damaged
   bool on_front = false, selected = false;
@@ -35,7 +38,7 @@ struct StoredCampaign {
   double hypervolume = 0.0;
   std::optional<std::size_t> selected;  ///< index into `trials`
 
-  int count(std::string_view state) const;
+  int count(Trial::State state) const;
 };
 
 /// Reads the log in the file `store`. Throws StoreError, or InputError for another program's.

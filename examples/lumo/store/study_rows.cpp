@@ -7,7 +7,6 @@
 #include "store/emptied_store.hpp"
 
 #include <algorithm>
-#include <utility>
 
 namespace lumo::program {
 

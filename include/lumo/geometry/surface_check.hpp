@@ -5,9 +5,7 @@
 #include "lumo/geometry/shells.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numbers>
 #include <string>
 #include <utility>
 #include <vector>

@@ -3,7 +3,6 @@
 #include "lumo/geometry/triangle_surface.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>

@@ -5,8 +5,6 @@
 #include "lumo/lab/side_sight.hpp"
 #include "lumo/pipeline/observe.hpp"
 
-#include <cmath>
-#include <string>
 #include <utility>
 #include <vector>
 

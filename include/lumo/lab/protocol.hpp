@@ -6,7 +6,6 @@
 #include "lumo/sense/recording/session.hpp"
 
 #include <array>
-#include <cmath>
 #include <string>
 #include <vector>
 

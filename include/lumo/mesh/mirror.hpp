@@ -2,8 +2,6 @@
 
 #include "lumo/mesh/tet_mesh.hpp"
 
-#include <numeric>
-
 namespace lumo {
 
 /// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that

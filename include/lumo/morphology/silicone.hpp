@@ -4,7 +4,6 @@
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/optical_data.hpp"
 
-#include <array>
 #include <string>
 #include <string_view>
 

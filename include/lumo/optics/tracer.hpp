@@ -25,7 +25,6 @@
 #include <iterator>
 #include <optional>
 #include <type_traits>
-#include <variant>
 #include <vector>
 
 namespace lumo {

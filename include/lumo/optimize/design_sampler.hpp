@@ -11,7 +11,6 @@
 #include <cstdlib>
 #include <optional>
 #include <set>
-#include <span>
 #include <vector>
 
 namespace lumo {

@@ -5,7 +5,6 @@
 #include "lumo/pipeline/scores.hpp"
 
 #include <tuple>
-#include <utility>
 #include <vector>
 
 namespace lumo {

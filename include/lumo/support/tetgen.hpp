@@ -10,16 +10,15 @@
 
 #include <cmath>
 #include <cstddef>
-#include <cstring>
 #include <memory>
 #include <new>
-#include <string>
 
 namespace lumo {
 
 /// Fills surfaces with TetGen (Si 2015, Delaunay refinement), in a process of its own: whatever TetGen does, the caller
 /// sees a mesh or a MeshError. Construct it before the program starts threads: it forks a helper then (see ForkServer).
-/// Copies share the helper and take turns; for two meshes at once, construct two.
+/// Copies share the helper and take turns; for two meshes at once, construct two. The library in a process of its own,
+/// and not TetGen's program: wanted lengths are a function of place, which only the library asks (`tetunsuitable`).
 struct TetgenMesher {
   double time_limit_s =
       60.0;  ///< for one run of TetGen [s]; after a crash there are up to three more, in turned frames

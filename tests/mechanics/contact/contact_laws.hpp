@@ -4,8 +4,6 @@
 #include "lumo/mechanics/contact/contact_handler.hpp"
 #include "mechanics/dual.hpp"
 
-#include <cmath>
-
 // One suite for every contact law: the laws that stand beside the concept.
 namespace lumo::test {
 

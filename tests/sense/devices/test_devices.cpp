@@ -3,8 +3,6 @@
 #include "lumo/sense/joints/joint_monitor.hpp"
 #include "lumo/support/socketcan.hpp"
 
-#include <cstdio>
-
 using namespace lumo;
 using namespace lumo::sense;
 

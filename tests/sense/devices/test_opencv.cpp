@@ -5,7 +5,6 @@
 #include "temporary_folder.hpp"
 
 #include <csignal>
-#include <filesystem>
 #include <fstream>
 #include <stdexcept>
 

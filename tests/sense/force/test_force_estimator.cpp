@@ -11,7 +11,6 @@
 #include <functional>
 #include <limits>
 #include <map>
-#include <set>
 
 using namespace lumo;
 using namespace lumo::sense;

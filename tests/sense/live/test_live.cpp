@@ -9,7 +9,6 @@
 #include "temporary_folder.hpp"
 
 #include <cmath>
-#include <cstddef>
 #include <filesystem>
 #include <fstream>
 #include <mutex>

@@ -5,9 +5,7 @@
 #include "sense/synthetic.hpp"
 
 #include <cmath>
-#include <cstddef>
 #include <optional>
-#include <vector>
 
 using namespace lumo;
 using namespace lumo::sense;

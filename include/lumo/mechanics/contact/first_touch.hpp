@@ -6,7 +6,6 @@
 #include "lumo/morphology/body.hpp"
 
 #include <limits>
-#include <vector>
 
 namespace lumo {
 

@@ -80,19 +80,21 @@ inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells)
 }
 
 inline void DistanceGrid::fill() {
+  constexpr double reach = 1.001;  // cells: one, and rounding
   for (int k = 0; k < n_[2]; ++k)
     for (int j = 0; j < n_[1]; ++j)
       for (int i = 0; i < n_[0]; ++i)  // from node to node the distance changes by no more than the way
         at(i, j, k) = exact_.distance(
-            node(i, j, k), i > 0 ? std::abs(at(i - 1, j, k)) + 1.001 * h_ : std::numeric_limits<double>::infinity());
+            node(i, j, k), i > 0 ? std::abs(at(i - 1, j, k)) + reach * h_ : std::numeric_limits<double>::infinity());
 }
 
 // The spline through the samples, line by line in all three directions, mirrored at the ends.
 inline void DistanceGrid::filter() {
-  const double pole = std::sqrt(3.0) - 2.0;
+  const double pole = std::sqrt(3.0) - 2.0;  // of the cubic B-spline (Unser 1999)
+  constexpr int terms = 30;                  // of the sum from the mirrored end: pole^30 is below 1e-17
   const auto line = [&](int count, auto&& value) {
     double first = 0.0, power = 1.0;
-    for (int i = 0; i < std::min(count, 30); ++i, power *= pole) first += power * value(i);
+    for (int i = 0; i < std::min(count, terms); ++i, power *= pole) first += power * value(i);
     value(0) = first;
     for (int i = 1; i < count; ++i) value(i) += pole * value(i - 1);
     value(count - 1) = pole / (pole * pole - 1.0) * (value(count - 1) + pole * value(count - 2));

@@ -7,10 +7,6 @@
 #include "lumo/mechanics/elements/solid.hpp"
 #include "lumo/mechanics/solvers/press_solver.hpp"
 
-#include <map>
-#include <memory>
-#include <mutex>
-
 namespace lumo {
 
 /// All that does not change between scenarios on one sector of one mesh: elements, surfaces, equations, symbolic

@@ -3,7 +3,6 @@
 #include "lumo/mechanics/contact/contact_surface.hpp"
 #include "lumo/mechanics/solvers/vertex_block.hpp"
 
-#include <cmath>
 #include <vector>
 
 namespace lumo {

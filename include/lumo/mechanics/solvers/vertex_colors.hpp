@@ -3,7 +3,6 @@
 #include "lumo/core/error.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 
-#include <algorithm>
 #include <vector>
 
 namespace lumo {

@@ -10,7 +10,6 @@
 #include "lumo/optics/transport/ray_pattern.hpp"
 
 #include <array>
-#include <cmath>
 #include <cstdint>
 #include <vector>
 

@@ -20,7 +20,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <utility>
 #include <variant>
 #include <vector>
 

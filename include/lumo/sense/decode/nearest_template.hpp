@@ -3,7 +3,6 @@
 #include "lumo/sense/decode/decoder.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 namespace lumo::sense {
 

@@ -6,7 +6,6 @@
 #include "lumo/sense/devices/readout.hpp"
 #include "lumo/sense/recording/session.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <map>
 #include <span>

@@ -4,9 +4,7 @@
 #include "lumo/core/types.hpp"
 #include "lumo/sense/devices/readout.hpp"
 
-#include <cmath>
 #include <utility>
-#include <vector>
 
 namespace lumo::sense {
 

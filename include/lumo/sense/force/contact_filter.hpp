@@ -71,6 +71,10 @@ struct ContactFilterConfig {
   double no_contact_Nm = 0.01;                        ///< torque of what may act on the pad unseen
   double jump_gate = 5.0;     ///< a location or torque this many standard deviations off is a new contact or load
   std::size_t history = 512;  ///< measurements that a late one may precede
+  static constexpr double outside_m = 5.0_mm;  ///< how far beyond the pad's ends a place may be estimated
+  // Gauss–Newton for place and force: iterations, and steps after which no further one is made.
+  static constexpr int iterations = 8;
+  static constexpr double place_step_m = 1e-9, force_step_N = 1e-7;
 };
 
 /// Fuses contact locations and joint torques, which come at different rates and with different delays. The filters hold
@@ -120,6 +124,8 @@ template <ContactJacobian Jacobian> class ContactFilter {
   const Jacobian& jacobian() const { return jacobian_; }
 
  private:
+  static constexpr double least_variance = 1e-14;  ///< [m² or N²·m²] of what is known exactly: keeps weights finite
+
   enum class Kind { torque, location, no_contact };
   struct Seen {
     std::int64_t stamp_ns = 0;
@@ -232,20 +238,20 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
   Seen s = last();
   predict(s, stamp_ns);
   const int n = jacobian_.joints();
-  const double place = s.place.x, place_weight = 1.0 / std::max(s.place.xx, 1e-14),
+  const double place = s.place.x, place_weight = 1.0 / std::max(s.place.xx, least_variance),
                force_weight = 1.0 / (config_.force_prior_N * config_.force_prior_N);
   // Mode of exp(−½ [(y − place)²/P_y + Σ (T_j − F a_j(y))²/P_j + F²/P_F]).
   ContactBelief belief;
   double y = place, force = 0.0;
   Eigen::Matrix2d information;
-  for (int k = 0; k < 8; ++k) {
+  for (int k = 0; k < Config::iterations; ++k) {
     const double inside = std::clamp(y, config_.from_m, config_.to_m);
     const JointVector a = jacobian_.column(q, {config_.link, inside}),
                       slope = jacobian_.slope(q, {config_.link, inside});
     double aa = force_weight, at = 0.0;
     for (int j = 0; j < n; ++j) {
       const OffsetWalk& t = s.torque[std::size_t(j)];
-      const double weight = 1.0 / std::max(t.xx, 1e-14);
+      const double weight = 1.0 / std::max(t.xx, least_variance);
       aa += weight * a[j] * a[j];
       at += weight * a[j] * t.x;
     }
@@ -254,7 +260,7 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
     Eigen::Vector2d gradient(place_weight * (place - y), at - aa * force);
     for (int j = 0; j < n; ++j) {
       const OffsetWalk& t = s.torque[std::size_t(j)];
-      const double weight = 1.0 / std::max(t.xx, 1e-14), h = slope[j] * force;
+      const double weight = 1.0 / std::max(t.xx, least_variance), h = slope[j] * force;
       information(0, 0) += weight * h * h;
       information(0, 1) += weight * h * a[j];
       gradient[0] += weight * h * (t.x - a[j] * force);
@@ -262,9 +268,9 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
     information(1, 0) = information(0, 1);
     belief.covariance = information.inverse();
     const Eigen::Vector2d step = belief.covariance * gradient;
-    y = std::clamp(y + step[0], config_.from_m - 5.0_mm, config_.to_m + 5.0_mm);
+    y = std::clamp(y + step[0], config_.from_m - Config::outside_m, config_.to_m + Config::outside_m);
     force += step[1];
-    if (std::abs(step[0]) < 1e-9 && std::abs(step[1]) < 1e-7) break;
+    if (std::abs(step[0]) < Config::place_step_m && std::abs(step[1]) < Config::force_step_N) break;
   }
   belief.y_m = y;
   belief.force_N = force;

@@ -4,10 +4,17 @@
 #include "lumo/sense/joints/contact_jacobian.hpp"
 #include "lumo/sense/joints/identification.hpp"
 
-#include <cmath>
 #include <limits>
 
 namespace lumo::sense {
+
+/// Numbers of both solutions.
+struct ForceSolutionConfig {
+  static constexpr double on_axis_m = 1e-4;           ///< contacts so near all axes count as on them
+  static constexpr double rank_tolerance = 1e-3;      ///< singular values below this share of the largest count as 0
+  static constexpr double place_unit_m = 0.01;        ///< of y beside a force of 1 N, for the rank
+  static constexpr int cells = 64, refinements = 40;  ///< of the search along the pad, and within the best cells
+};
 
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
 /// separate come back as null directions: three contacts on two joints, two on one link of one joint, any at a
@@ -15,12 +22,11 @@ namespace lumo::sense {
 template <ContactJacobian J> Identification solve_forces(const J& jacobian, const JointVector& q,
     const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
   const auto m = Eigen::Index(contacts.size());
-  // A contact within a tenth of a millimetre of all axes counts as on them.
   const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
   const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
-  if (largest < 1e-4)
+  if (largest < ForceSolutionConfig::on_axis_m)
     return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
-  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
+  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, ForceSolutionConfig::rank_tolerance);
 }
 
 /// One contact from torques alone: place and force together, as far as the joints determine them.
@@ -37,6 +43,7 @@ struct TorqueOnlySolution {
 /// range's middle.
 template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q,
     const JointVector& contact_torque_Nm, const PadRange& range, double torque_sigma_Nm) {
+  using Config = ForceSolutionConfig;
   const int link = range.link;
   const double from_m = range.from_m, to_m = range.to_m;
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
@@ -53,16 +60,17 @@ template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacob
   s.force_N = force_at(s.y_m, misfit);
   const auto sensitivity = [&] {
     Eigen::MatrixXd h(jacobian.joints(), 2);
-    h.col(0) = 0.01 * s.force_N * jacobian.slope(q, {link, s.y_m});
+    h.col(0) = Config::place_unit_m * s.force_N * jacobian.slope(q, {link, s.y_m});
     h.col(1) = jacobian.column(q, {link, s.y_m});
     return h;
   };
   const auto look = [&] {
-    return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm, 1e-3);
+    return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm,
+        Config::rank_tolerance);
   };
   Identification local = look();
   if (local.complete()) {
-    constexpr int cells = 64;
+    constexpr int cells = Config::cells;
     double least = std::numeric_limits<double>::infinity();
     int best = 0;
     for (int k = 0; k <= cells; ++k) {
@@ -74,14 +82,14 @@ template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacob
     }
     const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells,
                  b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
-    s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, 40);
+    s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, Config::refinements);
     s.force_N = force_at(s.y_m, misfit);
     local = look();
   }
   s.rank = int(local.rank);
   if (s.rank == 1) s.null_direction = local.null_space.col(0);
   if (s.rank == 2) {
-    const Eigen::Vector2d unit(0.01, 1.0);
+    const Eigen::Vector2d unit(Config::place_unit_m, 1.0);
     s.covariance = unit.asDiagonal() * local.covariance * unit.asDiagonal();
   }
   return s;

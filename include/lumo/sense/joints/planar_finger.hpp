@@ -3,7 +3,6 @@
 #include "lumo/core/error.hpp"
 #include "lumo/sense/joints/contact_jacobian.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <utility>
 #include <vector>

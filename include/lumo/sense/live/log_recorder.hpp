@@ -6,7 +6,6 @@
 #include "lumo/sense/live/live.hpp"
 #include "lumo/sense/recording/tables.hpp"
 
-#include <algorithm>
 #include <condition_variable>
 #include <cstddef>
 #include <cstdint>
@@ -19,7 +18,6 @@
 #include <string_view>
 #include <thread>
 #include <utility>
-#include <vector>
 
 namespace lumo::sense {
 

@@ -5,7 +5,6 @@
 #include "lumo/sense/profile/strip.hpp"
 
 #include <utility>
-#include <vector>
 
 namespace lumo::sense {
 

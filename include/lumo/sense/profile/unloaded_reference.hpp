@@ -4,8 +4,6 @@
 #include "lumo/core/types.hpp"
 #include "lumo/sense/devices/readout.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <type_traits>
 
 namespace lumo::sense {

@@ -7,7 +7,6 @@
 #include "lumo/sense/recording/tables.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <istream>
 #include <optional>

@@ -3,12 +3,9 @@
 #include "lumo/support/process/fork_server_process.hpp"
 #include "lumo/support/process/socket_io.hpp"
 
-#include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <mutex>
 #include <span>
-#include <vector>
 
 namespace lumo {
 
