@@ -1,8 +1,8 @@
 #include "catch.hpp"
 
 #include "charts/contact_outline.hpp"
-#include "report/report_model.hpp"
 #include "report/report_page.hpp"
+#include "report/report_model.hpp"
 
 #include <limits>
 #include <numbers>
