@@ -1,8 +1,8 @@
 #include "catch.hpp"
 
 #include "charts/contact_outline.hpp"
-#include "report/report_page.hpp"
-#include "report/report_model.hpp"
+#include "report/chart_library.hpp"
+#include "report/report_press.hpp"
 
 #include <limits>
 #include <numbers>

@@ -2,8 +2,10 @@
 #include "computing/press.hpp"
 #include "console/text.hpp"
 #include "console/version.hpp"
+#include "report/chart_library.hpp"
 #include "report/report_model.hpp"
 #include "report/report_page.hpp"
+#include "report/report_press.hpp"
 
 #include <algorithm>
 #include <array>

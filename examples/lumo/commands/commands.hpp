@@ -1,7 +1,7 @@
 #pragma once
 
 #include "options/command_line.hpp"
-#include "options/options.hpp"
+#include "options/groups.hpp"
 
 /// Each command has a file: its options, its registration, and what it does. The build makes a list of those whose
 /// libraries are there.

@@ -1,6 +1,6 @@
 #include "computing/provenance.hpp"
 
-#include "report/report_page.hpp"
+#include "report/chart_library.hpp"
 
 #include <CLI/Version.hpp>
 #include <Eigen/Core>

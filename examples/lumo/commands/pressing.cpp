@@ -1,0 +1,33 @@
+#include "commands/pressing.hpp"
+
+#include "console/text.hpp"
+
+#include <string_view>
+
+namespace lumo::program {
+
+namespace {
+
+std::string_view meaning(Status status) {
+  switch (status) {
+    case Status::not_positive_definite: return "the pad gives way, or buckles";
+    case Status::inverted: return "an element is crushed";
+    case Status::max_iterations: return "the residual stays too large";
+    case Status::time_limit: return "out of time";
+    default: return "the solver found no way on";
+  }
+}
+
+}  // namespace
+
+std::string failure_of(const std::vector<ScenarioRecord>& scenarios) {
+  for (const ScenarioRecord& s : scenarios) {
+    if (is_scored(s.status, true)) continue;  // who asked for a solver that holds gets what it holds
+    const double load_N = s.states.empty() ? 0.0 : s.states.back().load_N;
+    return lumo::message("no equilibrium at ", load_N, " N (", to_string(s.status), ": ", meaning(s.status),
+        "), sphere of ", mm(s.diameter_m), " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m), " mm");
+  }
+  return "";
+}
+
+}  // namespace lumo::program
