@@ -106,7 +106,7 @@ Result Force::on_log(Output& files, Progress& progress) const {
   const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress);
   FingerModel<> finger = finger_model(s.log.session);
   finger.optics = optics_of(s, log);
-  finger.joints = finger_joints(s.log, s.stretch.to_ns);
+  finger.joints = about(log, [&] { return unloaded_joints(s.log, s.stretch.to_ns); });
   const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(log, [&] {
     return with_maker(localizer, [&](auto make) {
@@ -129,7 +129,7 @@ Result Force::on_log(Output& files, Progress& progress) const {
 void Force::live(LiveLines& lines, Progress& progress) const {
   const OpenLog opened = open_log(log, progress);
   FingerModel<> finger = about(opened.session_place(), [&] { return finger_model(opened.session); });
-  finger.joints = finger_joints(opened, unloaded_stretch(opened).to_ns);
+  finger.joints = about(log, [&] { return unloaded_joints(opened, unloaded_stretch(opened).to_ns); });
   require_motors(camera, finger.jacobian.joints());
   const auto source = pictures().live(settings_of(camera));
   MiniCheetahMotors motors = motors_of(camera);

@@ -11,20 +11,6 @@ std::unique_ptr<AnyCamera> LogCamera::open(const OpenLog& log) {
   return pictures().folder(log.path + "/frames", log.frames);
 }
 
-PlanarFinger finger_of(const OpenLog& log) { return {log.session.joint_to_joint_m, log.session.joint_to_origin_m}; }
-
-JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
-  if (log.joints.empty()) throw InputError(log.path + ": has no joint samples (joint.csv) to estimate a force from");
-  const int joints = finger_of(log).joints();
-  if (log.joints.front().effort.size() != joints)
-    throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm has ", joints,
-        joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
-  JointReference reference = about(
-      log.path, [&] { return identify_joints(on_frames_clock(log), log.session.torque_constant_Nm_per_A, until_ns); });
-  if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
-  return reference;
-}
-
 UnloadedStretch unloaded_stretch(const OpenLog& log) {
   return UnloadedStretch::of(log.session, log.frames.empty() ? 0 : log.frames.front().stamp_ns);
 }

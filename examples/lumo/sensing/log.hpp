@@ -2,7 +2,6 @@
 
 #include "console/progress.hpp"
 #include "lumo/sense/estimate.hpp"
-#include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/recording/mcap/mcap_camera.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/lz4.hpp"
@@ -45,11 +44,6 @@ OpenLog open_hand_log(const std::string& path, Progress& progress);
 
 /// When nothing touches the log's finger for the first time.
 UnloadedStretch unloaded_stretch(const OpenLog& log);
-/// As the session describes it.
-PlanarFinger finger_of(const OpenLog& log);
-/// What the log's samples before a time, without contact, show of the finger's joints. Throws InputError where there
-/// are none, or of other joints than the session's.
-JointReference finger_joints(const OpenLog& log, std::int64_t until_ns);
 
 /// A log's pictures, from a folder, a video or an MCAP file.
 class LogCamera {

@@ -15,7 +15,7 @@
 namespace lumo::sense {
 
 /// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch gives.
-/// `make_camera()` gives the pictures from their start. Throws InputError where no unloaded finger is seen.
+/// `make_camera()` gives the pictures from their start. Throws InputError if no unloaded finger is seen or felt.
 template <class MakeCamera>
 FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, const FingerOptics& assumed = {}) {
   const std::int64_t start_ns = recording.frames.empty() ? 0 : recording.frames.front().stamp_ns;
@@ -27,7 +27,7 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
   auto pictures = make_camera();
   GreenProfile readout = finger.optics.readout();
   finger.optics.unloaded = unloaded_reference(read_profiles(pictures, readout), rest, recording.path);
-  finger.joints = identify_joints(on_frames_clock(recording), recording.session.torque_constant_Nm_per_A, rest.to_ns);
+  finger.joints = unloaded_joints(recording, rest.to_ns);
   return finger;
 }
 

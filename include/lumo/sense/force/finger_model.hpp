@@ -106,6 +106,22 @@ inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
   return samples;
 }
 
+/// What a recording's samples up to `until_ns`, without contact, show of the finger's joints. Throws InputError if
+/// there are none, or of other joints than the session's.
+inline JointReference unloaded_joints(const Recording& recording, std::int64_t until_ns) {
+  const Session& session = recording.session;
+  if (recording.joints.empty())
+    throw InputError(recording.path + ": has no joint samples (joint.csv) to estimate a force from");
+  const int joints = PlanarFinger(session.joint_to_joint_m, session.joint_to_origin_m).joints();
+  if (recording.joints.front().effort.size() != joints)
+    throw InputError(message(recording.path, ": joint_to_joint_mm of the session has ", joints,
+        joints == 1 ? " joint" : " joints", ", the samples have ", recording.joints.front().effort.size()));
+  JointReference reference = identify_joints(on_frames_clock(recording), session.torque_constant_Nm_per_A, until_ns);
+  if (reference.torque.empty())
+    throw InputError(recording.path + ": has no joint samples of the finger without contact");
+  return reference;
+}
+
 /// Settings of the force estimator of a finger whose joints were identified. One limit on jumps holds for all joints,
 /// that of the one that scatters most.
 template <ContactJacobian J> ForceEstimatorConfig force_config(const FingerModel<J>& finger, const StreamRates& rates) {
