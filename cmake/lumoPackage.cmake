@@ -6,14 +6,16 @@ if(NOT LUMO_GZIP)
 endif()
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_NAME lumo)
-set(LUMO_MAINTAINER "the lumo authors <nobody@lumo.invalid>" CACHE STRING "Maintainer field of Debian packages: who answers for them, with an address")
+set(LUMO_MAINTAINER "the lumo authors <nobody@lumo.invalid>" CACHE STRING
+  "Maintainer field of Debian packages: who answers for them, with an address")
 set(CPACK_PACKAGE_CONTACT "${LUMO_MAINTAINER}")
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_STRIP_FILES TRUE)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
-set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
+set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE
+  WORLD_READ WORLD_EXECUTE)
 set(CPACK_COMPONENTS_ALL headers)
 set(CPACK_COMPONENT_HEADERS_DESCRIPTION "A header-only C++20 library: contact mechanics, light, objectives, Bayesian
 optimisation and sensing for transparent finger pads that are lit from inside.
@@ -51,16 +53,19 @@ string(REPLACE "\n\n" "\n.\n" licence "${licence}")
 string(REPLACE "\n" "\n " licence "${licence}")
 set(package_dir ${PROJECT_BINARY_DIR}/package)
 string(TIMESTAMP today "%a, %d %b %Y %H:%M:%S +0000" UTC)   # or SOURCE_DATE_EPOCH
-file(WRITE ${package_dir}/changelog.Debian "lumo (${PROJECT_VERSION}-${CPACK_DEBIAN_PACKAGE_RELEASE}) unstable; urgency=low
+file(WRITE ${package_dir}/changelog.Debian
+  "lumo (${PROJECT_VERSION}-${CPACK_DEBIAN_PACKAGE_RELEASE}) unstable; urgency=low
 
   * What changed in lumo stands in changelog.gz.
 
  -- ${LUMO_MAINTAINER}  ${today}
 ")
-foreach(pair IN ITEMS "${PROJECT_SOURCE_DIR}/CHANGELOG.md;changelog.gz" "${package_dir}/changelog.Debian;changelog.Debian.gz")
+foreach(pair IN ITEMS "${PROJECT_SOURCE_DIR}/CHANGELOG.md;changelog.gz"
+  "${package_dir}/changelog.Debian;changelog.Debian.gz")
   list(GET pair 0 from)
   list(GET pair 1 to)
-  execute_process(COMMAND ${LUMO_GZIP} -9nc INPUT_FILE ${from} OUTPUT_FILE ${package_dir}/${to} COMMAND_ERROR_IS_FATAL ANY)
+  execute_process(COMMAND ${LUMO_GZIP} -9nc INPUT_FILE ${from} OUTPUT_FILE ${package_dir}/${to} COMMAND_ERROR_IS_FATAL
+    ANY)
 endforeach()
 foreach(component IN LISTS CPACK_COMPONENTS_ALL)
   string(TOUPPER ${component} upper)
