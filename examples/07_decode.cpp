@@ -1,6 +1,6 @@
 // 07 Decode: from a log's pictures to which place was touched, and how far apart places are. Reads the log of example
 // 06, or any other.
-#include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/linear_decoder.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"

@@ -4,7 +4,7 @@
 #include "lumo/mechanics/indenters/box.hpp"
 #include "lumo/mechanics/indenters/oriented.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
-#include "lumo/morphology/disc_emitter.hpp"
+#include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/pinhole_camera.hpp"
 #include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"

@@ -2253,16 +2253,6 @@ inline void validate(const std::vector<Emitter>& emitters) {
       throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
 }
 
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/disc_emitter.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_DISC_EMITTER_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_DISC_EMITTER_HPP
-
-namespace lumo {
-
 /// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source:
 /// Shirley & Chiu, "A Low Distortion Map Between Disk and Square", J. Graphics Tools 2 (1997).
 inline Vec3d on_unit_disc(double u, double v, const Vec3d& t1, const Vec3d& t2) {
@@ -2301,49 +2291,21 @@ inline void validate(const DiscEmitter& e) { require_positive("radius of a disc 
 
 static_assert(EmitterModel<DiscEmitter>);
 
-}  // namespace lumo
+/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the
+/// light starts out of it.
+struct PointEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  double power_W = 1.0;
+  int channel = 0;  ///< colour channel
 
-#endif
-
-// ---- lumo/morphology/optical_data.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
-
-namespace lumo {
-
-/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
-/// extinction needs.
-struct Medium {
-  double refractive_index = 1.0;
-  double extinction_per_m = 0.0;   ///< absorption and scattering together
-  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
-  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
+  Vec3d axis() const { return Vec3d::UnitZ(); }
+  Vec3d point(double, double) const { return center; }
+  Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
+  double intensity(double) const { return power_W / (4.0 * pi); }
+  PointEmitter mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), power_W, channel}; }
 };
 
-/// How light meets a surface.
-struct Dielectric {
-  bool operator==(const Dielectric&) const = default;
-};  ///< smooth interface: Fresnel reflection and refraction
-struct Lambertian {
-  double albedo = 0.8;
-  bool operator==(const Lambertian&) const = default;
-};  ///< diffuse, opaque
-struct Mirror {
-  double reflectance = 1.0;
-  bool operator==(const Mirror&) const = default;
-};  ///< specular, opaque
-struct Absorber {
-  bool operator==(const Absorber&) const = default;
-};  ///< black
-using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
-
-/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
-/// from the lit side.
-struct RigidFace {
-  std::string name;
-  std::vector<Vec3d> corners;  ///< [m]
-  SurfaceOptics optics = Lambertian{};
-};
+static_assert(EmitterModel<PointEmitter>);
 
 }  // namespace lumo
 
@@ -2455,6 +2417,76 @@ static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceSh
 
 #endif
 
+// ---- lumo/morphology/silicone.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+
+namespace lumo {
+
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
+/// extinction needs.
+struct Medium {
+  double refractive_index = 1.0;
+  double extinction_per_m = 0.0;   ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
+};
+
+/// How light meets a surface.
+struct Dielectric {
+  bool operator==(const Dielectric&) const = default;
+};  ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian {
+  double albedo = 0.8;
+  bool operator==(const Lambertian&) const = default;
+};  ///< diffuse, opaque
+struct Mirror {
+  double reflectance = 1.0;
+  bool operator==(const Mirror&) const = default;
+};  ///< specular, opaque
+struct Absorber {
+  bool operator==(const Absorber&) const = default;
+};  ///< black
+using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
+
+/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
+/// from the lit side.
+struct RigidFace {
+  std::string name;
+  std::vector<Vec3d> corners;  ///< [m]
+  SurfaceOptics optics = Lambertian{};
+};
+
+/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495).
+struct Silicone {
+  std::string name;
+  double density_kg_per_m3;
+  double mu_Pa;      ///< shear modulus
+  double lambda_Pa;  ///< Lamé's first parameter
+  double refractive_index;
+  double extinction_per_m;         ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
+                                   ///< takes all of it as absorption
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
+
+  bool operator==(const Silicone&) const = default;
+  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
+};
+
+inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
+inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
+
+/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
+inline Silicone silicone(std::string_view name) {
+  for (const Silicone& card : {dragon_skin(), solaris()})
+    if (card.name == name) return card;
+  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/body.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
@@ -2504,8 +2536,8 @@ struct Body {
 
   Medium medium;        ///< inside
   Medium surroundings;  ///< outside (air)
-  SurfaceOptics touched =
-      Dielectric{};  ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
+  /// What light in the body meets where a tool touches; Dielectric: a film of air is left between
+  SurfaceOptics touched = Dielectric{};
   std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
   int regions = 0;  ///< number of readout regions
@@ -2653,42 +2685,6 @@ inline double HalfSection::exact_area_m2() const {
   const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base;
   const double w = 0.5e-3 * pad.width, cut = (soft_stem ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
   return w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep - cut * 1e-3 * design.h_s;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/silicone.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
-
-namespace lumo {
-
-/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495).
-struct Silicone {
-  std::string name;
-  double density_kg_per_m3;
-  double mu_Pa;      ///< shear modulus
-  double lambda_Pa;  ///< Lamé's first parameter
-  double refractive_index;
-  double extinction_per_m;         ///< absorption and scattering together
-  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
-                                   ///< takes all of it as absorption
-  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
-
-  bool operator==(const Silicone&) const = default;
-  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
-};
-
-inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
-inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
-
-/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
-inline Silicone silicone(std::string_view name) {
-  for (const Silicone& card : {dragon_skin(), solaris()})
-    if (card.name == name) return card;
-  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
 }
 
 }  // namespace lumo
@@ -3023,32 +3019,6 @@ inline double LobeTable::cosine(double u) const {
 
 #endif
 
-// ---- lumo/morphology/point_emitter.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_POINT_EMITTER_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_POINT_EMITTER_HPP
-
-namespace lumo {
-
-/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the
-/// light starts out of it.
-struct PointEmitter {
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  double power_W = 1.0;
-  int channel = 0;  ///< colour channel
-
-  Vec3d axis() const { return Vec3d::UnitZ(); }
-  Vec3d point(double, double) const { return center; }
-  Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
-  double intensity(double) const { return power_W / (4.0 * pi); }
-  PointEmitter mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), power_W, channel}; }
-};
-
-static_assert(EmitterModel<PointEmitter>);
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/mesh/mesher.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
 #define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
@@ -3109,66 +3079,6 @@ struct TetMesh {
   int nodes_per_tet() const { return order == 2 ? 10 : 4; }
   int nodes_per_face() const { return order == 2 ? 6 : 3; }
 };
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mesh/mirror.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_MIRROR_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_MIRROR_HPP
-
-namespace lumo {
-
-/// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that
-/// coordinate exactly 0 are shared; all other nodes lie on the positive side. Original nodes keep their numbers; images
-/// follow.
-inline TetMesh mirrored(const TetMesh& half, int axis) {
-  TetMesh whole = half;
-  const std::size_t n = half.nodes.size();
-  std::vector<int> image(n);
-  for (std::size_t k = 0; k < n; ++k) {
-    if (half.nodes[k][axis] == 0.0) {
-      image[k] = int(k);
-      continue;
-    }
-    image[k] = int(whole.nodes.size());
-    Vec3d x = half.nodes[k];
-    x[axis] = -x[axis];
-    whole.nodes.push_back(x);
-  }
-  const auto of = [&](int node) { return node < 0 ? node : image[std::size_t(node)]; };
-  // A mirror image has the other orientation: exchange two corners, and the edge nodes that go with them.
-  for (const auto& t : half.tets)
-    whole.tets.push_back(
-        {of(t[1]), of(t[0]), of(t[2]), of(t[3]), of(t[4]), of(t[6]), of(t[5]), of(t[8]), of(t[7]), of(t[9])});
-  for (const BoundaryFace& f : half.faces)
-    whole.faces.push_back(
-        {{of(f.nodes[1]), of(f.nodes[0]), of(f.nodes[2]), of(f.nodes[3]), of(f.nodes[5]), of(f.nodes[4])}, f.patch});
-
-  std::vector<int> partner(whole.nodes.size());
-  for (std::size_t k = 0; k < n; ++k) {
-    partner[k] = image[k];
-    partner[std::size_t(image[k])] = int(k);
-  }
-  // The other plane's pairing carries over to the images.
-  const auto extended = [&](const std::vector<int>& pairs) {
-    std::vector<int> all(pairs);
-    all.resize(whole.nodes.size());
-    for (std::size_t k = 0; k < pairs.size(); ++k) all[std::size_t(image[k])] = image[std::size_t(pairs[k])];
-    return all;
-  };
-  if (axis == 0) {
-    whole.symmetry.x = true;
-    whole.mirror_x = partner;
-    if (half.symmetry.y) whole.mirror_y = extended(half.mirror_y);
-  } else {
-    whole.symmetry.y = true;
-    whole.mirror_y = partner;
-    if (half.symmetry.x) whole.mirror_x = extended(half.mirror_x);
-  }
-  return whole;
-}
 
 }  // namespace lumo
 
@@ -3293,6 +3203,56 @@ inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double vo
 
 namespace lumo {
 
+/// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that
+/// coordinate exactly 0 are shared; all other nodes lie on the positive side. Original nodes keep their numbers; images
+/// follow.
+inline TetMesh mirrored(const TetMesh& half, int axis) {
+  TetMesh whole = half;
+  const std::size_t n = half.nodes.size();
+  std::vector<int> image(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    if (half.nodes[k][axis] == 0.0) {
+      image[k] = int(k);
+      continue;
+    }
+    image[k] = int(whole.nodes.size());
+    Vec3d x = half.nodes[k];
+    x[axis] = -x[axis];
+    whole.nodes.push_back(x);
+  }
+  const auto of = [&](int node) { return node < 0 ? node : image[std::size_t(node)]; };
+  // A mirror image has the other orientation: exchange two corners, and the edge nodes that go with them.
+  for (const auto& t : half.tets)
+    whole.tets.push_back(
+        {of(t[1]), of(t[0]), of(t[2]), of(t[3]), of(t[4]), of(t[6]), of(t[5]), of(t[8]), of(t[7]), of(t[9])});
+  for (const BoundaryFace& f : half.faces)
+    whole.faces.push_back(
+        {{of(f.nodes[1]), of(f.nodes[0]), of(f.nodes[2]), of(f.nodes[3]), of(f.nodes[5]), of(f.nodes[4])}, f.patch});
+
+  std::vector<int> partner(whole.nodes.size());
+  for (std::size_t k = 0; k < n; ++k) {
+    partner[k] = image[k];
+    partner[std::size_t(image[k])] = int(k);
+  }
+  // The other plane's pairing carries over to the images.
+  const auto extended = [&](const std::vector<int>& pairs) {
+    std::vector<int> all(pairs);
+    all.resize(whole.nodes.size());
+    for (std::size_t k = 0; k < pairs.size(); ++k) all[std::size_t(image[k])] = image[std::size_t(pairs[k])];
+    return all;
+  };
+  if (axis == 0) {
+    whole.symmetry.x = true;
+    whole.mirror_x = partner;
+    if (half.symmetry.y) whole.mirror_y = extended(half.mirror_y);
+  } else {
+    whole.symmetry.y = true;
+    whole.mirror_y = partner;
+    if (half.symmetry.x) whole.mirror_x = extended(half.mirror_x);
+  }
+  return whole;
+}
+
 /// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle
 /// nodes (also on the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric
 /// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
@@ -3385,11 +3345,116 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
 
 #endif
 
-// ---- lumo/mesh/sizing.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_SIZING_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_SIZING_HPP
+// ---- lumo/mesh/size_field.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_SIZE_FIELD_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_SIZE_FIELD_HPP
 
 namespace lumo {
+
+/// A wanted edge length, sampled on an octree over a box so that it can be sent to another process. Trilinear in each
+/// leaf. Leaves are split where the samples at their middles differ from the interpolation by more than `tolerance`
+/// (relative) and are larger than half the wanted length, down to `max_depth`, with at most `max_cells` cells in all.
+struct SizeField {
+  struct Cell {
+    std::array<double, 8> corners;  ///< wanted length at (x + 2 y + 4 z), each 0 or 1
+    int child = -1;                 ///< first of eight children, or −1
+    int unused = 0;                 ///< keeps the bytes defined
+  };
+
+  Vec3d low{0.0, 0.0, 0.0};
+  double side = 0.0;        ///< of the root cube
+  std::vector<Cell> cells;  ///< empty: no wish
+
+  static constexpr int min_depth = 3;
+  static constexpr int max_depth = 9;
+  static constexpr std::size_t max_cells = 60000;
+  static constexpr double tolerance = 0.05;
+
+  static SizeField sample(const std::function<double(const Vec3d&)>& edge, const Vec3d& low, const Vec3d& high);
+
+  double operator()(const Vec3d& point) const {
+    Vec3d local = ((point - low) / side).cwiseMax(0.0).cwiseMin(1.0);
+    int cell = 0;
+    while (cells[static_cast<std::size_t>(cell)].child >= 0) {
+      int octant = 0;
+      for (int axis = 0; axis < 3; ++axis) {
+        local[axis] *= 2.0;
+        if (local[axis] >= 1.0) {
+          local[axis] -= 1.0;
+          octant |= 1 << axis;
+        }
+      }
+      cell = cells[static_cast<std::size_t>(cell)].child + octant;
+    }
+    return trilinear(cells[static_cast<std::size_t>(cell)].corners, local);
+  }
+
+  static double trilinear(const std::array<double, 8>& c, const Vec3d& t) {
+    const auto mix = [](double a, double b, double s) { return a + (b - a) * s; };
+    return mix(mix(mix(c[0], c[1], t.x()), mix(c[2], c[3], t.x()), t.y()),
+        mix(mix(c[4], c[5], t.x()), mix(c[6], c[7], t.x()), t.y()), t.z());
+  }
+};
+
+/// Samples `edge` inside the box [low, high] only. Throws MeshError (not_finite) where it is not finite and positive;
+/// what `edge` itself throws passes through.
+inline SizeField SizeField::sample(
+    const std::function<double(const Vec3d&)>& edge, const Vec3d& low, const Vec3d& high) {
+  SizeField field;
+  if (!edge) return field;
+  field.side = (high - low).maxCoeff();
+  field.low = 0.5 * (low + high) - Vec3d::Constant(0.5 * field.side);
+  const auto value = [&](const Vec3d& at) {
+    const Vec3d point = elementwise_min(elementwise_max(at, low), high);
+    const double length = edge(point);
+    if (std::isfinite(length) && length > 0.0) return length;
+    throw MeshError(MeshError::Reason::not_finite,
+        message("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
+            ", must be finite and > 0, in the unit of the coordinates"));
+  };
+  struct Task {
+    int cell;
+    int depth;
+    Vec3d low;
+    double side;
+  };
+  const auto corner = [](int i) { return Vec3d(i & 1, (i >> 1) & 1, (i >> 2) & 1); };
+  Cell root;
+  for (int i = 0; i < 8; ++i) root.corners[static_cast<std::size_t>(i)] = value(field.low + field.side * corner(i));
+  field.cells.push_back(root);
+  std::vector<Task> tasks{{0, 0, field.low, field.side}};
+  for (std::size_t next = 0; next < tasks.size(); ++next) {  // breadth first: if cells run out, they run out evenly
+    const Task task = tasks[next];
+    const bool outside = (task.low.array() > high.array()).any() || (task.low.array() + task.side < low.array()).any();
+    if (outside || task.depth >= max_depth || field.cells.size() + 8 > max_cells) continue;
+    const std::array<double, 8> corners = field.cells[static_cast<std::size_t>(task.cell)].corners;
+    std::array<double, 27> grid;
+    double error = 0.0;
+    double least = corners[0];
+    for (int i = 0; i < 27; ++i) {
+      const Vec3d local = 0.5 * Vec3d(i % 3, (i / 3) % 3, i / 9);
+      const double exact = value(task.low + task.side * local);
+      error = std::max(error, std::abs(exact - trilinear(corners, local)) / exact);
+      least = std::min(least, exact);
+      grid[static_cast<std::size_t>(i)] = exact;
+    }
+    if (task.depth >= min_depth && (error <= tolerance || task.side <= 0.5 * least)) continue;
+    const int first = static_cast<int>(field.cells.size());
+    field.cells[static_cast<std::size_t>(task.cell)].child = first;
+    for (int octant = 0; octant < 8; ++octant) {
+      Cell cell;
+      for (int i = 0; i < 8; ++i) {
+        const int x = (octant & 1) + (i & 1);
+        const int y = ((octant >> 1) & 1) + ((i >> 1) & 1);
+        const int z = ((octant >> 2) & 1) + ((i >> 2) & 1);
+        cell.corners[static_cast<std::size_t>(i)] = grid[static_cast<std::size_t>(x + 3 * y + 9 * z)];
+      }
+      field.cells.push_back(cell);
+      tasks.push_back({first + octant, task.depth + 1, task.low + 0.5 * task.side * corner(octant), 0.5 * task.side});
+    }
+  }
+  return field;
+}
 
 /// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow
 /// in proportion to the distance resolve the edge of every contact equally well.
@@ -4376,12 +4441,6 @@ template <HyperelasticMaterial M, class S> Mat9<S> elasticity_tangent(const M& m
 
 }  // namespace lumo
 
-#endif
-
-// ---- lumo/mechanics/materials/isochoric.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_ISOCHORIC_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_ISOCHORIC_HPP
-
 // What nearly incompressible rubber laws share: invariants of the deformation without its volume change, and one
 // volumetric energy.
 namespace lumo {
@@ -5000,9 +5059,9 @@ static_assert(Indenter<Cylinder>);
 
 #endif
 
-// ---- lumo/geometry/triangle_tree.hpp
-#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_TRIANGLE_TREE_HPP
-#define SINGLE_INCLUDE_LUMO_GEOMETRY_TRIANGLE_TREE_HPP
+// ---- lumo/geometry/signed_distance.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SIGNED_DISTANCE_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_SIGNED_DISTANCE_HPP
 
 namespace lumo {
 
@@ -5135,16 +5194,6 @@ class TriangleTree {
   std::vector<Node> nodes_;
 };
 
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/geometry/signed_distance.hpp
-#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SIGNED_DISTANCE_HPP
-#define SINGLE_INCLUDE_LUMO_GEOMETRY_SIGNED_DISTANCE_HPP
-
-namespace lumo {
-
 /// Exact signed distance to a closed surface of triangles, negative inside. The sign is that of the outward direction
 /// at the nearest place, with the normals of the triangles that meet there weighted by their angles. Source: Bærentzen
 /// & Aanæs 2005. The surface must outlive it and be valid (unchecked).
@@ -5221,9 +5270,9 @@ class SignedDistance {
 
 #endif
 
-// ---- lumo/mechanics/indenters/distance_grid.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_DISTANCE_GRID_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_DISTANCE_GRID_HPP
+// ---- lumo/mechanics/indenters/mesh_indenter.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_MESH_INDENTER_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_MESH_INDENTER_HPP
 
 namespace lumo {
 
@@ -5405,16 +5454,6 @@ inline DistanceSample DistanceGrid::exact(const Vec3d& p) const {
   const SignedDistance::Sample s = exact_.sample(p);
   return {s.distance, s.gradient, s.hessian};
 }
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/indenters/mesh_indenter.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_MESH_INDENTER_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_INDENTERS_MESH_INDENTER_HPP
-
-namespace lumo {
 
 /// Rigid tool of any closed triangle surface, by the signed distance on a grid; the surface's own coordinates are the
 /// tool's frame. Copies share the grid. `MeshIndenter tool(read_surface("knob.stl"))`.
@@ -5605,16 +5644,6 @@ template <class Contact> void validate(const ScaledContact<Contact>& c) {
 }
 
 static_assert(ContactHandler<ScaledContact<SDFContact>>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/vertex_contact.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_VERTEX_CONTACT_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_VERTEX_CONTACT_HPP
-
-namespace lumo {
 
 /// Penalty at the mesh's nodes with Coulomb friction, as Newton 1.8 has it: faces may overlap the indenter between
 /// their nodes. A solver that goes in time steps takes each node's tangent plane of the indenter at the step's start
@@ -6033,16 +6062,6 @@ template <class S> std::array<std::array<S, 2>, 6> face_shape_derivatives(const 
 }
 
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/elements/element_points.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_POINTS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_POINTS_HPP
-
-namespace lumo {
 
 /// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a
 /// mesh.
@@ -6849,9 +6868,9 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
 
 #endif
 
-// ---- lumo/mechanics/contact/status.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATUS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATUS_HPP
+// ---- lumo/mechanics/contact/state.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
 
 namespace lumo {
 
@@ -6880,16 +6899,6 @@ constexpr std::string_view to_string(Status s) {
   return names[std::size_t(s)];
 }
 
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/state.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
-
-namespace lumo {
-
 /// The pad at one load. Forces act on the indenter, along −direction; all in the finger frame, SI.
 struct MechanicalState {
   Status status = Status::non_finite;
@@ -6907,10 +6916,10 @@ struct MechanicalState {
   std::vector<double> pressure_Pa;  ///< indenter pressure per mesh node, per reference area; 0 off the surface
   double contact_area_m2 = 0.0;     ///< A(C; X), deformed
   double reference_area_m2 = 0.0;   ///< A_0(C), undeformed
-  double residual_N =
-      std::numeric_limits<double>::infinity();  ///< norm of the out-of-balance forces, from an independent routine
-  double penetration_m = 0.0;                   ///< largest overlap of surface and indenter
-  int iterations = 0;                           ///< Newton steps, or sweeps, spent on this load
+  /// Norm of the out-of-balance forces, from an independent routine
+  double residual_N = std::numeric_limits<double>::infinity();
+  double penetration_m = 0.0;  ///< largest overlap of surface and indenter
+  int iterations = 0;          ///< Newton steps, or sweeps, spent on this load
 };
 
 }  // namespace lumo
@@ -7077,61 +7086,128 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
   ElementPoints<Element> points_;
 };
 
-}  // namespace lumo
+/// The contact points of one time step between a surface and one rigid thing, with Coulomb friction on the slip since
+/// the step's start. Friction is smooth below a slip `stick_m`: (2 − u/stick) u/stick of its full size (Li et al. 2020;
+/// Newton 1.8).
+template <ContactHandler Contact, class Tool> class StepContacts {
+ public:
+  StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
 
-#endif
+  /// The points that come within `reach_m` of the rigid thing, which moved by `moved` since the last step and is now at
+  /// its place.
+  void find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m);
 
-// ---- lumo/mechanics/solvers/vertex_colors.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_VERTEX_COLORS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_VERTEX_COLORS_HPP
-
-namespace lumo {
-
-/// Groups of nodes no two of which share a tetrahedron: each node takes the first group that is free, in the order of
-/// node numbers.
-using VertexColors = std::vector<std::vector<int>>;
-
-inline VertexColors color_vertices(const TetMesh& mesh) {
-  const std::size_t per = std::size_t(mesh.nodes_per_tet());
-  std::vector<std::vector<int>> tets_of(mesh.nodes.size());
-  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
-    for (std::size_t a = 0; a < per; ++a) tets_of[std::size_t(mesh.tets[e][a])].push_back(int(e));
-  VertexColors colors;
-  std::vector<int> color(mesh.nodes.size(), -1), last_seen;
-  for (std::size_t v = 0; v < mesh.nodes.size(); ++v) {
-    for (int e : tets_of[v])
-      for (std::size_t a = 0; a < per; ++a)
-        if (const int c = color[std::size_t(mesh.tets[std::size_t(e)][a])]; c >= 0) last_seen[std::size_t(c)] = int(v);
-    std::size_t free = 0;
-    while (free < colors.size() && last_seen[free] == int(v)) ++free;
-    if (free == colors.size()) {
-      colors.emplace_back();
-      last_seen.push_back(-1);
+  /// Adds node v's share at positions x.
+  void add(int v, const Positions& x, VertexBlock& out) const {
+    for (int k = first_[std::size_t(v)]; k < first_[std::size_t(v) + 1]; ++k) {
+      const auto [point, shape] = corners_[std::size_t(k)];
+      const VertexBlock at = response(points_[std::size_t(point)], x);
+      out.force += shape * at.force;
+      out.block += shape * shape * at.block;
     }
-    color[v] = int(free);
-    colors[free].push_back(int(v));
   }
-  return colors;
-}
 
-/// Throws InvalidArgument unless every node is in one group and no two nodes of a group share a tetrahedron.
-inline void validate(const VertexColors& colors, const TetMesh& mesh) {
-  std::vector<int> color(mesh.nodes.size(), -1);
-  for (std::size_t c = 0; c < colors.size(); ++c)
-    for (int v : colors[c]) {
-      if (v < 0 || std::size_t(v) >= mesh.nodes.size())
-        throw InvalidArgument(message("color ", c, " names node ", v, " of ", mesh.nodes.size()));
-      if (color[std::size_t(v)] >= 0) throw InvalidArgument(message("node ", v, " has more than one color"));
-      color[std::size_t(v)] = int(c);
+  /// Force on the whole surface at positions x, and friction alone on the nodes.
+  struct Sums {
+    Vec3d force = Vec3d::Zero(), friction = Vec3d::Zero();
+  };
+  Sums sum(const Positions& x, std::vector<Vec3d>* friction_on_nodes) const {
+    Sums s;
+    for (const Point& p : points_) {
+      const Vec3d force = response(p, x).force, friction = force - normal_force(p, x);
+      s.force += force;
+      s.friction += friction;
+      if (!friction_on_nodes || law_friction() == 0.0) continue;
+      for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
+        (*friction_on_nodes)[std::size_t(surface_->face(p.face).nodes[a])] +=
+            surface_->points(p.face)[p.number].shape[a] * friction;
     }
-  for (std::size_t v = 0; v < color.size(); ++v)
-    if (color[v] < 0) throw InvalidArgument(message("node ", v, " has no color"));
-  for (const auto& t : mesh.tets)
-    for (int a = 0; a < mesh.nodes_per_tet(); ++a)
-      for (int b = 0; b < a; ++b)
-        if (color[std::size_t(t[std::size_t(a)])] == color[std::size_t(t[std::size_t(b)])])
-          throw InvalidArgument(
-              message("nodes ", t[std::size_t(a)], " and ", t[std::size_t(b)], " of one tetrahedron have one color"));
+    return s;
+  }
+
+ private:
+  static constexpr bool frozen = requires { requires Contact::plane_frozen; };
+  struct Point {
+    std::size_t face, number;
+    Vec3d start;  // its place at the step's start
+    Vec3d foot;   // of the plane
+    Vec3d normal;
+  };
+  struct Corner {
+    int point;
+    double shape;
+  };
+
+  double law_friction() const { return friction_coefficient(law_); }
+  std::pair<double, Vec3d> gap(const Point& p, const Vec3d& at) const {
+    if constexpr (frozen) {
+      return {p.normal.dot(at - p.foot), p.normal};
+    } else {
+      const DistanceSample d = rigid_.sample(at);
+      return {d.distance, d.gradient};
+    }
+  }
+  Vec3d place(const Point& p, const Positions& x) const {
+    return surface_->position(p.face, surface_->points(p.face)[p.number], x);
+  }
+  Vec3d normal_force(const Point& p, const Positions& x) const {
+    const auto [g, n] = gap(p, place(p, x));
+    return surface_->points(p.face)[p.number].weight_m2 * law_.respond(g).pressure * n;
+  }
+  // Force on the surface at the point, and its stiffness without the curvature of the rigid thing.
+  VertexBlock response(const Point& p, const Positions& x) const {
+    const Vec3d at = place(p, x);
+    const auto [g, n] = gap(p, at);
+    if (g >= 0.0) return {};
+    const ContactResponse<double> r = law_.respond(g);
+    const double weight = surface_->points(p.face)[p.number].weight_m2, push = weight * r.pressure;
+    VertexBlock out{push * n, weight * r.stiffness * n * n.transpose()};
+    if (law_friction() == 0.0) return out;
+    const Vec3d slip = at - p.start - moved_, along = slip - n.dot(slip) * n;
+    const double u = along.norm(),
+                 scale = law_friction() * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
+    out.force -= scale * along;
+    out.block += scale * (Mat3d::Identity() - n * n.transpose());
+    return out;
+  }
+
+  const ContactSurface* surface_;
+  Contact law_;
+  Moving<Tool> rigid_{};
+  Vec3d moved_{0.0, 0.0, 0.0};
+  double stick_m_ = 1.0;
+  std::vector<Point> points_;
+  std::vector<int> first_;  // per node, into corners_
+  std::vector<Corner> corners_;
+};
+
+template <ContactHandler Contact, class Tool> void StepContacts<Contact, Tool>::find(
+    const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m) {
+  rigid_ = rigid;
+  moved_ = moved;
+  stick_m_ = stick_m;
+  points_.clear();
+  std::vector<std::vector<Corner>> of_node(std::size_t(start.cols()));
+  for (std::size_t f = 0; f < surface_->size(); ++f) {
+    const auto [middle, radius] = surface_->ball(f, start);
+    if (rigid.distance(middle) > radius + reach_m) continue;
+    const std::vector<SurfacePoint>& points = surface_->points(f);
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      const Vec3d at = surface_->position(f, points[k], start);
+      const DistanceSample d = rigid.sample(at);
+      if (d.distance > reach_m) continue;
+      for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
+        if (points[k].shape[a] != 0.0)
+          of_node[std::size_t(surface_->face(f).nodes[a])].push_back({int(points_.size()), points[k].shape[a]});
+      points_.push_back({f, k, at, at - d.distance * d.gradient, d.gradient});
+    }
+  }
+  first_.assign(1, 0);
+  corners_.clear();
+  for (const auto& corners : of_node) {
+    corners_.insert(corners_.end(), corners.begin(), corners.end());
+    first_.push_back(int(corners_.size()));
+  }
 }
 
 }  // namespace lumo
@@ -7286,6 +7362,53 @@ inline std::array<SimdPack, 3> SimdPack::gathered(
 #define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_VERTEX_PACKS_HPP
 
 namespace lumo {
+
+/// Groups of nodes no two of which share a tetrahedron: each node takes the first group that is free, in the order of
+/// node numbers.
+using VertexColors = std::vector<std::vector<int>>;
+
+inline VertexColors color_vertices(const TetMesh& mesh) {
+  const std::size_t per = std::size_t(mesh.nodes_per_tet());
+  std::vector<std::vector<int>> tets_of(mesh.nodes.size());
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
+    for (std::size_t a = 0; a < per; ++a) tets_of[std::size_t(mesh.tets[e][a])].push_back(int(e));
+  VertexColors colors;
+  std::vector<int> color(mesh.nodes.size(), -1), last_seen;
+  for (std::size_t v = 0; v < mesh.nodes.size(); ++v) {
+    for (int e : tets_of[v])
+      for (std::size_t a = 0; a < per; ++a)
+        if (const int c = color[std::size_t(mesh.tets[std::size_t(e)][a])]; c >= 0) last_seen[std::size_t(c)] = int(v);
+    std::size_t free = 0;
+    while (free < colors.size() && last_seen[free] == int(v)) ++free;
+    if (free == colors.size()) {
+      colors.emplace_back();
+      last_seen.push_back(-1);
+    }
+    color[v] = int(free);
+    colors[free].push_back(int(v));
+  }
+  return colors;
+}
+
+/// Throws InvalidArgument unless every node is in one group and no two nodes of a group share a tetrahedron.
+inline void validate(const VertexColors& colors, const TetMesh& mesh) {
+  std::vector<int> color(mesh.nodes.size(), -1);
+  for (std::size_t c = 0; c < colors.size(); ++c)
+    for (int v : colors[c]) {
+      if (v < 0 || std::size_t(v) >= mesh.nodes.size())
+        throw InvalidArgument(message("color ", c, " names node ", v, " of ", mesh.nodes.size()));
+      if (color[std::size_t(v)] >= 0) throw InvalidArgument(message("node ", v, " has more than one color"));
+      color[std::size_t(v)] = int(c);
+    }
+  for (std::size_t v = 0; v < color.size(); ++v)
+    if (color[v] < 0) throw InvalidArgument(message("node ", v, " has no color"));
+  for (const auto& t : mesh.tets)
+    for (int a = 0; a < mesh.nodes_per_tet(); ++a)
+      for (int b = 0; b < a; ++b)
+        if (color[std::size_t(t[std::size_t(a)])] == color[std::size_t(t[std::size_t(b)])])
+          throw InvalidArgument(
+              message("nodes ", t[std::size_t(a)], " and ", t[std::size_t(b)], " of one tetrahedron have one color"));
+}
 
 /// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many
 /// elements at once.
@@ -7605,140 +7728,6 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
 
 #endif
 
-// ---- lumo/mechanics/solvers/step_contacts.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_STEP_CONTACTS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_STEP_CONTACTS_HPP
-
-namespace lumo {
-
-/// The contact points of one time step between a surface and one rigid thing, with Coulomb friction on the slip since
-/// the step's start. Friction is smooth below a slip `stick_m`: (2 − u/stick) u/stick of its full size (Li et al. 2020;
-/// Newton 1.8).
-template <ContactHandler Contact, class Tool> class StepContacts {
- public:
-  StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
-
-  /// The points that come within `reach_m` of the rigid thing, which moved by `moved` since the last step and is now at
-  /// its place.
-  void find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m);
-
-  /// Adds node v's share at positions x.
-  void add(int v, const Positions& x, VertexBlock& out) const {
-    for (int k = first_[std::size_t(v)]; k < first_[std::size_t(v) + 1]; ++k) {
-      const auto [point, shape] = corners_[std::size_t(k)];
-      const VertexBlock at = response(points_[std::size_t(point)], x);
-      out.force += shape * at.force;
-      out.block += shape * shape * at.block;
-    }
-  }
-
-  /// Force on the whole surface at positions x, and friction alone on the nodes.
-  struct Sums {
-    Vec3d force = Vec3d::Zero(), friction = Vec3d::Zero();
-  };
-  Sums sum(const Positions& x, std::vector<Vec3d>* friction_on_nodes) const {
-    Sums s;
-    for (const Point& p : points_) {
-      const Vec3d force = response(p, x).force, friction = force - normal_force(p, x);
-      s.force += force;
-      s.friction += friction;
-      if (!friction_on_nodes || law_friction() == 0.0) continue;
-      for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
-        (*friction_on_nodes)[std::size_t(surface_->face(p.face).nodes[a])] +=
-            surface_->points(p.face)[p.number].shape[a] * friction;
-    }
-    return s;
-  }
-
- private:
-  static constexpr bool frozen = requires { requires Contact::plane_frozen; };
-  struct Point {
-    std::size_t face, number;
-    Vec3d start;  // its place at the step's start
-    Vec3d foot;   // of the plane
-    Vec3d normal;
-  };
-  struct Corner {
-    int point;
-    double shape;
-  };
-
-  double law_friction() const { return friction_coefficient(law_); }
-  std::pair<double, Vec3d> gap(const Point& p, const Vec3d& at) const {
-    if constexpr (frozen) {
-      return {p.normal.dot(at - p.foot), p.normal};
-    } else {
-      const DistanceSample d = rigid_.sample(at);
-      return {d.distance, d.gradient};
-    }
-  }
-  Vec3d place(const Point& p, const Positions& x) const {
-    return surface_->position(p.face, surface_->points(p.face)[p.number], x);
-  }
-  Vec3d normal_force(const Point& p, const Positions& x) const {
-    const auto [g, n] = gap(p, place(p, x));
-    return surface_->points(p.face)[p.number].weight_m2 * law_.respond(g).pressure * n;
-  }
-  // Force on the surface at the point, and its stiffness without the curvature of the rigid thing.
-  VertexBlock response(const Point& p, const Positions& x) const {
-    const Vec3d at = place(p, x);
-    const auto [g, n] = gap(p, at);
-    if (g >= 0.0) return {};
-    const ContactResponse<double> r = law_.respond(g);
-    const double weight = surface_->points(p.face)[p.number].weight_m2, push = weight * r.pressure;
-    VertexBlock out{push * n, weight * r.stiffness * n * n.transpose()};
-    if (law_friction() == 0.0) return out;
-    const Vec3d slip = at - p.start - moved_, along = slip - n.dot(slip) * n;
-    const double u = along.norm(),
-                 scale = law_friction() * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
-    out.force -= scale * along;
-    out.block += scale * (Mat3d::Identity() - n * n.transpose());
-    return out;
-  }
-
-  const ContactSurface* surface_;
-  Contact law_;
-  Moving<Tool> rigid_{};
-  Vec3d moved_{0.0, 0.0, 0.0};
-  double stick_m_ = 1.0;
-  std::vector<Point> points_;
-  std::vector<int> first_;  // per node, into corners_
-  std::vector<Corner> corners_;
-};
-
-template <ContactHandler Contact, class Tool> void StepContacts<Contact, Tool>::find(
-    const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m) {
-  rigid_ = rigid;
-  moved_ = moved;
-  stick_m_ = stick_m;
-  points_.clear();
-  std::vector<std::vector<Corner>> of_node(std::size_t(start.cols()));
-  for (std::size_t f = 0; f < surface_->size(); ++f) {
-    const auto [middle, radius] = surface_->ball(f, start);
-    if (rigid.distance(middle) > radius + reach_m) continue;
-    const std::vector<SurfacePoint>& points = surface_->points(f);
-    for (std::size_t k = 0; k < points.size(); ++k) {
-      const Vec3d at = surface_->position(f, points[k], start);
-      const DistanceSample d = rigid.sample(at);
-      if (d.distance > reach_m) continue;
-      for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
-        if (points[k].shape[a] != 0.0)
-          of_node[std::size_t(surface_->face(f).nodes[a])].push_back({int(points_.size()), points[k].shape[a]});
-      points_.push_back({f, k, at, at - d.distance * d.gradient, d.gradient});
-    }
-  }
-  first_.assign(1, 0);
-  corners_.clear();
-  for (const auto& corners : of_node) {
-    corners_.insert(corners_.end(), corners.begin(), corners.end());
-    first_.push_back(int(corners_.size()));
-  }
-}
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/mechanics/solvers/vertex_block_descent.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_VERTEX_BLOCK_DESCENT_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_VERTEX_BLOCK_DESCENT_HPP
@@ -8015,37 +8004,9 @@ template <Mesher M, Indenter Tool> TetMesh mesh_for_contact(const Body& body, co
 
 #endif
 
-// ---- lumo/drawing/colour.hpp
-#ifndef SINGLE_INCLUDE_LUMO_DRAWING_COLOUR_HPP
-#define SINGLE_INCLUDE_LUMO_DRAWING_COLOUR_HPP
-
-namespace lumo {
-
-/// "#rrggbb" of red, green and blue, each 0 … 255.
-inline std::string hex_colour(const std::array<int, 3>& rgb) {
-  std::string colour = "#";
-  for (const int c : rgb)
-    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
-  return colour;
-}
-
-/// "#rrggbb" at `part`, 0 … 1, of the way through evenly spaced stops: red, green and blue, each 0 … 255.
-template <std::size_t N> std::string colour_between(const std::array<std::array<double, 3>, N>& stops, double part) {
-  const double t = double(N - 1) * std::clamp(part, 0.0, 1.0);
-  const std::size_t low = std::min(N - 2, std::size_t(t));
-  std::array<int, 3> rgb{};
-  for (std::size_t k = 0; k < 3; ++k)
-    rgb[k] = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
-  return hex_colour(rgb);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/drawing/short_number.hpp
-#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
-#define SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
+// ---- lumo/drawing/svg.hpp
+#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
+#define SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
 
 namespace lumo {
 
@@ -8062,16 +8023,6 @@ inline std::string short_number(double v, int digits = 2) {
   }
   return s == "-0" ? "0" : s;
 }
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/drawing/svg.hpp
-#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
-#define SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
-
-namespace lumo {
 
 /// Writes an SVG picture, element by element; coordinates in px or in the page's unit, x to the right, y downwards.
 class Svg {
@@ -8210,6 +8161,24 @@ class Svg {
   Page page_;
   std::string body_;
 };
+
+/// "#rrggbb" of red, green and blue, each 0 … 255.
+inline std::string hex_colour(const std::array<int, 3>& rgb) {
+  std::string colour = "#";
+  for (const int c : rgb)
+    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
+  return colour;
+}
+
+/// "#rrggbb" at `part`, 0 … 1, of the way through evenly spaced stops: red, green and blue, each 0 … 255.
+template <std::size_t N> std::string colour_between(const std::array<std::array<double, 3>, N>& stops, double part) {
+  const double t = double(N - 1) * std::clamp(part, 0.0, 1.0);
+  const std::size_t low = std::min(N - 2, std::size_t(t));
+  std::array<int, 3> rgb{};
+  for (std::size_t k = 0; k < 3; ++k)
+    rgb[k] = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
+  return hex_colour(rgb);
+}
 
 }  // namespace lumo
 
@@ -9174,9 +9143,9 @@ template <class Model, Indenter Tool> struct PressSystem {
 
 #endif
 
-// ---- lumo/mechanics/solvers/secant_pairs.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_SECANT_PAIRS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_SECANT_PAIRS_HPP
+// ---- lumo/mechanics/solvers/quasi_static.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
 
 namespace lumo {
 
@@ -9215,16 +9184,6 @@ class SecantPairs {
   };
   std::vector<Pair> pairs_;
 };
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/solvers/quasi_static.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
-
-namespace lumo {
 
 /// Settings of the quasi-static solver.
 struct QuasiStaticConfig {
@@ -10670,9 +10629,9 @@ inline void recover_normals(
 
 #endif
 
-// ---- lumo/optics/fresnel.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_FRESNEL_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_FRESNEL_HPP
+// ---- lumo/optics/surface_optics.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
 
 namespace lumo {
 
@@ -10706,17 +10665,7 @@ template <class S> Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std
   return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
 }
 
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/surface_optics.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
-
-namespace lumo {
-
-// The policies themselves (Dielectric, Lambertian, Mirror, Absorber) are data of a body: morphology/optical_data.hpp.
+// The policies themselves (Dielectric, Lambertian, Mirror, Absorber) are data of a body: morphology/silicone.hpp.
 // This header has their reflection. Dielectric lets light through; the tracer splits it by fresnel().
 
 /// Reflectance of an opaque surface [–], in [0, 1]. The rest is booked as absorbed there.
@@ -13565,6 +13514,130 @@ template <class P, Indenter Tool, Executor E, ObservedObjective... Objectives> S
 
 #endif
 
+// ---- lumo/model/normal.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MODEL_NORMAL_HPP
+#define SINGLE_INCLUDE_LUMO_MODEL_NORMAL_HPP
+
+namespace lumo {
+
+/// Density of the standard normal distribution.
+inline double normal_density(double z) { return 0.39894228040143267794 * std::exp(-0.5 * z * z); }
+
+/// P(Z ≤ z) of the standard normal distribution, accurate in both tails.
+inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * z); }
+
+/// z with P(Z ≤ z) = p; ∓∞ at 0 and 1. A rational start (Abramowitz & Stegun 1964, 26.2.23), then Halley's iteration.
+inline double normal_quantile(double p) {
+  if (!(p > 0.0)) return -std::numeric_limits<double>::infinity();
+  if (!(p < 1.0)) return std::numeric_limits<double>::infinity();
+  const bool upper = p > 0.5;
+  const double tail = upper ? 1.0 - p : p;
+  const double t = std::sqrt(-2.0 * std::log(tail));
+  double z = (2.515517 + t * (0.802853 + t * 0.010328)) / (1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308))) -
+             t;  // of the lower tail
+  for (int i = 0; i < 3; ++i) {
+    const double error = (normal_probability(z) - tail) / normal_density(z);
+    z -= error / (1.0 + 0.5 * z * error);
+  }
+  return upper ? -z : z;
+}
+
+namespace detail {
+
+/// E[(Z + a)⁺] / φ(a) for a ≤ −8: from the continued fraction of Mills' ratio, where a Φ(a) + φ(a) would cancel.
+inline double scaled_excess_tail(double a) {
+  const double x = -a;
+  double c = x;
+  for (int k = x < 10.0 ? 13 : x < 16.0 ? 10 : 8; k >= 2; --k) c = x + double(k) / c;  // relative error below 10⁻¹³
+  return 1.0 / (x * c + 1.0);
+}
+
+/// a Φ(a) + φ(a) on [−8, 8) with its first two derivatives, Φ and φ, at 256 nodes a unit; quintic Hermite interpolation
+/// between them leaves a relative error below 10⁻¹³ (h⁶ f⁽⁶⁾/46080) and takes a tenth of the time of erfc and exp.
+class ExcessTable {
+ public:
+  static constexpr double edge = 8.0;
+
+  double operator()(double a) const {
+    const double t = (a + edge) * per_unit;
+    const auto k = std::min(std::size_t(t), nodes_.size() - 2);
+    const double u = t - double(k);
+    const Node &p = nodes_[k], &q = nodes_[k + 1];
+    const double rise = q.value - p.value - p.slope - 0.5 * p.curvature, turn = q.slope - p.slope - p.curvature,
+                 bend = q.curvature - p.curvature;
+    const double u3 = 10.0 * rise - 4.0 * turn + 0.5 * bend, u4 = -15.0 * rise + 7.0 * turn - bend,
+                 u5 = 6.0 * rise - 3.0 * turn + 0.5 * bend;
+    return p.value + u * (p.slope + u * (0.5 * p.curvature + u * (u3 + u * (u4 + u * u5))));
+  }
+
+  static const ExcessTable& get() {
+    static const ExcessTable table;
+    return table;
+  }
+
+ private:
+  static constexpr double per_unit = 256.0;
+  struct Node {
+    double value, slope, curvature;  // of the function of u = 256 a
+  };
+  std::vector<Node> nodes_;
+
+  ExcessTable() {
+    for (int k = 0; k <= int(2.0 * edge * per_unit); ++k) {
+      const double a = k / per_unit - edge, density = normal_density(a), probability = normal_probability(a);
+      // Near the lower edge the two terms of the value cancel.
+      const double value = a < -2.0 ? density * scaled_excess(-a) : a * probability + density;
+      nodes_.push_back({value, probability / per_unit, density / (per_unit * per_unit)});
+    }
+  }
+
+  /// E[(Z − x)⁺] / φ(x) for x ≥ 2: the continued fraction from far enough out.
+  static double scaled_excess(double x) {
+    double c = x;
+    for (int k = 200; k >= 2; --k) c = x + double(k) / c;
+    return 1.0 / (x * c + 1.0);
+  }
+};
+
+}  // namespace detail
+
+/// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a =
+/// −38.
+inline double expected_excess(double a) {
+  if (a >= detail::ExcessTable::edge) return a;
+  if (a >= -detail::ExcessTable::edge) return detail::ExcessTable::get()(a);
+  return a > -39.0 ? normal_density(a) * detail::scaled_excess_tail(a) : 0.0;
+}
+
+/// log E[(Z + a)⁺], finite for every finite a. Source: Ament, Daulton, Eriksson, Balandat & Bakshy, "Unexpected
+/// Improvements to Expected Improvement for Bayesian Optimization", NeurIPS 2023.
+inline double log_expected_excess(double a) {
+  if (a <= -8.0) return -0.5 * a * a - 0.5 * std::log(2.0 * pi) + std::log(detail::scaled_excess_tail(a));
+  return std::log(a * normal_probability(a) + normal_density(a));
+}
+
+/// log(eˣ − eʸ) for x ≥ y; −∞ if they are equal.
+inline double log_difference(double x, double y) {
+  if (!(y < x)) return -std::numeric_limits<double>::infinity();
+  const double d = y - x;
+  return x + (d > -0.69314718055994530942 ? std::log(-std::expm1(d)) : std::log1p(-std::exp(d)));
+}
+
+/// log Σ exp of the numbers in [first, last); −∞ for none.
+template <class Iterator> double log_sum_exp(Iterator first, Iterator last) {
+  double top = -std::numeric_limits<double>::infinity();
+  for (Iterator i = first; i != last; ++i) top = std::max(top, double(*i));
+  if (!std::isfinite(top)) return top;
+  double sum = 0.0;
+  for (Iterator i = first; i != last; ++i)
+    if (*i - top > -745.0) sum += std::exp(*i - top);  // underflow would be slow
+  return top + std::log(sum);
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/model/kernel.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MODEL_KERNEL_HPP
 #define SINGLE_INCLUDE_LUMO_MODEL_KERNEL_HPP
@@ -13658,8 +13731,8 @@ struct HyperparameterPrior {
 template <CovarianceKernel Kernel> class MarginalLikelihood {
  public:
   struct Value {
-    double log_likelihood =
-        -std::numeric_limits<double>::infinity();  ///< −∞ where the covariance is not positive definite
+    /// −∞ where the covariance is not positive definite
+    double log_likelihood = -std::numeric_limits<double>::infinity();
     double log_prior = 0.0;
     double mean = 0.0;
     Eigen::VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)
@@ -14166,135 +14239,130 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
 
 #endif
 
-// ---- lumo/model/normal.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MODEL_NORMAL_HPP
-#define SINGLE_INCLUDE_LUMO_MODEL_NORMAL_HPP
+// ---- lumo/model/surrogate.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MODEL_SURROGATE_HPP
+#define SINGLE_INCLUDE_LUMO_MODEL_SURROGATE_HPP
 
 namespace lumo {
 
-/// Density of the standard normal distribution.
-inline double normal_density(double z) { return 0.39894228040143267794 * std::exp(-0.5 * z * z); }
+/// How observed outputs become objectives. Laws: objectives(outputs) works column by column (outputs × points →
+/// objectives × points); there are outputs(m) outputs for m objectives, and objective(k) is the one that output k
+/// counts for; identity() only if objectives() returns its argument, so that normal outputs stay normal; scaling
+/// all outputs of an objective by s > 0 scales the objective by s.
+template <class R>
+concept Reduction = requires(const R& reduction, const Eigen::MatrixXd& outputs, int k) {
+  { reduction.objectives(outputs) } -> std::convertible_to<Eigen::MatrixXd>;
+  { reduction.outputs(k) } -> std::convertible_to<int>;
+  { reduction.objective(k) } -> std::convertible_to<int>;
+  { reduction.identity() } -> std::convertible_to<bool>;
+};
 
-/// P(Z ≤ z) of the standard normal distribution, accurate in both tails.
-inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * z); }
+/// Each output is an objective.
+struct EachOutput {
+  const Eigen::MatrixXd& objectives(const Eigen::MatrixXd& outputs) const { return outputs; }
+  int outputs(int objectives) const { return objectives; }
+  int objective(int output) const { return output; }
+  bool identity() const { return true; }
+};
 
-/// z with P(Z ≤ z) = p; ∓∞ at 0 and 1. A rational start (Abramowitz & Stegun 1964, 26.2.23), then Halley's iteration.
-inline double normal_quantile(double p) {
-  if (!(p > 0.0)) return -std::numeric_limits<double>::infinity();
-  if (!(p < 1.0)) return std::numeric_limits<double>::infinity();
-  const bool upper = p > 0.5;
-  const double tail = upper ? 1.0 - p : p;
-  const double t = std::sqrt(-2.0 * std::log(tail));
-  double z = (2.515517 + t * (0.802853 + t * 0.010328)) / (1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308))) -
-             t;  // of the lower tail
-  for (int i = 0; i < 3; ++i) {
-    const double error = (normal_probability(z) - tail) / normal_density(z);
-    z -= error / (1.0 + 0.5 * z * error);
+/// Composite surrogate: each objective is the least of its terms (scenarios), and each term has a Gaussian process of
+/// its own, so that the kinks of the minimum stay out of the model. Source: Astudillo & Frazier, "Bayesian Optimization
+/// of Composite Functions", ICML 2019.
+struct MinimumOverTerms {
+  std::vector<int> terms;  ///< number of consecutive outputs that belong to each objective
+
+  Eigen::MatrixXd objectives(const Eigen::MatrixXd& y) const {
+    Eigen::MatrixXd least(Eigen::Index(terms.size()), y.cols());
+    Eigen::Index first = 0;
+    for (std::size_t j = 0; j < terms.size(); first += terms[j++])
+      least.row(Eigen::Index(j)) = y.middleRows(first, terms[j]).colwise().minCoeff();
+    return least;
   }
-  return upper ? -z : z;
-}
-
-namespace detail {
-
-/// E[(Z + a)⁺] / φ(a) for a ≤ −8: from the continued fraction of Mills' ratio, where a Φ(a) + φ(a) would cancel.
-inline double scaled_excess_tail(double a) {
-  const double x = -a;
-  double c = x;
-  for (int k = x < 10.0 ? 13 : x < 16.0 ? 10 : 8; k >= 2; --k) c = x + double(k) / c;  // relative error below 10⁻¹³
-  return 1.0 / (x * c + 1.0);
-}
-
-/// a Φ(a) + φ(a) on [−8, 8) with its first two derivatives, Φ and φ, at 256 nodes a unit; quintic Hermite interpolation
-/// between them leaves a relative error below 10⁻¹³ (h⁶ f⁽⁶⁾/46080) and takes a tenth of the time of erfc and exp.
-class ExcessTable {
- public:
-  static constexpr double edge = 8.0;
-
-  double operator()(double a) const {
-    const double t = (a + edge) * per_unit;
-    const auto k = std::min(std::size_t(t), nodes_.size() - 2);
-    const double u = t - double(k);
-    const Node &p = nodes_[k], &q = nodes_[k + 1];
-    const double rise = q.value - p.value - p.slope - 0.5 * p.curvature, turn = q.slope - p.slope - p.curvature,
-                 bend = q.curvature - p.curvature;
-    const double u3 = 10.0 * rise - 4.0 * turn + 0.5 * bend, u4 = -15.0 * rise + 7.0 * turn - bend,
-                 u5 = 6.0 * rise - 3.0 * turn + 0.5 * bend;
-    return p.value + u * (p.slope + u * (0.5 * p.curvature + u * (u3 + u * (u4 + u * u5))));
+  /// Throws InvalidArgument unless there are as many counts as objectives, and all are positive.
+  int outputs(int objectives) const {
+    if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
+      throw InvalidArgument(message("minimum over terms needs a positive number of terms for each of ", objectives,
+          " objectives, has ", terms.size(), " numbers"));
+    return std::accumulate(terms.begin(), terms.end(), 0);
   }
-
-  static const ExcessTable& get() {
-    static const ExcessTable table;
-    return table;
+  int objective(int output) const {
+    int j = 0;
+    for (; j + 1 < int(terms.size()) && output >= terms[std::size_t(j)]; ++j) output -= terms[std::size_t(j)];
+    return j;
   }
-
- private:
-  static constexpr double per_unit = 256.0;
-  struct Node {
-    double value, slope, curvature;  // of the function of u = 256 a
-  };
-  std::vector<Node> nodes_;
-
-  ExcessTable() {
-    for (int k = 0; k <= int(2.0 * edge * per_unit); ++k) {
-      const double a = k / per_unit - edge, density = normal_density(a), probability = normal_probability(a);
-      // Near the lower edge the two terms of the value cancel.
-      const double value = a < -2.0 ? density * scaled_excess(-a) : a * probability + density;
-      nodes_.push_back({value, probability / per_unit, density / (per_unit * per_unit)});
-    }
-  }
-
-  /// E[(Z − x)⁺] / φ(x) for x ≥ 2: the continued fraction from far enough out.
-  static double scaled_excess(double x) {
-    double c = x;
-    for (int k = 200; k >= 2; --k) c = x + double(k) / c;
-    return 1.0 / (x * c + 1.0);
+  bool identity() const {
+    return std::all_of(terms.begin(), terms.end(), [](int n) { return n == 1; });
   }
 };
 
-}  // namespace detail
+static_assert(Reduction<EachOutput>);
+static_assert(Reduction<MinimumOverTerms>);
 
-/// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a =
-/// −38.
-inline double expected_excess(double a) {
-  if (a >= detail::ExcessTable::edge) return a;
-  if (a >= -detail::ExcessTable::edge) return detail::ExcessTable::get()(a);
-  return a > -39.0 ? normal_density(a) * detail::scaled_excess_tail(a) : 0.0;
-}
+/// Designs that are observed or pending, as acquisitions see them. All objectives are maximised.
+struct Evidence {
+  Eigen::MatrixXd x;        ///< observed: d × n
+  Eigen::MatrixXd outputs;  ///< observed: outputs × n
+  Eigen::MatrixXd pending;  ///< d × p: asked and not yet observed
+  Eigen::VectorXd lower, upper;
+  Eigen::VectorXd reference;  ///< per objective
+};
 
-/// log E[(Z + a)⁺], finite for every finite a. Source: Ament, Daulton, Eriksson, Balandat & Bakshy, "Unexpected
-/// Improvements to Expected Improvement for Bayesian Optimization", NeurIPS 2023.
-inline double log_expected_excess(double a) {
-  if (a <= -8.0) return -0.5 * a * a - 0.5 * std::log(2.0 * pi) + std::log(detail::scaled_excess_tail(a));
-  return std::log(a * normal_probability(a) + normal_density(a));
-}
+/// Joint posterior of a Gaussian process at base points, drawn once, and of any further point given each draw. Without
+/// base points there is one empty draw, and the conditional on it is the plain posterior.
+template <CovarianceKernel Kernel> class ConditionalPosterior {
+ public:
+  /// `normals`: base points × draws. Throws InvalidArgument if they do not fit.
+  ConditionalPosterior(const GaussianProcess<Kernel>& gp, const Eigen::MatrixXd& base, const Eigen::MatrixXd& normals)
+      : gp_(&gp), base_(gp.normalized(base)), normals_(normals) {
+    if (normals.rows() != base.cols())
+      throw InvalidArgument(
+          message("draws at ", base.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
+    if (base.cols() == 0) return;
+    whitened_ = gp.whitened(base_);
+    const auto factor = jittered_factor(gp.correlation(base_, base_) - whitened_.transpose() * whitened_);
+    if (!factor) throw InvalidArgument("posterior covariance of the base points is not positive definite");
+    factor_ = factor->lower;
+    jitter_ = factor->jitter;
+  }
 
-/// log(eˣ − eʸ) for x ≥ y; −∞ if they are equal.
-inline double log_difference(double x, double y) {
-  if (!(y < x)) return -std::numeric_limits<double>::infinity();
-  const double d = y - x;
-  return x + (d > -0.69314718055994530942 ? std::log(-std::expm1(d)) : std::log1p(-std::exp(d)));
-}
+  /// Samples at the base points: points × draws, in the units of the data.
+  Eigen::MatrixXd draws() const {
+    if (base_.cols() == 0) return Eigen::MatrixXd(0, std::max<Eigen::Index>(1, normals_.cols()));
+    const Eigen::MatrixXd standard = (factor_ * normals_).colwise() + standard_mean(whitened_);
+    return (gp_->output_mean() + gp_->output_scale() * standard.array()).matrix();
+  }
 
-/// log Σ exp of the numbers in [first, last); −∞ for none.
-template <class Iterator> double log_sum_exp(Iterator first, Iterator last) {
-  double top = -std::numeric_limits<double>::infinity();
-  for (Iterator i = first; i != last; ++i) top = std::max(top, double(*i));
-  if (!std::isfinite(top)) return top;
-  double sum = 0.0;
-  for (Iterator i = first; i != last; ++i)
-    if (*i - top > -745.0) sum += std::exp(*i - top);  // underflow would be slow
-  return top + std::log(sum);
-}
+  /// Given each draw, the latent function at the columns of `x` is normal with these means (points × draws) and
+  /// deviations (points).
+  struct Conditional {
+    Eigen::MatrixXd mean;
+    Eigen::VectorXd deviation;
+  };
+  Conditional at(const Eigen::MatrixXd& x) const {
+    const Eigen::MatrixXd unit = gp_->normalized(x), v = gp_->whitened(unit);
+    Eigen::VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).transpose();
+    Eigen::MatrixXd standard = standard_mean(v);
+    if (base_.cols() > 0) {
+      Eigen::MatrixXd cross = gp_->correlation(base_, unit) - whitened_.transpose() * v;
+      factor_.template triangularView<Eigen::Lower>().solveInPlace(cross);
+      variance.array() -= cross.colwise().squaredNorm().array().transpose();
+      standard = (cross.transpose() * normals_).colwise() + Eigen::VectorXd(standard.col(0));
+    }
+    const double scale = gp_->output_scale();
+    return {(gp_->output_mean() + scale * standard.array()).matrix(), scale * variance.cwiseMax(1e-18).cwiseSqrt()};
+  }
 
-}  // namespace lumo
+  double jitter() const { return jitter_; }
 
-#endif
+ private:
+  Eigen::VectorXd standard_mean(const Eigen::MatrixXd& v) const {
+    return ((v.transpose() * gp_->weights()).array() + gp_->hyperparameters().mean).matrix();
+  }
 
-// ---- lumo/model/success_model.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MODEL_SUCCESS_MODEL_HPP
-#define SINGLE_INCLUDE_LUMO_MODEL_SUCCESS_MODEL_HPP
-
-namespace lumo {
+  const GaussianProcess<Kernel>* gp_;
+  Eigen::MatrixXd base_, normals_, whitened_, factor_;
+  double jitter_ = 0.0;
+};
 
 /// Probability that an evaluation succeeds, for objectives that are not defined everywhere, and it is not known where:
 /// a Gaussian process of 1 for a success and 0 for a failure of the design, and the probability that it is above one
@@ -14304,8 +14372,8 @@ namespace lumo {
 template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
  public:
   static constexpr double least_probability = 1e-12;  ///< leaves a choice between designs that are all thought to fail
-  static constexpr double negligible =
-      1e-3;  ///< utility that is not worth a failure, in units of the objectives' spread
+  /// Utility that is not worth a failure, in units of the objectives' spread
+  static constexpr double negligible = 1e-3;
 
   /// Designs (d × n each) inside [lower, upper], at least one in all. Throws InvalidArgument as GaussianProcess::fit().
   SuccessModel(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed, const Eigen::VectorXd& lower,
@@ -14343,6 +14411,486 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
   }
 
   GaussianProcess<Kernel> process_;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optimize/acquisition.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_ACQUISITION_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_ACQUISITION_HPP
+
+namespace lumo {
+
+/// Utility of a design: prepared once on models and evidence, then called with candidates (d × n) for its logarithm
+/// (n). Laws: a pure function of its arguments; larger is better; −∞ or finite, never NaN; conditioned on observed and
+/// pending designs.
+template <class A, class Models, class R>
+concept Acquisition = requires(const A& acquisition, const Models& models, const R& reduction, const Evidence& evidence,
+    std::uint64_t seed, const Eigen::MatrixXd& x) {
+  { acquisition.prepare(models, reduction, evidence, seed)(x) } -> std::convertible_to<Eigen::VectorXd>;
+};
+
+/// Standard normal numbers, points × draws: each row is an Owen-scrambled Sobol dimension, so that every point sees
+/// evenly spread draws. Blocks of 32 dimensions are scrambled independently. Row `point` does not depend on the number
+/// of rows.
+inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std::uint64_t seed) {
+  Eigen::MatrixXd z(points, draws);
+  for (Eigen::Index i = 0; i < points; ++i) {
+    const OwenSobol sequence{combine(seed, std::uint64_t(i / Sobol::dimensions))};
+    for (Eigen::Index s = 0; s < draws; ++s)
+      z(i, s) = normal_quantile(sequence(std::uint32_t(s), int(i % Sobol::dimensions)));
+  }
+  return z;
+}
+
+/// Points of the base draws: observed designs (if they are noisy) and pending ones.
+inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
+  if (!noisy) return evidence.pending;
+  Eigen::MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
+  base << evidence.x, evidence.pending;
+  return base;
+}
+
+/// Objectives that stand in draw `s`: the drawn ones, and the observed ones unless they are drawn, too.
+template <Reduction R> Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s,
+    const R& reduction, const Evidence& evidence, bool noisy) {
+  const Eigen::Index observed = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
+  Eigen::MatrixXd outputs(Eigen::Index(draws.size()), observed + drawn);
+  if (observed > 0) outputs.leftCols(observed) = evidence.outputs;
+  for (std::size_t j = 0; j < draws.size(); ++j) outputs.row(Eigen::Index(j)).tail(drawn) = draws[j].col(s).transpose();
+  if (outputs.cols() == 0) return Eigen::MatrixXd(evidence.reference.size(), 0);
+  return reduction.objectives(outputs);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optimize/hypervolume.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_HYPERVOLUME_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_HYPERVOLUME_HPP
+
+namespace lumo {
+
+/// Does `a` dominate `b`: at least as good everywhere, better somewhere? All objectives are maximised.
+template <class A, class B> bool dominates(const Eigen::DenseBase<A>& a, const Eigen::DenseBase<B>& b) {
+  return (a.derived().array() >= b.derived().array()).all() && (a.derived().array() > b.derived().array()).any();
+}
+
+/// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by
+/// index.
+inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
+  std::vector<Eigen::Index> order(std::size_t(y.cols()));
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) {
+    for (Eigen::Index j = 0; j < y.rows(); ++j)
+      if (y(j, i) != y(j, k)) return y(j, i) > y(j, k);
+    return false;
+  });
+  // No point dominates one before it in this order.
+  std::vector<Eigen::Index> front;
+  for (const Eigen::Index i : order) {
+    const bool beaten = y.rows() == 2 ? !front.empty() && dominates(y.col(front.back()), y.col(i))
+                                      : std::any_of(front.begin(), front.end(),
+                                            [&](Eigen::Index k) { return dominates(y.col(k), y.col(i)); });
+    if (!beaten) front.push_back(i);
+  }
+  return front;
+}
+
+/// Boxes that overlap at their faces only: objectives × boxes; upper corners may be infinite.
+struct BoxDecomposition {
+  Eigen::MatrixXd lower, upper;
+};
+
+namespace detail {
+
+/// Slices the space above `reference` that no point dominates into boxes.
+struct BoxSlicer {
+  const Eigen::VectorXd& reference;
+  Eigen::VectorXd low, high;  ///< of the slice at hand
+  std::vector<Eigen::VectorXd> lower, upper;
+
+  explicit BoxSlicer(const Eigen::VectorXd& r) : reference(r), low(r.size()), high(r.size()) {}
+
+  /// Slices the space that no column of `y` dominates along objective `along`, and each slice along those after it.
+  void slice(const Eigen::MatrixXd& y, Eigen::Index along) {
+    const double infinite = std::numeric_limits<double>::infinity();
+    if (along + 1 == reference.size()) {
+      low[along] = y.cols() ? std::max(reference[along], y.row(along).maxCoeff()) : reference[along];
+      high[along] = infinite;
+      lower.push_back(low);
+      upper.push_back(high);
+      return;
+    }
+    std::vector<double> levels = {reference[along]};
+    for (Eigen::Index i = 0; i < y.cols(); ++i) levels.push_back(y(along, i));
+    std::sort(levels.begin(), levels.end());
+    levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
+    for (std::size_t k = 0; k < levels.size(); ++k) {
+      const double top = k + 1 < levels.size() ? levels[k + 1] : infinite;
+      std::vector<Eigen::Index> reach;  // those that dominate inside the slice
+      for (Eigen::Index i = 0; i < y.cols(); ++i)
+        if (y(along, i) >= top) reach.push_back(i);
+      low[along] = levels[k];
+      high[along] = top;
+      slice(y(Eigen::all, reach), along + 1);
+    }
+  }
+};
+
+}  // namespace detail
+
+/// Decomposes the space above `reference` that no column of `y` (objectives × points, maximised) dominates. Exact for
+/// any number of objectives: one more box than the front has points for two, more than proportional for three and
+/// above.
+inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
+  if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
+    throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
+  std::vector<Eigen::Index> above;
+  for (Eigen::Index i = 0; i < y.cols(); ++i)
+    if ((y.col(i).array() > reference.array()).all()) above.push_back(i);
+  Eigen::MatrixXd front = y.cols() ? Eigen::MatrixXd(y(Eigen::all, above)) : Eigen::MatrixXd(reference.size(), 0);
+  front = Eigen::MatrixXd(front(Eigen::all, pareto_front(front)));
+  detail::BoxSlicer slicer(reference);
+  slicer.slice(front, 0);
+  const auto count = Eigen::Index(slicer.lower.size());
+  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), count), Eigen::MatrixXd(reference.size(), count)};
+  for (Eigen::Index k = 0; k < count; ++k) {
+    boxes.lower.col(k) = slicer.lower[std::size_t(k)];
+    boxes.upper.col(k) = slicer.upper[std::size_t(k)];
+  }
+  return boxes;
+}
+
+/// Volume above `reference` that the columns of `y` (objectives × points, maximised) dominate; points not above
+/// it add nothing. Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While,
+/// Hingston, Barone & Huband, 2006.
+inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
+  const Eigen::Index m = reference.size();
+  if (m < 1 || (y.cols() > 0 && y.rows() != m))
+    throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", m));
+  std::vector<Eigen::Index> order;
+  for (Eigen::Index i = 0; i < y.cols(); ++i)
+    if ((y.col(i).array() > reference.array()).all()) order.push_back(i);
+  if (order.empty()) return 0.0;
+  if (m == 1) {
+    double best = reference[0];
+    for (const Eigen::Index i : order) best = std::max(best, y(0, i));
+    return best - reference[0];
+  }
+  std::stable_sort(
+      order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
+  double volume = 0.0, widest = reference[0];
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const double bottom = k + 1 < order.size() ? y(m - 1, order[k + 1]) : reference[m - 1];
+    const double height = y(m - 1, order[k]) - bottom;
+    if (m == 2) {  // the slice's section is one interval
+      widest = std::max(widest, y(0, order[k]));
+      volume += height * (widest - reference[0]);
+    } else if (height > 0.0) {
+      const std::vector<Eigen::Index> reach(order.begin(), order.begin() + std::ptrdiff_t(k) + 1);
+      volume += height * hypervolume(Eigen::MatrixXd(y(Eigen::all, reach).topRows(m - 1)), reference.head(m - 1));
+    }
+  }
+  return volume;
+}
+
+/// Expected hypervolume improvement of a point whose objectives are independent and normal, in closed form: over each
+/// box of the decomposition the expectation is a product of one-dimensional integrals, and all terms are positive.
+/// Exact for any number of objectives. Source: Emmerich, Deutz & Klinkenberg, CEC 2011; Yang, Emmerich, Deutz & Bäck,
+/// J. Glob. Optim. 75 (2019), for the slices of two objectives.
+class ExpectedHypervolume {
+ public:
+  /// `y`: objectives × points, maximised; only those above `reference` that no other dominates matter.
+  ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference)
+      : boxes_(nondominated_boxes(y, reference)) {}
+
+  /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
+  template <class Mean, class Deviation> double log_value(const Mean& mean, const Deviation& deviation) const {
+    const double sum = value(mean, deviation);
+    if (sum > 1e-280 && std::isfinite(sum)) return std::log(sum);
+    return log_sum(mean, deviation);
+  }
+
+  /// The expected improvement itself; underflows to 0 far from the front. Two objectives only take one pass over the
+  /// front.
+  template <class Mean, class Deviation> double value(const Mean& mean, const Deviation& deviation) const {
+    const Eigen::Index m = boxes_.lower.rows(), count = boxes_.lower.cols();
+    if (m != 2) return std::exp(log_sum(mean, deviation));
+    double sum = 0.0, above = 0.0, side = std::numeric_limits<double>::quiet_NaN(), excess = 0.0;
+    for (Eigen::Index k = count; k-- > 0;) {  // from the topmost slice, which has no upper end, downwards
+      if (boxes_.lower(1, k) != side) {
+        side = boxes_.lower(1, k);
+        excess = expected_excess((mean[1] - side) / deviation[1]);
+      }
+      const double from = expected_excess((mean[0] - boxes_.lower(0, k)) / deviation[0]);
+      sum += excess * (from - above);
+      above = from;
+    }
+    return sum * deviation[0] * deviation[1];
+  }
+
+  const BoxDecomposition& boxes() const { return boxes_; }
+
+ private:
+  /// log ∫ P(Y > t) dt over [low, high] for Y normal.
+  static double log_side(double mean, double deviation, double low, double high) {
+    const double a = (mean - low) / deviation;
+    if (!std::isfinite(high)) return std::log(deviation) + log_expected_excess(a);
+    const double b = (mean - high) / deviation;
+    if ((a - b) * std::max(1.0, std::abs(a)) < 1e-5)  // too thin for a difference
+      return std::log(high - low) + log_probability(0.5 * (a + b));
+    return std::log(deviation) + log_difference(log_expected_excess(a), log_expected_excess(b));
+  }
+  static double log_probability(double z) {
+    if (z > -30.0) return std::log(normal_probability(z));
+    return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
+  }
+  /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound
+  /// leaves below e⁻⁴⁰ of the most promising one are passed over.
+  template <class Mean, class Deviation> double log_sum(const Mean& mean, const Deviation& deviation) const {
+    const Eigen::Index count = boxes_.lower.cols(), m = boxes_.lower.rows();
+    if (count == 0) return -std::numeric_limits<double>::infinity();
+    double scale = 0.0;
+    for (Eigen::Index j = 0; j < m; ++j) scale += std::log(deviation[j]);
+    Eigen::ArrayXd bound = Eigen::ArrayXd::Constant(count, scale);
+    for (Eigen::Index k = 0; k < count; ++k)
+      for (Eigen::Index j = 0; j < m; ++j) {
+        const double a = (mean[j] - boxes_.lower(j, k)) / deviation[j];
+        bound[k] += a > 0.0 ? std::log(a + 1.0) : -0.5 * a * a;
+      }
+    const auto term = [&](Eigen::Index k) {
+      double log = 0.0;
+      for (Eigen::Index j = 0; j < m; ++j)
+        log += log_side(mean[j], deviation[j], boxes_.lower(j, k), boxes_.upper(j, k));
+      return log;
+    };
+    Eigen::Index first = 0;
+    bound.maxCoeff(&first);
+    const double floor = term(first) - 40.0;
+    std::vector<double> terms;
+    for (Eigen::Index k = 0; k < count; ++k)
+      if (bound[k] >= floor) terms.push_back(term(k));
+    return log_sum_exp(terms.begin(), terms.end());
+  }
+
+  BoxDecomposition boxes_;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optimize/log_nehvi.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_LOG_NEHVI_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_LOG_NEHVI_HPP
+
+namespace lumo {
+
+/// Log noisy expected hypervolume improvement with only the standing designs drawn: given a draw of them, a candidate's
+/// objectives are independent and normal, so its improvement is known in closed form. Stays exact far from the front,
+/// where a sampled candidate finds no improvement and is ranked by distance. Needs a reduction that is the identity.
+/// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with
+/// Expected Hypervolume Improvement", NeurIPS 2021.
+struct LogNehvi {
+  int draws = 16;
+  bool noisy = true;  ///< false: observed values stand as they are, and only pending designs are drawn
+  /// Observed designs are not drawn if another still beats them in all objectives after so many deviations of both
+  /// towards each other: they would hardly ever be in a front, and cost time.
+  double hopeless = 3.0;
+
+  template <CovarianceKernel Kernel> class Prepared {
+   public:
+    Prepared(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<ExpectedHypervolume> improvements)
+        : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
+
+    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
+      const auto m = Eigen::Index(posteriors_.size()), drawn = Eigen::Index(improvements_.size());
+      std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
+      for (const auto& p : posteriors_) at.push_back(p.at(x));
+      Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
+      const auto load = [&](Eigen::Index i, Eigen::Index s) {
+        for (Eigen::Index j = 0; j < m; ++j) {
+          mean[j] = at[std::size_t(j)].mean(i, s);
+          deviation[j] = at[std::size_t(j)].deviation[i];
+        }
+      };
+      for (Eigen::Index s = 0; s < drawn; ++s)
+        for (Eigen::Index i = 0; i < x.cols(); ++i) {
+          load(i, s);
+          sum[i] += improvements_[std::size_t(s)].value(mean, deviation);
+        }
+      std::vector<double> logs(improvements_.size());
+      for (Eigen::Index i = 0; i < x.cols(); ++i) {
+        if (sum[i] > 1e-280 && std::isfinite(sum[i])) {
+          sum[i] = std::log(sum[i] / double(drawn));
+          continue;
+        }
+        for (Eigen::Index s = 0; s < drawn; ++s) {  // hopeless, but to be ranked
+          load(i, s);
+          logs[std::size_t(s)] = improvements_[std::size_t(s)].log_value(mean, deviation);
+        }
+        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(drawn));
+      }
+      return sum;
+    }
+
+   private:
+    std::vector<ConditionalPosterior<Kernel>> posteriors_;
+    std::vector<ExpectedHypervolume> improvements_;
+  };
+
+  /// Models are referred to, not copied: they must outlive the result. Throws InvalidArgument for a reduction other
+  /// than the identity.
+  template <CovarianceKernel Kernel, Reduction R>
+  Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
+      const Evidence& evidence, std::uint64_t seed) const {
+    if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
+      throw InvalidArgument(message("closed-form improvement needs one model for each of ", evidence.reference.size(),
+          " objectives, has ", models.size(), " outputs to reduce"));
+    const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
+    const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
+    std::vector<ConditionalPosterior<Kernel>> posteriors;
+    std::vector<Eigen::MatrixXd> drawn;
+    for (std::size_t j = 0; j < models.size(); ++j) {
+      posteriors.emplace_back(models[j], base, base_normals(base.cols(), count, combine(seed, j)));
+      drawn.push_back(posteriors.back().draws());
+    }
+    std::vector<ExpectedHypervolume> improvements;
+    for (Eigen::Index s = 0; s < count; ++s)
+      improvements.emplace_back(standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
+    return {std::move(posteriors), std::move(improvements)};
+  }
+
+ private:
+  /// Observed designs that may be in a front, and all that are pending.
+  template <CovarianceKernel Kernel>
+  Eigen::MatrixXd contenders(const std::vector<GaussianProcess<Kernel>>& models, const Evidence& evidence) const {
+    const Eigen::Index n = evidence.x.cols(), m = Eigen::Index(models.size());
+    Eigen::MatrixXd low(m, n), high(m, n);
+    for (Eigen::Index j = 0; j < m; ++j) {
+      const auto p = models[std::size_t(j)].predict(evidence.x);
+      const Eigen::VectorXd reach = hopeless * p.variance.cwiseSqrt();
+      low.row(j) = (p.mean - reach).transpose();
+      high.row(j) = (p.mean + reach).transpose();
+    }
+    std::vector<Eigen::Index> kept;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      bool beaten = false;
+      for (Eigen::Index k = 0; k < n && !beaten; ++k) beaten = (low.col(k).array() > high.col(i).array()).all();
+      if (!beaten) kept.push_back(i);
+    }
+    Eigen::MatrixXd base(evidence.x.rows(), Eigen::Index(kept.size()) + evidence.pending.cols());
+    base << Eigen::MatrixXd(evidence.x(Eigen::all, kept)), evidence.pending;
+    return base;
+  }
+};
+
+namespace detail {
+
+/// log of a smooth max(x, 0) whose lower tail falls like 1/x² instead of exponentially. Source: Ament et al. 2023,
+/// appendix A.
+inline double log_fat_relu(double x, double tau) {
+  const double t = x / tau;
+  const double softplus = t > 0.0 ? t + std::log1p(std::exp(-t)) : std::log1p(std::exp(t));
+  return std::log(tau) + std::log(softplus + 0.1 / (1.0 + t * t));
+}
+
+/// Smooth minimum of two numbers with a tail that falls like a power. Source: Ament et al. 2023, appendix A.
+inline double fat_minimum(double a, double b, double tau) {
+  const double gap = std::abs(a - b) / tau;
+  return std::min(a, b) - tau * std::log1p(2.0 / (2.0 + gap * (2.0 + gap)));
+}
+
+}  // namespace detail
+
+/// qLogNEHVI by sampling, for any reduction: q > 1 designs are chosen one after the other, each with those before it
+/// pending, and pending designs join the front draw by draw. Fixed base samples. Source: Daulton, Balandat & Bakshy,
+/// NeurIPS 2021 (cached box decompositions, sequential greedy choice); Ament et al., NeurIPS 2023 (logarithms and
+/// smoothing).
+struct QLogNehvi {
+  int draws = 128;
+  bool noisy = true;       ///< false: observed values stand as they are (qLogEHVI)
+  double tau_relu = 1e-6;  ///< smoothing of max(·, 0), in the units of the objectives
+  double tau_max = 1e-3;   ///< smoothing of minima of logarithms
+
+  /// Standard normal numbers that replace random ones.
+  struct BaseSamples {
+    std::vector<Eigen::MatrixXd> base;       ///< per output: base points × draws
+    std::vector<Eigen::VectorXd> candidate;  ///< per output: draws
+  };
+
+  template <CovarianceKernel Kernel, Reduction R> class Prepared {
+   public:
+    Prepared(const QLogNehvi& config, const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
+        const Evidence& evidence, const BaseSamples& samples)
+        : tau_relu_(config.tau_relu), tau_max_(config.tau_max), reduction_(reduction), candidate_(samples.candidate) {
+      const Eigen::MatrixXd base = base_points(evidence, config.noisy);
+      std::vector<Eigen::MatrixXd> drawn;
+      for (std::size_t j = 0; j < models.size(); ++j) {
+        posteriors_.emplace_back(models[j], base, samples.base[j]);
+        drawn.push_back(posteriors_.back().draws());
+      }
+      for (Eigen::Index s = 0; s < candidate_.front().size(); ++s)
+        boxes_.push_back(nondominated_boxes(
+            standing_objectives(drawn, std::min(s, drawn.front().cols() - 1), reduction, evidence, config.noisy),
+            evidence.reference));
+    }
+
+    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
+      const Eigen::Index outputs = Eigen::Index(posteriors_.size()), count = candidate_.front().size();
+      std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
+      for (const auto& p : posteriors_) at.push_back(p.at(x));
+      Eigen::VectorXd out(x.cols());
+      Eigen::MatrixXd sample(outputs, count);
+      std::vector<double> per_draw(static_cast<std::size_t>(count)), per_box;
+      for (Eigen::Index i = 0; i < x.cols(); ++i) {
+        for (Eigen::Index j = 0; j < outputs; ++j) {
+          const auto& a = at[std::size_t(j)];
+          for (Eigen::Index s = 0; s < count; ++s)
+            sample(j, s) = a.mean(i, std::min(s, a.mean.cols() - 1)) + a.deviation[i] * candidate_[std::size_t(j)][s];
+        }
+        const Eigen::MatrixXd y = reduction_.objectives(sample);
+        for (Eigen::Index s = 0; s < count; ++s) {
+          const BoxDecomposition& boxes = boxes_[std::size_t(s)];
+          per_box.assign(std::size_t(boxes.lower.cols()), 0.0);
+          for (Eigen::Index k = 0; k < boxes.lower.cols(); ++k)
+            for (Eigen::Index j = 0; j < y.rows(); ++j) {
+              const double side = std::log(boxes.upper(j, k) - boxes.lower(j, k));  // ∞ where the box is open
+              per_box[std::size_t(k)] +=
+                  detail::fat_minimum(detail::log_fat_relu(y(j, s) - boxes.lower(j, k), tau_relu_), side, tau_max_);
+            }
+          per_draw[std::size_t(s)] = log_sum_exp(per_box.begin(), per_box.end());
+        }
+        out[i] = log_sum_exp(per_draw.begin(), per_draw.end()) - std::log(double(count));
+      }
+      return out;
+    }
+
+   private:
+    double tau_relu_, tau_max_;
+    R reduction_;
+    std::vector<Eigen::VectorXd> candidate_;
+    std::vector<ConditionalPosterior<Kernel>> posteriors_;
+    std::vector<BoxDecomposition> boxes_;
+  };
+
+  /// Models are referred to, not copied: they must outlive the result.
+  template <CovarianceKernel Kernel, Reduction R>
+  Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
+      const Evidence& evidence, std::uint64_t seed) const {
+    const Eigen::Index base = base_points(evidence, noisy).cols();
+    BaseSamples samples;
+    for (std::size_t j = 0; j < models.size(); ++j) {
+      const Eigen::MatrixXd z = base_normals(base + 1, draws, combine(seed, j));
+      samples.base.push_back(z.topRows(base));
+      samples.candidate.push_back(z.row(base).transpose());
+    }
+    return Prepared<Kernel, R>(*this, models, reduction, evidence, samples);
+  }
 };
 
 }  // namespace lumo
@@ -14833,635 +15381,6 @@ struct LocalSearchCandidates {
 
 static_assert(CandidateSource<FreshCandidates>);
 static_assert(CandidateSource<LocalSearchCandidates>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/model/surrogate.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MODEL_SURROGATE_HPP
-#define SINGLE_INCLUDE_LUMO_MODEL_SURROGATE_HPP
-
-namespace lumo {
-
-/// How observed outputs become objectives. Laws: objectives(outputs) works column by column (outputs × points →
-/// objectives × points); there are outputs(m) outputs for m objectives, and objective(k) is the one that output k
-/// counts for; identity() only if objectives() returns its argument, so that normal outputs stay normal; scaling
-/// all outputs of an objective by s > 0 scales the objective by s.
-template <class R>
-concept Reduction = requires(const R& reduction, const Eigen::MatrixXd& outputs, int k) {
-  { reduction.objectives(outputs) } -> std::convertible_to<Eigen::MatrixXd>;
-  { reduction.outputs(k) } -> std::convertible_to<int>;
-  { reduction.objective(k) } -> std::convertible_to<int>;
-  { reduction.identity() } -> std::convertible_to<bool>;
-};
-
-/// Each output is an objective.
-struct EachOutput {
-  const Eigen::MatrixXd& objectives(const Eigen::MatrixXd& outputs) const { return outputs; }
-  int outputs(int objectives) const { return objectives; }
-  int objective(int output) const { return output; }
-  bool identity() const { return true; }
-};
-
-/// Composite surrogate: each objective is the least of its terms (scenarios), and each term has a Gaussian process of
-/// its own, so that the kinks of the minimum stay out of the model. Source: Astudillo & Frazier, "Bayesian Optimization
-/// of Composite Functions", ICML 2019.
-struct MinimumOverTerms {
-  std::vector<int> terms;  ///< number of consecutive outputs that belong to each objective
-
-  Eigen::MatrixXd objectives(const Eigen::MatrixXd& y) const {
-    Eigen::MatrixXd least(Eigen::Index(terms.size()), y.cols());
-    Eigen::Index first = 0;
-    for (std::size_t j = 0; j < terms.size(); first += terms[j++])
-      least.row(Eigen::Index(j)) = y.middleRows(first, terms[j]).colwise().minCoeff();
-    return least;
-  }
-  /// Throws InvalidArgument unless there are as many counts as objectives, and all are positive.
-  int outputs(int objectives) const {
-    if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
-      throw InvalidArgument(message("minimum over terms needs a positive number of terms for each of ", objectives,
-          " objectives, has ", terms.size(), " numbers"));
-    return std::accumulate(terms.begin(), terms.end(), 0);
-  }
-  int objective(int output) const {
-    int j = 0;
-    for (; j + 1 < int(terms.size()) && output >= terms[std::size_t(j)]; ++j) output -= terms[std::size_t(j)];
-    return j;
-  }
-  bool identity() const {
-    return std::all_of(terms.begin(), terms.end(), [](int n) { return n == 1; });
-  }
-};
-
-static_assert(Reduction<EachOutput>);
-static_assert(Reduction<MinimumOverTerms>);
-
-/// Designs that are observed or pending, as acquisitions see them. All objectives are maximised.
-struct Evidence {
-  Eigen::MatrixXd x;        ///< observed: d × n
-  Eigen::MatrixXd outputs;  ///< observed: outputs × n
-  Eigen::MatrixXd pending;  ///< d × p: asked and not yet observed
-  Eigen::VectorXd lower, upper;
-  Eigen::VectorXd reference;  ///< per objective
-};
-
-/// Joint posterior of a Gaussian process at base points, drawn once, and of any further point given each draw. Without
-/// base points there is one empty draw, and the conditional on it is the plain posterior.
-template <CovarianceKernel Kernel> class ConditionalPosterior {
- public:
-  /// `normals`: base points × draws. Throws InvalidArgument if they do not fit.
-  ConditionalPosterior(const GaussianProcess<Kernel>& gp, const Eigen::MatrixXd& base, const Eigen::MatrixXd& normals)
-      : gp_(&gp), base_(gp.normalized(base)), normals_(normals) {
-    if (normals.rows() != base.cols())
-      throw InvalidArgument(
-          message("draws at ", base.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
-    if (base.cols() == 0) return;
-    whitened_ = gp.whitened(base_);
-    const auto factor = jittered_factor(gp.correlation(base_, base_) - whitened_.transpose() * whitened_);
-    if (!factor) throw InvalidArgument("posterior covariance of the base points is not positive definite");
-    factor_ = factor->lower;
-    jitter_ = factor->jitter;
-  }
-
-  /// Samples at the base points: points × draws, in the units of the data.
-  Eigen::MatrixXd draws() const {
-    if (base_.cols() == 0) return Eigen::MatrixXd(0, std::max<Eigen::Index>(1, normals_.cols()));
-    const Eigen::MatrixXd standard = (factor_ * normals_).colwise() + standard_mean(whitened_);
-    return (gp_->output_mean() + gp_->output_scale() * standard.array()).matrix();
-  }
-
-  /// Given each draw, the latent function at the columns of `x` is normal with these means (points × draws) and
-  /// deviations (points).
-  struct Conditional {
-    Eigen::MatrixXd mean;
-    Eigen::VectorXd deviation;
-  };
-  Conditional at(const Eigen::MatrixXd& x) const {
-    const Eigen::MatrixXd unit = gp_->normalized(x), v = gp_->whitened(unit);
-    Eigen::VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).transpose();
-    Eigen::MatrixXd standard = standard_mean(v);
-    if (base_.cols() > 0) {
-      Eigen::MatrixXd cross = gp_->correlation(base_, unit) - whitened_.transpose() * v;
-      factor_.template triangularView<Eigen::Lower>().solveInPlace(cross);
-      variance.array() -= cross.colwise().squaredNorm().array().transpose();
-      standard = (cross.transpose() * normals_).colwise() + Eigen::VectorXd(standard.col(0));
-    }
-    const double scale = gp_->output_scale();
-    return {(gp_->output_mean() + scale * standard.array()).matrix(), scale * variance.cwiseMax(1e-18).cwiseSqrt()};
-  }
-
-  double jitter() const { return jitter_; }
-
- private:
-  Eigen::VectorXd standard_mean(const Eigen::MatrixXd& v) const {
-    return ((v.transpose() * gp_->weights()).array() + gp_->hyperparameters().mean).matrix();
-  }
-
-  const GaussianProcess<Kernel>* gp_;
-  Eigen::MatrixXd base_, normals_, whitened_, factor_;
-  double jitter_ = 0.0;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optimize/acquisition.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_ACQUISITION_HPP
-#define SINGLE_INCLUDE_LUMO_OPTIMIZE_ACQUISITION_HPP
-
-namespace lumo {
-
-/// Utility of a design: prepared once on models and evidence, then called with candidates (d × n) for its logarithm
-/// (n). Laws: a pure function of its arguments; larger is better; −∞ or finite, never NaN; conditioned on observed and
-/// pending designs.
-template <class A, class Models, class R>
-concept Acquisition = requires(const A& acquisition, const Models& models, const R& reduction, const Evidence& evidence,
-    std::uint64_t seed, const Eigen::MatrixXd& x) {
-  { acquisition.prepare(models, reduction, evidence, seed)(x) } -> std::convertible_to<Eigen::VectorXd>;
-};
-
-/// Standard normal numbers, points × draws: each row is an Owen-scrambled Sobol dimension, so that every point sees
-/// evenly spread draws. Blocks of 32 dimensions are scrambled independently. Row `point` does not depend on the number
-/// of rows.
-inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std::uint64_t seed) {
-  Eigen::MatrixXd z(points, draws);
-  for (Eigen::Index i = 0; i < points; ++i) {
-    const OwenSobol sequence{combine(seed, std::uint64_t(i / Sobol::dimensions))};
-    for (Eigen::Index s = 0; s < draws; ++s)
-      z(i, s) = normal_quantile(sequence(std::uint32_t(s), int(i % Sobol::dimensions)));
-  }
-  return z;
-}
-
-/// Points of the base draws: observed designs (if they are noisy) and pending ones.
-inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
-  if (!noisy) return evidence.pending;
-  Eigen::MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
-  base << evidence.x, evidence.pending;
-  return base;
-}
-
-/// Objectives that stand in draw `s`: the drawn ones, and the observed ones unless they are drawn, too.
-template <Reduction R> Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s,
-    const R& reduction, const Evidence& evidence, bool noisy) {
-  const Eigen::Index observed = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
-  Eigen::MatrixXd outputs(Eigen::Index(draws.size()), observed + drawn);
-  if (observed > 0) outputs.leftCols(observed) = evidence.outputs;
-  for (std::size_t j = 0; j < draws.size(); ++j) outputs.row(Eigen::Index(j)).tail(drawn) = draws[j].col(s).transpose();
-  if (outputs.cols() == 0) return Eigen::MatrixXd(evidence.reference.size(), 0);
-  return reduction.objectives(outputs);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optimize/hypervolume.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_HYPERVOLUME_HPP
-#define SINGLE_INCLUDE_LUMO_OPTIMIZE_HYPERVOLUME_HPP
-
-namespace lumo {
-
-/// Does `a` dominate `b`: at least as good everywhere, better somewhere? All objectives are maximised.
-template <class A, class B> bool dominates(const Eigen::DenseBase<A>& a, const Eigen::DenseBase<B>& b) {
-  return (a.derived().array() >= b.derived().array()).all() && (a.derived().array() > b.derived().array()).any();
-}
-
-/// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by
-/// index.
-inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
-  std::vector<Eigen::Index> order(std::size_t(y.cols()));
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) {
-    for (Eigen::Index j = 0; j < y.rows(); ++j)
-      if (y(j, i) != y(j, k)) return y(j, i) > y(j, k);
-    return false;
-  });
-  // No point dominates one before it in this order.
-  std::vector<Eigen::Index> front;
-  for (const Eigen::Index i : order) {
-    const bool beaten = y.rows() == 2 ? !front.empty() && dominates(y.col(front.back()), y.col(i))
-                                      : std::any_of(front.begin(), front.end(),
-                                            [&](Eigen::Index k) { return dominates(y.col(k), y.col(i)); });
-    if (!beaten) front.push_back(i);
-  }
-  return front;
-}
-
-/// Boxes that overlap at their faces only: objectives × boxes; upper corners may be infinite.
-struct BoxDecomposition {
-  Eigen::MatrixXd lower, upper;
-};
-
-namespace detail {
-
-/// Slices the space above `reference` that no point dominates into boxes.
-struct BoxSlicer {
-  const Eigen::VectorXd& reference;
-  Eigen::VectorXd low, high;  ///< of the slice at hand
-  std::vector<Eigen::VectorXd> lower, upper;
-
-  explicit BoxSlicer(const Eigen::VectorXd& r) : reference(r), low(r.size()), high(r.size()) {}
-
-  /// Slices the space that no column of `y` dominates along objective `along`, and each slice along those after it.
-  void slice(const Eigen::MatrixXd& y, Eigen::Index along) {
-    const double infinite = std::numeric_limits<double>::infinity();
-    if (along + 1 == reference.size()) {
-      low[along] = y.cols() ? std::max(reference[along], y.row(along).maxCoeff()) : reference[along];
-      high[along] = infinite;
-      lower.push_back(low);
-      upper.push_back(high);
-      return;
-    }
-    std::vector<double> levels = {reference[along]};
-    for (Eigen::Index i = 0; i < y.cols(); ++i) levels.push_back(y(along, i));
-    std::sort(levels.begin(), levels.end());
-    levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
-    for (std::size_t k = 0; k < levels.size(); ++k) {
-      const double top = k + 1 < levels.size() ? levels[k + 1] : infinite;
-      std::vector<Eigen::Index> reach;  // those that dominate inside the slice
-      for (Eigen::Index i = 0; i < y.cols(); ++i)
-        if (y(along, i) >= top) reach.push_back(i);
-      low[along] = levels[k];
-      high[along] = top;
-      slice(y(Eigen::all, reach), along + 1);
-    }
-  }
-};
-
-}  // namespace detail
-
-/// Decomposes the space above `reference` that no column of `y` (objectives × points, maximised) dominates. Exact for
-/// any number of objectives: one more box than the front has points for two, more than proportional for three and
-/// above.
-inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
-  if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
-    throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
-  std::vector<Eigen::Index> above;
-  for (Eigen::Index i = 0; i < y.cols(); ++i)
-    if ((y.col(i).array() > reference.array()).all()) above.push_back(i);
-  Eigen::MatrixXd front = y.cols() ? Eigen::MatrixXd(y(Eigen::all, above)) : Eigen::MatrixXd(reference.size(), 0);
-  front = Eigen::MatrixXd(front(Eigen::all, pareto_front(front)));
-  detail::BoxSlicer slicer(reference);
-  slicer.slice(front, 0);
-  const auto count = Eigen::Index(slicer.lower.size());
-  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), count), Eigen::MatrixXd(reference.size(), count)};
-  for (Eigen::Index k = 0; k < count; ++k) {
-    boxes.lower.col(k) = slicer.lower[std::size_t(k)];
-    boxes.upper.col(k) = slicer.upper[std::size_t(k)];
-  }
-  return boxes;
-}
-
-/// Volume above `reference` that the columns of `y` (objectives × points, maximised) dominate; points not above
-/// it add nothing. Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While,
-/// Hingston, Barone & Huband, 2006.
-inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
-  const Eigen::Index m = reference.size();
-  if (m < 1 || (y.cols() > 0 && y.rows() != m))
-    throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", m));
-  std::vector<Eigen::Index> order;
-  for (Eigen::Index i = 0; i < y.cols(); ++i)
-    if ((y.col(i).array() > reference.array()).all()) order.push_back(i);
-  if (order.empty()) return 0.0;
-  if (m == 1) {
-    double best = reference[0];
-    for (const Eigen::Index i : order) best = std::max(best, y(0, i));
-    return best - reference[0];
-  }
-  std::stable_sort(
-      order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
-  double volume = 0.0, widest = reference[0];
-  for (std::size_t k = 0; k < order.size(); ++k) {
-    const double bottom = k + 1 < order.size() ? y(m - 1, order[k + 1]) : reference[m - 1];
-    const double height = y(m - 1, order[k]) - bottom;
-    if (m == 2) {  // the slice's section is one interval
-      widest = std::max(widest, y(0, order[k]));
-      volume += height * (widest - reference[0]);
-    } else if (height > 0.0) {
-      const std::vector<Eigen::Index> reach(order.begin(), order.begin() + std::ptrdiff_t(k) + 1);
-      volume += height * hypervolume(Eigen::MatrixXd(y(Eigen::all, reach).topRows(m - 1)), reference.head(m - 1));
-    }
-  }
-  return volume;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optimize/expected_hypervolume.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_EXPECTED_HYPERVOLUME_HPP
-#define SINGLE_INCLUDE_LUMO_OPTIMIZE_EXPECTED_HYPERVOLUME_HPP
-
-namespace lumo {
-
-/// Expected hypervolume improvement of a point whose objectives are independent and normal, in closed form: over each
-/// box of the decomposition the expectation is a product of one-dimensional integrals, and all terms are positive.
-/// Exact for any number of objectives. Source: Emmerich, Deutz & Klinkenberg, CEC 2011; Yang, Emmerich, Deutz & Bäck,
-/// J. Glob. Optim. 75 (2019), for the slices of two objectives.
-class ExpectedHypervolume {
- public:
-  /// `y`: objectives × points, maximised; only those above `reference` that no other dominates matter.
-  ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference)
-      : boxes_(nondominated_boxes(y, reference)) {}
-
-  /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
-  template <class Mean, class Deviation> double log_value(const Mean& mean, const Deviation& deviation) const {
-    const double sum = value(mean, deviation);
-    if (sum > 1e-280 && std::isfinite(sum)) return std::log(sum);
-    return log_sum(mean, deviation);
-  }
-
-  /// The expected improvement itself; underflows to 0 far from the front. Two objectives only take one pass over the
-  /// front.
-  template <class Mean, class Deviation> double value(const Mean& mean, const Deviation& deviation) const {
-    const Eigen::Index m = boxes_.lower.rows(), count = boxes_.lower.cols();
-    if (m != 2) return std::exp(log_sum(mean, deviation));
-    double sum = 0.0, above = 0.0, side = std::numeric_limits<double>::quiet_NaN(), excess = 0.0;
-    for (Eigen::Index k = count; k-- > 0;) {  // from the topmost slice, which has no upper end, downwards
-      if (boxes_.lower(1, k) != side) {
-        side = boxes_.lower(1, k);
-        excess = expected_excess((mean[1] - side) / deviation[1]);
-      }
-      const double from = expected_excess((mean[0] - boxes_.lower(0, k)) / deviation[0]);
-      sum += excess * (from - above);
-      above = from;
-    }
-    return sum * deviation[0] * deviation[1];
-  }
-
-  const BoxDecomposition& boxes() const { return boxes_; }
-
- private:
-  /// log ∫ P(Y > t) dt over [low, high] for Y normal.
-  static double log_side(double mean, double deviation, double low, double high) {
-    const double a = (mean - low) / deviation;
-    if (!std::isfinite(high)) return std::log(deviation) + log_expected_excess(a);
-    const double b = (mean - high) / deviation;
-    if ((a - b) * std::max(1.0, std::abs(a)) < 1e-5)  // too thin for a difference
-      return std::log(high - low) + log_probability(0.5 * (a + b));
-    return std::log(deviation) + log_difference(log_expected_excess(a), log_expected_excess(b));
-  }
-  static double log_probability(double z) {
-    if (z > -30.0) return std::log(normal_probability(z));
-    return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
-  }
-  /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound
-  /// leaves below e⁻⁴⁰ of the most promising one are passed over.
-  template <class Mean, class Deviation> double log_sum(const Mean& mean, const Deviation& deviation) const {
-    const Eigen::Index count = boxes_.lower.cols(), m = boxes_.lower.rows();
-    if (count == 0) return -std::numeric_limits<double>::infinity();
-    double scale = 0.0;
-    for (Eigen::Index j = 0; j < m; ++j) scale += std::log(deviation[j]);
-    Eigen::ArrayXd bound = Eigen::ArrayXd::Constant(count, scale);
-    for (Eigen::Index k = 0; k < count; ++k)
-      for (Eigen::Index j = 0; j < m; ++j) {
-        const double a = (mean[j] - boxes_.lower(j, k)) / deviation[j];
-        bound[k] += a > 0.0 ? std::log(a + 1.0) : -0.5 * a * a;
-      }
-    const auto term = [&](Eigen::Index k) {
-      double log = 0.0;
-      for (Eigen::Index j = 0; j < m; ++j)
-        log += log_side(mean[j], deviation[j], boxes_.lower(j, k), boxes_.upper(j, k));
-      return log;
-    };
-    Eigen::Index first = 0;
-    bound.maxCoeff(&first);
-    const double floor = term(first) - 40.0;
-    std::vector<double> terms;
-    for (Eigen::Index k = 0; k < count; ++k)
-      if (bound[k] >= floor) terms.push_back(term(k));
-    return log_sum_exp(terms.begin(), terms.end());
-  }
-
-  BoxDecomposition boxes_;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optimize/log_nehvi.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_LOG_NEHVI_HPP
-#define SINGLE_INCLUDE_LUMO_OPTIMIZE_LOG_NEHVI_HPP
-
-namespace lumo {
-
-/// Log noisy expected hypervolume improvement with only the standing designs drawn: given a draw of them, a candidate's
-/// objectives are independent and normal, so its improvement is known in closed form. Stays exact far from the front,
-/// where a sampled candidate finds no improvement and is ranked by distance. Needs a reduction that is the identity.
-/// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with
-/// Expected Hypervolume Improvement", NeurIPS 2021.
-struct LogNehvi {
-  int draws = 16;
-  bool noisy = true;  ///< false: observed values stand as they are, and only pending designs are drawn
-  /// Observed designs are not drawn if another still beats them in all objectives after so many deviations of both
-  /// towards each other: they would hardly ever be in a front, and cost time.
-  double hopeless = 3.0;
-
-  template <CovarianceKernel Kernel> class Prepared {
-   public:
-    Prepared(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<ExpectedHypervolume> improvements)
-        : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
-
-    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
-      const auto m = Eigen::Index(posteriors_.size()), drawn = Eigen::Index(improvements_.size());
-      std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
-      for (const auto& p : posteriors_) at.push_back(p.at(x));
-      Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
-      const auto load = [&](Eigen::Index i, Eigen::Index s) {
-        for (Eigen::Index j = 0; j < m; ++j) {
-          mean[j] = at[std::size_t(j)].mean(i, s);
-          deviation[j] = at[std::size_t(j)].deviation[i];
-        }
-      };
-      for (Eigen::Index s = 0; s < drawn; ++s)
-        for (Eigen::Index i = 0; i < x.cols(); ++i) {
-          load(i, s);
-          sum[i] += improvements_[std::size_t(s)].value(mean, deviation);
-        }
-      std::vector<double> logs(improvements_.size());
-      for (Eigen::Index i = 0; i < x.cols(); ++i) {
-        if (sum[i] > 1e-280 && std::isfinite(sum[i])) {
-          sum[i] = std::log(sum[i] / double(drawn));
-          continue;
-        }
-        for (Eigen::Index s = 0; s < drawn; ++s) {  // hopeless, but to be ranked
-          load(i, s);
-          logs[std::size_t(s)] = improvements_[std::size_t(s)].log_value(mean, deviation);
-        }
-        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(drawn));
-      }
-      return sum;
-    }
-
-   private:
-    std::vector<ConditionalPosterior<Kernel>> posteriors_;
-    std::vector<ExpectedHypervolume> improvements_;
-  };
-
-  /// Models are referred to, not copied: they must outlive the result. Throws InvalidArgument for a reduction other
-  /// than the identity.
-  template <CovarianceKernel Kernel, Reduction R>
-  Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-      const Evidence& evidence, std::uint64_t seed) const {
-    if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
-      throw InvalidArgument(message("closed-form improvement needs one model for each of ", evidence.reference.size(),
-          " objectives, has ", models.size(), " outputs to reduce"));
-    const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
-    const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
-    std::vector<ConditionalPosterior<Kernel>> posteriors;
-    std::vector<Eigen::MatrixXd> drawn;
-    for (std::size_t j = 0; j < models.size(); ++j) {
-      posteriors.emplace_back(models[j], base, base_normals(base.cols(), count, combine(seed, j)));
-      drawn.push_back(posteriors.back().draws());
-    }
-    std::vector<ExpectedHypervolume> improvements;
-    for (Eigen::Index s = 0; s < count; ++s)
-      improvements.emplace_back(standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
-    return {std::move(posteriors), std::move(improvements)};
-  }
-
- private:
-  /// Observed designs that may be in a front, and all that are pending.
-  template <CovarianceKernel Kernel>
-  Eigen::MatrixXd contenders(const std::vector<GaussianProcess<Kernel>>& models, const Evidence& evidence) const {
-    const Eigen::Index n = evidence.x.cols(), m = Eigen::Index(models.size());
-    Eigen::MatrixXd low(m, n), high(m, n);
-    for (Eigen::Index j = 0; j < m; ++j) {
-      const auto p = models[std::size_t(j)].predict(evidence.x);
-      const Eigen::VectorXd reach = hopeless * p.variance.cwiseSqrt();
-      low.row(j) = (p.mean - reach).transpose();
-      high.row(j) = (p.mean + reach).transpose();
-    }
-    std::vector<Eigen::Index> kept;
-    for (Eigen::Index i = 0; i < n; ++i) {
-      bool beaten = false;
-      for (Eigen::Index k = 0; k < n && !beaten; ++k) beaten = (low.col(k).array() > high.col(i).array()).all();
-      if (!beaten) kept.push_back(i);
-    }
-    Eigen::MatrixXd base(evidence.x.rows(), Eigen::Index(kept.size()) + evidence.pending.cols());
-    base << Eigen::MatrixXd(evidence.x(Eigen::all, kept)), evidence.pending;
-    return base;
-  }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optimize/qlog_nehvi.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_QLOG_NEHVI_HPP
-#define SINGLE_INCLUDE_LUMO_OPTIMIZE_QLOG_NEHVI_HPP
-
-namespace lumo {
-
-namespace detail {
-
-/// log of a smooth max(x, 0) whose lower tail falls like 1/x² instead of exponentially. Source: Ament et al. 2023,
-/// appendix A.
-inline double log_fat_relu(double x, double tau) {
-  const double t = x / tau;
-  const double softplus = t > 0.0 ? t + std::log1p(std::exp(-t)) : std::log1p(std::exp(t));
-  return std::log(tau) + std::log(softplus + 0.1 / (1.0 + t * t));
-}
-
-/// Smooth minimum of two numbers with a tail that falls like a power. Source: Ament et al. 2023, appendix A.
-inline double fat_minimum(double a, double b, double tau) {
-  const double gap = std::abs(a - b) / tau;
-  return std::min(a, b) - tau * std::log1p(2.0 / (2.0 + gap * (2.0 + gap)));
-}
-
-}  // namespace detail
-
-/// qLogNEHVI by sampling, for any reduction: q > 1 designs are chosen one after the other, each with those before it
-/// pending, and pending designs join the front draw by draw. Fixed base samples. Source: Daulton, Balandat & Bakshy,
-/// NeurIPS 2021 (cached box decompositions, sequential greedy choice); Ament et al., NeurIPS 2023 (logarithms and
-/// smoothing).
-struct QLogNehvi {
-  int draws = 128;
-  bool noisy = true;       ///< false: observed values stand as they are (qLogEHVI)
-  double tau_relu = 1e-6;  ///< smoothing of max(·, 0), in the units of the objectives
-  double tau_max = 1e-3;   ///< smoothing of minima of logarithms
-
-  /// Standard normal numbers that replace random ones.
-  struct BaseSamples {
-    std::vector<Eigen::MatrixXd> base;       ///< per output: base points × draws
-    std::vector<Eigen::VectorXd> candidate;  ///< per output: draws
-  };
-
-  template <CovarianceKernel Kernel, Reduction R> class Prepared {
-   public:
-    Prepared(const QLogNehvi& config, const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-        const Evidence& evidence, const BaseSamples& samples)
-        : tau_relu_(config.tau_relu), tau_max_(config.tau_max), reduction_(reduction), candidate_(samples.candidate) {
-      const Eigen::MatrixXd base = base_points(evidence, config.noisy);
-      std::vector<Eigen::MatrixXd> drawn;
-      for (std::size_t j = 0; j < models.size(); ++j) {
-        posteriors_.emplace_back(models[j], base, samples.base[j]);
-        drawn.push_back(posteriors_.back().draws());
-      }
-      for (Eigen::Index s = 0; s < candidate_.front().size(); ++s)
-        boxes_.push_back(nondominated_boxes(
-            standing_objectives(drawn, std::min(s, drawn.front().cols() - 1), reduction, evidence, config.noisy),
-            evidence.reference));
-    }
-
-    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
-      const Eigen::Index outputs = Eigen::Index(posteriors_.size()), count = candidate_.front().size();
-      std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
-      for (const auto& p : posteriors_) at.push_back(p.at(x));
-      Eigen::VectorXd out(x.cols());
-      Eigen::MatrixXd sample(outputs, count);
-      std::vector<double> per_draw(static_cast<std::size_t>(count)), per_box;
-      for (Eigen::Index i = 0; i < x.cols(); ++i) {
-        for (Eigen::Index j = 0; j < outputs; ++j) {
-          const auto& a = at[std::size_t(j)];
-          for (Eigen::Index s = 0; s < count; ++s)
-            sample(j, s) = a.mean(i, std::min(s, a.mean.cols() - 1)) + a.deviation[i] * candidate_[std::size_t(j)][s];
-        }
-        const Eigen::MatrixXd y = reduction_.objectives(sample);
-        for (Eigen::Index s = 0; s < count; ++s) {
-          const BoxDecomposition& boxes = boxes_[std::size_t(s)];
-          per_box.assign(std::size_t(boxes.lower.cols()), 0.0);
-          for (Eigen::Index k = 0; k < boxes.lower.cols(); ++k)
-            for (Eigen::Index j = 0; j < y.rows(); ++j) {
-              const double side = std::log(boxes.upper(j, k) - boxes.lower(j, k));  // ∞ where the box is open
-              per_box[std::size_t(k)] +=
-                  detail::fat_minimum(detail::log_fat_relu(y(j, s) - boxes.lower(j, k), tau_relu_), side, tau_max_);
-            }
-          per_draw[std::size_t(s)] = log_sum_exp(per_box.begin(), per_box.end());
-        }
-        out[i] = log_sum_exp(per_draw.begin(), per_draw.end()) - std::log(double(count));
-      }
-      return out;
-    }
-
-   private:
-    double tau_relu_, tau_max_;
-    R reduction_;
-    std::vector<Eigen::VectorXd> candidate_;
-    std::vector<ConditionalPosterior<Kernel>> posteriors_;
-    std::vector<BoxDecomposition> boxes_;
-  };
-
-  /// Models are referred to, not copied: they must outlive the result.
-  template <CovarianceKernel Kernel, Reduction R>
-  Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
-      const Evidence& evidence, std::uint64_t seed) const {
-    const Eigen::Index base = base_points(evidence, noisy).cols();
-    BaseSamples samples;
-    for (std::size_t j = 0; j < models.size(); ++j) {
-      const Eigen::MatrixXd z = base_normals(base + 1, draws, combine(seed, j));
-      samples.base.push_back(z.topRows(base));
-      samples.candidate.push_back(z.row(base).transpose());
-    }
-    return Prepared<Kernel, R>(*this, models, reduction, evidence, samples);
-  }
-};
 
 }  // namespace lumo
 

@@ -2,8 +2,8 @@
 #include "pad.hpp"
 
 #include "lumo/optics/bvh.hpp"
-#include "lumo/optics/fresnel.hpp"
 #include "lumo/optics/scattering_medium.hpp"
+#include "lumo/optics/surface_optics.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/embree.hpp"
 

@@ -5,7 +5,6 @@
 #include "lumo/optimize/candidate_source.hpp"
 #include "lumo/optimize/hypervolume.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
-#include "lumo/optimize/qlog_nehvi.hpp"
 
 #include <cmath>
 

@@ -5,8 +5,8 @@
 //       reads colors.txt (one group a line) and schedule.txt (advance in m and 0 or 1: keep this state);
 //       writes forces.f64 and states.f64, prints CPU seconds of all steps
 
+#include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/contact/first_touch.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
 #include "lumo/mesh/body_mesh.hpp"

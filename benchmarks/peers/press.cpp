@@ -6,7 +6,7 @@
 //       Newton's mesh, energy and contact, on all of it: what vertex block descent descends to
 
 #include "half.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"

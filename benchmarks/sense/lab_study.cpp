@@ -8,7 +8,7 @@
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
-#include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/sense/decode/linear_decoder.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"

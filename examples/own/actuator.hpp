@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/devices/actuator.hpp"
+#include "lumo/sense/devices/device.hpp"
 
 #include <cmath>
 #include <istream>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/devices/device.hpp"
 
 #include <fstream>
 #include <string>

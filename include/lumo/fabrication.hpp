@@ -6,7 +6,6 @@
 
 #include "lumo/fabrication/casting_drawings.hpp"
 #include "lumo/fabrication/casting_kit.hpp"
-#include "lumo/fabrication/dxf.hpp"
-#include "lumo/fabrication/scaled_svg.hpp"
+#include "lumo/fabrication/drawing.hpp"
 #include "lumo/fabrication/stl.hpp"
 #include "lumo/fabrication/three_mf.hpp"

@@ -13,16 +13,15 @@
 #include "lumo/geometry/surface_file.hpp"
 
 #include "lumo/morphology/design.hpp"
-#include "lumo/morphology/disc_emitter.hpp"
+#include "lumo/morphology/emitter.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/morphology/measured_lobe.hpp"
-#include "lumo/morphology/point_emitter.hpp"
 #include "lumo/morphology/section.hpp"
 #include "lumo/morphology/silicone.hpp"
 
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
-#include "lumo/mesh/sizing.hpp"
+#include "lumo/mesh/size_field.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/mesh/vtu.hpp"
 
@@ -38,7 +37,7 @@
 #include "lumo/mechanics/indenters/mesh_indenter.hpp"
 #include "lumo/mechanics/indenters/oriented.hpp"
 
-#include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/mechanics/contact/contact_handler.hpp"
 
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
 
@@ -56,8 +55,8 @@
 
 #include "lumo/pipeline/evaluate.hpp"
 
+#include "lumo/optimize/log_nehvi.hpp"
 #include "lumo/optimize/optimizer.hpp"
-#include "lumo/optimize/qlog_nehvi.hpp"
 
 #include "lumo/campaign/finger_campaign.hpp"
 

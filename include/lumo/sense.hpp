@@ -28,7 +28,7 @@
 
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/constraint_gain.hpp"
-#include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"

@@ -199,6 +199,346 @@ inline void require_positive(const char* what, double value, const char* unit) {
 
 #endif
 
+// ---- lumo/drawing/svg.hpp
+#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
+#define SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
+
+namespace lumo {
+
+/// A number with at most `digits` decimals and no trailing zeros; the same in every locale. "?" where that takes more
+/// than 400 characters.
+inline std::string short_number(double v, int digits = 2) {
+  std::array<char, 400> buffer;
+  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
+  if (end.ec != std::errc{}) return "?";
+  std::string s(buffer.data(), end.ptr);
+  if (s.find('.') != std::string::npos) {
+    while (s.back() == '0') s.pop_back();
+    if (s.back() == '.') s.pop_back();
+  }
+  return s == "-0" ? "0" : s;
+}
+
+/// Writes an SVG picture, element by element; coordinates in px or in the page's unit, x to the right, y downwards.
+class Svg {
+ public:
+  using Point = std::array<double, 2>;
+  using Points = std::vector<Point>;
+
+  struct Page {
+    double width, height;
+    std::string unit = {};  ///< of width and height on paper; empty: px
+    std::string title = {};
+    int digits = 2;  ///< decimals of all numbers
+  };
+  /// How a shape is painted; an empty colour means none.
+  struct Paint {
+    std::string fill = {};
+    std::string stroke = {};
+    double width = 1.0;
+    double opacity = 1.0;
+    std::string dash = {};
+    bool round_ends = false;
+  };
+  /// Which end of a text stands at its place; `left_out` is `start`, too, but not written.
+  enum Anchor { start, middle, end, left_out };
+  struct TextStyle {
+    double size = 12.0;
+    Anchor anchor = start;
+    std::string fill = "#222222";
+    double rotate_deg = 0.0;  ///< about the anchor point
+    bool bold = false;
+    std::string stroke = {};  ///< empty: that of the group
+  };
+
+  explicit Svg(Page page) : page_(std::move(page)) {}
+  Svg(double width, double height) : Svg(Page{width, height}) {}
+
+  double width() const { return page_.width; }
+  double height() const { return page_.height; }
+
+  void line(Point a, Point b, const Paint& p) {
+    body_ += "<line" + place("x1", "y1", a) + place("x2", "y2", b) + style(p) + "/>\n";
+  }
+  void rect(Point corner, double w, double h, const Paint& p) { body_ += box(corner, w, h) + style(p) + "/>\n"; }
+  void circle(Point c, double r, const Paint& p) {
+    body_ += "<circle" + place("cx", "cy", c) + quoted("r", n(r)) + style(p) + "/>\n";
+  }
+  void polyline(const Points& points, const Paint& p) { path(trace(points), p); }
+  /// Several lines as one element.
+  void polylines(const std::vector<Points>& lines, const Paint& p) {
+    std::string d;
+    for (const Points& line : lines) d += trace(line);
+    path(d, p);
+  }
+  /// One filled shape of several closed loops; holes by the even–odd rule.
+  void polygon(const std::vector<Points>& loops, const Paint& p) {
+    std::string d;
+    for (const Points& loop : loops) d += trace(loop) + "Z";
+    path(d, p);
+  }
+  /// A line that is painted as its group says.
+  void outline(const Points& points, bool closed) {
+    body_ += "<path d=\"" + trace(points) + (closed ? "Z\"/>\n" : "\"/>\n");
+  }
+  void text(Point at, std::string_view words) { text(at, words, TextStyle{}); }
+  void text(Point at, std::string_view words, const TextStyle& t) {
+    body_ += "<text" + place("x", "y", at) + quoted("font-size", n(t.size)) + given("text-anchor", words_of(t.anchor)) +
+             quoted("fill", t.fill) + given("stroke", t.stroke);
+    if (t.bold) body_ += " font-weight=\"bold\"";
+    if (t.rotate_deg != 0.0)
+      body_ += quoted("transform", "rotate(" + n(t.rotate_deg) + " " + n(at[0]) + " " + n(at[1]) + ")");
+    body_ += ">" + escaped(words) + "</text>\n";
+  }
+  /// All elements up to end_group(), under a name that other programs show as a layer.
+  void begin_group(const std::string& name, const Paint& p) { body_ += "<g" + quoted("id", name) + style(p) + ">\n"; }
+  /// Only what lies in a box is shown of the elements up to end_group(). Once in a picture.
+  void begin_clip(Point corner, double w, double h) {
+    body_ += "<clipPath id=\"plot\">" + box(corner, w, h) + "/></clipPath>\n<g clip-path=\"url(#plot)\">\n";
+  }
+  void end_group() { body_ += "</g>\n"; }
+
+  std::string str() const {
+    const std::string w = n(page_.width), h = n(page_.height);
+    return "<svg xmlns=\"http://www.w3.org/2000/svg\"" + quoted("width", w + page_.unit) +
+           quoted("height", h + page_.unit) + quoted("viewBox", "0 0 " + w + " " + h) +
+           " font-family=\"DejaVu Sans, Verdana, Helvetica, sans-serif\">\n" +
+           (page_.title.empty() ? "" : "<title>" + escaped(page_.title) + "</title>\n") +
+           "<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n" + body_ + "</svg>\n";
+  }
+  /// Throws InputError when the stream fails.
+  void write(std::ostream& out) const {
+    if (!(out << str())) throw InputError("writing an .svg file failed");
+  }
+
+ private:
+  std::string n(double v) const { return short_number(v, page_.digits); }
+  static std::string quoted(const char* key, const std::string& value) {
+    return std::string(" ") + key + "=\"" + value + "\"";
+  }
+  static std::string given(const char* key, const std::string& value) {
+    return value.empty() ? "" : quoted(key, value);
+  }
+  static std::string words_of(Anchor a) {
+    return a == left_out ? "" : a == end ? "end" : a == middle ? "middle" : "start";
+  }
+  std::string place(const char* x, const char* y, Point p) const { return quoted(x, n(p[0])) + quoted(y, n(p[1])); }
+  std::string box(Point corner, double w, double h) const {
+    return "<rect" + place("x", "y", corner) + quoted("width", n(w)) + quoted("height", n(h));
+  }
+  static std::string escaped(std::string_view s) {
+    std::string out;
+    for (const char c : s) {
+      if (c == '&') out += "&amp;";
+      else if (c == '<') out += "&lt;";
+      else if (c == '>') out += "&gt;";
+      else out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
+    }
+    return out;
+  }
+  std::string trace(const Points& points) const {
+    std::string d;
+    for (const Point& p : points) d += (d.empty() ? "M" : "L") + n(p[0]) + " " + n(p[1]);
+    return d;
+  }
+  std::string style(const Paint& p) const {
+    std::string s = quoted("fill", p.fill.empty() ? "none" : p.fill);
+    if (!p.stroke.empty())
+      s += quoted("stroke", p.stroke) + quoted("stroke-width", n(p.width)) + " stroke-linejoin=\"round\"";
+    if (p.opacity < 1.0) s += quoted("opacity", n(p.opacity));
+    if (p.round_ends) s += " stroke-linecap=\"round\"";
+    return s + given("stroke-dasharray", p.dash);
+  }
+  void path(const std::string& d, const Paint& p) {
+    body_ += "<path fill-rule=\"evenodd\"" + quoted("d", d) + style(p) + "/>\n";
+  }
+
+  Page page_;
+  std::string body_;
+};
+
+/// "#rrggbb" of red, green and blue, each 0 … 255.
+inline std::string hex_colour(const std::array<int, 3>& rgb) {
+  std::string colour = "#";
+  for (const int c : rgb)
+    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
+  return colour;
+}
+
+/// "#rrggbb" at `part`, 0 … 1, of the way through evenly spaced stops: red, green and blue, each 0 … 255.
+template <std::size_t N> std::string colour_between(const std::array<std::array<double, 3>, N>& stops, double part) {
+  const double t = double(N - 1) * std::clamp(part, 0.0, 1.0);
+  const std::size_t low = std::min(N - 2, std::size_t(t));
+  std::array<int, 3> rgb{};
+  for (std::size_t k = 0; k < 3; ++k)
+    rgb[k] = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
+  return hex_colour(rgb);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/drawing.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
+
+namespace lumo {
+
+/// A length in mm with at most six digits after the point: nanometres. The same in every locale.
+inline std::string in_mm(double length_m) { return short_number(1e3 * length_m, 6); }
+
+/// A flat drawing for cutting and checking; lengths in m, x to the right, y upwards.
+struct Drawing {
+  using Point = std::array<double, 2>;
+  struct Layer {
+    std::string name;    ///< capitals and _ only
+    int dxf_color;       ///< AutoCAD's colour index, 1 to 255
+    std::string stroke;  ///< the same, as CSS writes it
+  };
+  struct Line {
+    int layer;
+    std::vector<Point> points;
+    bool closed = true;
+  };
+  struct Label {
+    int layer;
+    Point at;           ///< left end of its baseline
+    double height;      ///< of capitals
+    std::string words;  ///< ASCII
+  };
+
+  std::string title;
+  std::vector<Layer> layers;
+  std::vector<Line> lines;
+  std::vector<Label> labels;
+
+  /// Lower left and upper right corner of all lines.
+  std::array<Point, 2> box() const {
+    constexpr double far = std::numeric_limits<double>::infinity();
+    Point low{far, far}, high{-far, -far};
+    for (const Line& line : lines)
+      for (const Point& p : line.points) {
+        low = {std::min(low[0], p[0]), std::min(low[1], p[1])};
+        high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
+      }
+    return {low, high};
+  }
+};
+
+/// The drawing as an SVG file at scale 1:1: its user unit is a mm, and so is its size on paper. Each layer is a group.
+/// Throws InputError when the stream fails.
+inline void write_svg(std::ostream& out, const Drawing& drawing) {
+  constexpr double margin = 5.0e-3, line_mm = 0.15;
+  constexpr int nanometres = 6;          // decimals of a mm
+  constexpr double capitals = 0.73;      // height of DejaVu's capitals over its size
+  constexpr double letter_width = 0.85;  // over their height: most letters are narrower
+  auto [low, high] = drawing.box();
+  for (const Drawing::Label& label : drawing.labels) {
+    const double right = label.at[0] + letter_width * label.height * double(label.words.size());
+    low = {std::min(low[0], label.at[0]), std::min(low[1], label.at[1])};
+    high = {std::max(high[0], right), std::max(high[1], label.at[1] + label.height)};
+  }
+  const double left = low[0] - margin, top = high[1] + margin;
+  Svg svg({1e3 * (high[0] + margin - left), 1e3 * (top - low[1] + margin), "mm", drawing.title, nanometres});
+  const auto at = [&](const Drawing::Point& p) { return Svg::Point{1e3 * (p[0] - left), 1e3 * (top - p[1])}; };
+  for (std::size_t k = 0; k < drawing.layers.size(); ++k) {
+    const Drawing::Layer& layer = drawing.layers[k];
+    svg.begin_group(layer.name, {.stroke = layer.stroke, .width = line_mm});
+    for (const Drawing::Line& line : drawing.lines) {
+      if (std::size_t(line.layer) != k) continue;
+      Svg::Points points;
+      for (const Drawing::Point& p : line.points) points.push_back(at(p));
+      svg.outline(points, line.closed);
+    }
+    for (const Drawing::Label& label : drawing.labels)
+      if (std::size_t(label.layer) == k)
+        svg.text(at(label.at), label.words,
+            {.size = 1e3 * (label.height / capitals), .anchor = Svg::left_out, .fill = layer.stroke, .stroke = "none"});
+    svg.end_group();
+  }
+  svg.write(out);
+}
+
+/// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads.
+/// The format has no place for a unit, so that the drawings state it in words. Throws InputError when the stream fails.
+/// Own code, as of .stl and .3mf: a page each, and the same input gives the same bits. Source: Autodesk, DXF Reference,
+/// release 12.
+inline void write_dxf(std::ostream& out, const Drawing& drawing) {
+  using Pairs = std::initializer_list<std::pair<int, std::string>>;
+  const auto write = [&out](const Pairs& pairs) {
+    for (const auto& [code, value] : pairs) out << code << "\n" << value << "\n";
+  };
+  const auto point = [&write](const Drawing::Point& p) { write({{10, in_mm(p[0])}, {20, in_mm(p[1])}, {30, "0"}}); };
+  const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };
+  const auto box = drawing.box();
+
+  write({{999, drawing.title + ", mm, 1:1, by lumo"}});
+  write({{0, "SECTION"}, {2, "HEADER"}, {9, "$ACADVER"}, {1, "AC1009"}, {9, "$EXTMIN"}});
+  point(box[0]);
+  write({{9, "$EXTMAX"}});
+  point(box[1]);
+  write({{0, "ENDSEC"}, {0, "SECTION"}, {2, "TABLES"}, {0, "TABLE"}, {2, "LTYPE"}, {70, "1"}});
+  write({{0, "LTYPE"}, {2, "CONTINUOUS"}, {70, "0"}, {3, "Solid line"}, {72, "65"}, {73, "0"}, {40, "0"}});
+  write({{0, "ENDTAB"}, {0, "TABLE"}, {2, "LAYER"}, {70, std::to_string(drawing.layers.size())}});
+  for (const Drawing::Layer& l : drawing.layers)
+    write({{0, "LAYER"}, {2, l.name}, {70, "0"}, {62, std::to_string(l.dxf_color)}, {6, "CONTINUOUS"}});
+  write({{0, "ENDTAB"}, {0, "ENDSEC"}, {0, "SECTION"}, {2, "ENTITIES"}});
+  for (const Drawing::Line& line : drawing.lines) {
+    write({{0, "POLYLINE"}, {8, name(line.layer)}, {66, "1"}});
+    point({0.0, 0.0});
+    write({{70, line.closed ? "1" : "0"}});
+    for (const Drawing::Point& p : line.points) {
+      write({{0, "VERTEX"}, {8, name(line.layer)}});
+      point(p);
+    }
+    write({{0, "SEQEND"}, {8, name(line.layer)}});
+  }
+  for (const Drawing::Label& label : drawing.labels) {
+    write({{0, "TEXT"}, {8, name(label.layer)}});
+    point(label.at);
+    write({{40, in_mm(label.height)}, {1, label.words}});
+  }
+  write({{0, "ENDSEC"}, {0, "EOF"}});
+  if (!out) throw InputError("writing a .dxf file failed");
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/units.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
+
+namespace lumo {
+
+/// Literals that turn the field's units into SI: `5.0_mm`, `106.0_kPa`, `3.1_dB_per_cm`.
+inline namespace literals {
+
+constexpr double operator""_m(long double v) { return double(v); }
+constexpr double operator""_mm(long double v) { return double(v * 1e-3L); }
+constexpr double operator""_um(long double v) { return double(v * 1e-6L); }
+constexpr double operator""_N(long double v) { return double(v); }
+constexpr double operator""_Pa(long double v) { return double(v); }
+constexpr double operator""_kPa(long double v) { return double(v * 1e3L); }
+constexpr double operator""_MPa(long double v) { return double(v * 1e6L); }
+constexpr double operator""_W(long double v) { return double(v); }
+constexpr double operator""_kg_per_m3(long double v) { return double(v); }
+constexpr double operator""_N_per_m3(long double v) { return double(v); }
+constexpr double operator""_deg(long double v) { return double(v * 3.14159265358979323846264338327950288L / 180.0L); }
+constexpr double operator""_per_m(long double v) { return double(v); }
+/// Power attenuation: 10 dB are a factor of ten, so 1 dB/cm = 100 ln(10)/10 per metre.
+constexpr double operator""_dB_per_cm(long double v) { return double(v * 23.0258509299404568401799145468436421L); }
+
+}  // namespace literals
+
+inline constexpr double pi = 3.14159265358979323846;
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/core/types.hpp
 #ifndef SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
 #define SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
@@ -339,38 +679,6 @@ struct ClosedSurface {
   std::vector<Vec3d> vertices;  ///< [m] or any unit: what reads it is scale-free
   std::vector<Facet> facets;    ///< closed, manifold, counter-clockwise seen from outside
 };
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/units.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
-
-namespace lumo {
-
-/// Literals that turn the field's units into SI: `5.0_mm`, `106.0_kPa`, `3.1_dB_per_cm`.
-inline namespace literals {
-
-constexpr double operator""_m(long double v) { return double(v); }
-constexpr double operator""_mm(long double v) { return double(v * 1e-3L); }
-constexpr double operator""_um(long double v) { return double(v * 1e-6L); }
-constexpr double operator""_N(long double v) { return double(v); }
-constexpr double operator""_Pa(long double v) { return double(v); }
-constexpr double operator""_kPa(long double v) { return double(v * 1e3L); }
-constexpr double operator""_MPa(long double v) { return double(v * 1e6L); }
-constexpr double operator""_W(long double v) { return double(v); }
-constexpr double operator""_kg_per_m3(long double v) { return double(v); }
-constexpr double operator""_N_per_m3(long double v) { return double(v); }
-constexpr double operator""_deg(long double v) { return double(v * 3.14159265358979323846264338327950288L / 180.0L); }
-constexpr double operator""_per_m(long double v) { return double(v); }
-/// Power attenuation: 10 dB are a factor of ten, so 1 dB/cm = 100 ln(10)/10 per metre.
-constexpr double operator""_dB_per_cm(long double v) { return double(v * 23.0258509299404568401799145468436421L); }
-
-}  // namespace literals
-
-inline constexpr double pi = 3.14159265358979323846;
 
 }  // namespace lumo
 
@@ -558,49 +866,59 @@ inline void validate(const std::vector<Emitter>& emitters) {
       throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
 }
 
-}  // namespace lumo
+/// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source:
+/// Shirley & Chiu, "A Low Distortion Map Between Disk and Square", J. Graphics Tools 2 (1997).
+inline Vec3d on_unit_disc(double u, double v, const Vec3d& t1, const Vec3d& t2) {
+  const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
+  if (a == 0.0 && b == 0.0) return Vec3d::Zero();
+  const bool steep = std::abs(b) > std::abs(a);
+  const double r = steep ? b : a, turn = steep ? 0.5 * pi - 0.25 * pi * (a / b) : 0.25 * pi * (b / a);
+  return r * (std::cos(turn) * t1 + std::sin(turn) * t2);
+}
 
-#endif
+/// Point of the disc about `center` with unit normal `n`; the same for every description of it.
+inline Vec3d on_disc(const Vec3d& center, const Vec3d& n, double radius_m, double u, double v) {
+  Vec3d t1, t2;
+  tangents(n, t1, t2);
+  return center + radius_m * on_unit_disc(u, v, t1, t2);
+}
 
-// ---- lumo/morphology/optical_data.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
+/// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
+struct DiscEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d normal{0.0, 0.0, 1.0};  ///< unit
+  double radius_m = 0.5e-3;
+  double power_W = 1.0;
+  int channel = 0;  ///< colour channel
 
-namespace lumo {
-
-/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
-/// extinction needs.
-struct Medium {
-  double refractive_index = 1.0;
-  double extinction_per_m = 0.0;   ///< absorption and scattering together
-  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
-  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
+  Vec3d axis() const { return normal; }
+  Vec3d point(double u, double v) const { return on_disc(center, normal, radius_m, u, v); }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  DiscEmitter mirrored(const Vec3d& m) const {
+    return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel};
+  }
 };
 
-/// How light meets a surface.
-struct Dielectric {
-  bool operator==(const Dielectric&) const = default;
-};  ///< smooth interface: Fresnel reflection and refraction
-struct Lambertian {
-  double albedo = 0.8;
-  bool operator==(const Lambertian&) const = default;
-};  ///< diffuse, opaque
-struct Mirror {
-  double reflectance = 1.0;
-  bool operator==(const Mirror&) const = default;
-};  ///< specular, opaque
-struct Absorber {
-  bool operator==(const Absorber&) const = default;
-};  ///< black
-using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
+inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }
 
-/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
-/// from the lit side.
-struct RigidFace {
-  std::string name;
-  std::vector<Vec3d> corners;  ///< [m]
-  SurfaceOptics optics = Lambertian{};
+static_assert(EmitterModel<DiscEmitter>);
+
+/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the
+/// light starts out of it.
+struct PointEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  double power_W = 1.0;
+  int channel = 0;  ///< colour channel
+
+  Vec3d axis() const { return Vec3d::UnitZ(); }
+  Vec3d point(double, double) const { return center; }
+  Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
+  double intensity(double) const { return power_W / (4.0 * pi); }
+  PointEmitter mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), power_W, channel}; }
 };
+
+static_assert(EmitterModel<PointEmitter>);
 
 }  // namespace lumo
 
@@ -712,6 +1030,76 @@ static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceSh
 
 #endif
 
+// ---- lumo/morphology/silicone.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+
+namespace lumo {
+
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
+/// extinction needs.
+struct Medium {
+  double refractive_index = 1.0;
+  double extinction_per_m = 0.0;   ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
+};
+
+/// How light meets a surface.
+struct Dielectric {
+  bool operator==(const Dielectric&) const = default;
+};  ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian {
+  double albedo = 0.8;
+  bool operator==(const Lambertian&) const = default;
+};  ///< diffuse, opaque
+struct Mirror {
+  double reflectance = 1.0;
+  bool operator==(const Mirror&) const = default;
+};  ///< specular, opaque
+struct Absorber {
+  bool operator==(const Absorber&) const = default;
+};  ///< black
+using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
+
+/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
+/// from the lit side.
+struct RigidFace {
+  std::string name;
+  std::vector<Vec3d> corners;  ///< [m]
+  SurfaceOptics optics = Lambertian{};
+};
+
+/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495).
+struct Silicone {
+  std::string name;
+  double density_kg_per_m3;
+  double mu_Pa;      ///< shear modulus
+  double lambda_Pa;  ///< Lamé's first parameter
+  double refractive_index;
+  double extinction_per_m;         ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
+                                   ///< takes all of it as absorption
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
+
+  bool operator==(const Silicone&) const = default;
+  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
+};
+
+inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
+inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
+
+/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
+inline Silicone silicone(std::string_view name) {
+  for (const Silicone& card : {dragon_skin(), solaris()})
+    if (card.name == name) return card;
+  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/body.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
@@ -761,8 +1149,8 @@ struct Body {
 
   Medium medium;        ///< inside
   Medium surroundings;  ///< outside (air)
-  SurfaceOptics touched =
-      Dielectric{};  ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
+  /// What light in the body meets where a tool touches; Dielectric: a film of air is left between
+  SurfaceOptics touched = Dielectric{};
   std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
   int regions = 0;  ///< number of readout regions
@@ -1144,42 +1532,6 @@ inline double HalfSection::exact_area_m2() const {
   const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base;
   const double w = 0.5e-3 * pad.width, cut = (soft_stem ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
   return w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep - cut * 1e-3 * design.h_s;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/silicone.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
-
-namespace lumo {
-
-/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495).
-struct Silicone {
-  std::string name;
-  double density_kg_per_m3;
-  double mu_Pa;      ///< shear modulus
-  double lambda_Pa;  ///< Lamé's first parameter
-  double refractive_index;
-  double extinction_per_m;         ///< absorption and scattering together
-  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
-                                   ///< takes all of it as absorption
-  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
-
-  bool operator==(const Silicone&) const = default;
-  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
-};
-
-inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
-inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
-
-/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
-inline Silicone silicone(std::string_view name) {
-  for (const Silicone& card : {dragon_skin(), solaris()})
-    if (card.name == name) return card;
-  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
 }
 
 }  // namespace lumo
@@ -2708,11 +3060,74 @@ inline auto FacetedSolid::surface() const -> TriangleSurface {
 
 #endif
 
-// ---- lumo/fabrication/core_solid.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CORE_SOLID_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_CORE_SOLID_HPP
+// ---- lumo/fabrication/solids.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_SOLIDS_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_SOLIDS_HPP
 
 namespace lumo {
+
+/// The rigid carrier: a plate with mounting holes, and on it the stem with a pocket for the LED strip and a duct for
+/// its wires through the plate. The stem is a clearance shorter than the pad, so that it goes between the mould's ends.
+/// The carrier stands on z = −plate. Throws InvalidArgument, MeshError.
+inline TriangleSurface carrier_solid(const HalfSection& section, const CastingOptions& options = {});
+
+namespace detail {
+
+/// Corners of a regular polygon in a circle, in the plane of u and v, counter-clockwise seen from u × v.
+inline std::vector<Vec3d> ring(const Vec3d& center, const Vec3d& u, const Vec3d& v, double radius, int corners = 32) {
+  std::vector<Vec3d> loop;
+  for (int k = 0; k < corners; ++k)
+    loop.push_back(center + radius * (std::cos(2.0 * pi * k / corners) * u + std::sin(2.0 * pi * k / corners) * v));
+  return loop;
+}
+
+/// A rectangle in a plane of constant z, counter-clockwise seen from above.
+inline std::vector<Vec3d> rectangle(double x0, double x1, double y0, double y1, double z) {
+  return {{x0, y0, z}, {x1, y0, z}, {x1, y1, z}, {x0, y1, z}};
+}
+
+}  // namespace detail
+
+inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  const double bottom = -o.plate, stem_y = at.half_length - 0.5 * o.clearance;
+  FacetedSolid solid;
+  const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
+  const auto stem = [&](double z) { return detail::rectangle(-at.stem_x, at.stem_x, -stem_y, stem_y, z); };
+  const auto pocket = [&](double z) {
+    return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
+  };
+  const auto duct = [&](double z) {
+    return detail::rectangle(
+        -0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z);
+  };
+  const auto holes = [&](double z) {
+    std::vector<std::vector<Vec3d>> loops;
+    for (const double x : {-1.0, 1.0})
+      for (const double y : {-1.0, 1.0})
+        loops.push_back(reversed(
+            detail::ring(Vec3d(x * (at.half_width - CastingLayout::hole_inset), y * (at.half_length + 0.5 * o.tab), z),
+                Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
+    return loops;
+  };
+  auto below = holes(bottom), above = holes(0.0);
+  for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
+  solid.band(plate(bottom), plate(0.0));
+  solid.band(stem(0.0), stem(at.stem_height));
+  solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
+  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(at.stem_height)));
+
+  std::vector<std::vector<Vec3d>> openings;  // seen from below
+  for (const auto& loop : below) openings.push_back(reversed(loop));
+  openings.push_back(duct(bottom));
+  solid.face(reversed(plate(bottom)), openings);
+  above.push_back(reversed(stem(0.0)));
+  solid.face(plate(0.0), above);
+  solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
+  solid.face(stem(at.stem_height), {reversed(pocket(at.stem_height))});
+  return solid.surface();
+}
 
 /// Outline (y, z) of the core that keeps a void free, counter-clockwise seen along −x [m]: a bar of the void's height
 /// from one end of the cavity out through the other, a handle behind it, and a step that stops at the mould.
@@ -2741,81 +3156,6 @@ inline TriangleSurface core_solid(const HalfSection& s, const CastingOptions& o 
   solid.face(outer);
   return solid.surface();
 }
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/drawing/short_number.hpp
-#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
-#define SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
-
-namespace lumo {
-
-/// A number with at most `digits` decimals and no trailing zeros; the same in every locale. "?" where that takes more
-/// than 400 characters.
-inline std::string short_number(double v, int digits = 2) {
-  std::array<char, 400> buffer;
-  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
-  if (end.ec != std::errc{}) return "?";
-  std::string s(buffer.data(), end.ptr);
-  if (s.find('.') != std::string::npos) {
-    while (s.back() == '0') s.pop_back();
-    if (s.back() == '.') s.pop_back();
-  }
-  return s == "-0" ? "0" : s;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/drawing.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
-
-namespace lumo {
-
-/// A length in mm with at most six digits after the point: nanometres. The same in every locale.
-inline std::string in_mm(double length_m) { return short_number(1e3 * length_m, 6); }
-
-/// A flat drawing for cutting and checking; lengths in m, x to the right, y upwards.
-struct Drawing {
-  using Point = std::array<double, 2>;
-  struct Layer {
-    std::string name;    ///< capitals and _ only
-    int dxf_color;       ///< AutoCAD's colour index, 1 to 255
-    std::string stroke;  ///< the same, as CSS writes it
-  };
-  struct Line {
-    int layer;
-    std::vector<Point> points;
-    bool closed = true;
-  };
-  struct Label {
-    int layer;
-    Point at;           ///< left end of its baseline
-    double height;      ///< of capitals
-    std::string words;  ///< ASCII
-  };
-
-  std::string title;
-  std::vector<Layer> layers;
-  std::vector<Line> lines;
-  std::vector<Label> labels;
-
-  /// Lower left and upper right corner of all lines.
-  std::array<Point, 2> box() const {
-    constexpr double far = std::numeric_limits<double>::infinity();
-    Point low{far, far}, high{-far, -far};
-    for (const Line& line : lines)
-      for (const Point& p : line.points) {
-        low = {std::min(low[0], p[0]), std::min(low[1], p[1])};
-        high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
-      }
-    return {low, high};
-  }
-};
 
 }  // namespace lumo
 
@@ -2925,79 +3265,6 @@ inline Drawing core_drawing(const HalfSection& s, const CastingOptions& o) {
   d.lines.push_back({0, core_outline(s, o)});
   detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * at.void_width, " mm thick, two of them"));
   return d;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/carrier_solid.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
-
-namespace lumo {
-
-/// The rigid carrier: a plate with mounting holes, and on it the stem with a pocket for the LED strip and a duct for
-/// its wires through the plate. The stem is a clearance shorter than the pad, so that it goes between the mould's ends.
-/// The carrier stands on z = −plate. Throws InvalidArgument, MeshError.
-inline TriangleSurface carrier_solid(const HalfSection& section, const CastingOptions& options = {});
-
-namespace detail {
-
-/// Corners of a regular polygon in a circle, in the plane of u and v, counter-clockwise seen from u × v.
-inline std::vector<Vec3d> ring(const Vec3d& center, const Vec3d& u, const Vec3d& v, double radius, int corners = 32) {
-  std::vector<Vec3d> loop;
-  for (int k = 0; k < corners; ++k)
-    loop.push_back(center + radius * (std::cos(2.0 * pi * k / corners) * u + std::sin(2.0 * pi * k / corners) * v));
-  return loop;
-}
-
-/// A rectangle in a plane of constant z, counter-clockwise seen from above.
-inline std::vector<Vec3d> rectangle(double x0, double x1, double y0, double y1, double z) {
-  return {{x0, y0, z}, {x1, y0, z}, {x1, y1, z}, {x0, y1, z}};
-}
-
-}  // namespace detail
-
-inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions& o) {
-  validate(o, s);
-  const CastingLayout at(s, o);
-  const double bottom = -o.plate, stem_y = at.half_length - 0.5 * o.clearance;
-  FacetedSolid solid;
-  const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
-  const auto stem = [&](double z) { return detail::rectangle(-at.stem_x, at.stem_x, -stem_y, stem_y, z); };
-  const auto pocket = [&](double z) {
-    return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
-  };
-  const auto duct = [&](double z) {
-    return detail::rectangle(
-        -0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z);
-  };
-  const auto holes = [&](double z) {
-    std::vector<std::vector<Vec3d>> loops;
-    for (const double x : {-1.0, 1.0})
-      for (const double y : {-1.0, 1.0})
-        loops.push_back(reversed(
-            detail::ring(Vec3d(x * (at.half_width - CastingLayout::hole_inset), y * (at.half_length + 0.5 * o.tab), z),
-                Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
-    return loops;
-  };
-  auto below = holes(bottom), above = holes(0.0);
-  for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
-  solid.band(plate(bottom), plate(0.0));
-  solid.band(stem(0.0), stem(at.stem_height));
-  solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
-  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(at.stem_height)));
-
-  std::vector<std::vector<Vec3d>> openings;  // seen from below
-  for (const auto& loop : below) openings.push_back(reversed(loop));
-  openings.push_back(duct(bottom));
-  solid.face(reversed(plate(bottom)), openings);
-  above.push_back(reversed(stem(0.0)));
-  solid.face(plate(0.0), above);
-  solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
-  solid.face(stem(at.stem_height), {reversed(pocket(at.stem_height))});
-  return solid.surface();
 }
 
 }  // namespace lumo
@@ -3409,251 +3676,6 @@ inline double least_draft(const TriangleSurface& half, const HalfSection& s, con
     least = std::min(least, std::asin(std::clamp(-normal.dot(direction.normalized()), -1.0, 1.0)));
   }
   return least;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/dxf.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DXF_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_DXF_HPP
-
-namespace lumo {
-
-/// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads.
-/// The format has no place for a unit, so that the drawings state it in words. Throws InputError when the stream fails.
-/// Own code, as of .stl and .3mf: a page each, and the same input gives the same bits. Source: Autodesk, DXF Reference,
-/// release 12.
-inline void write_dxf(std::ostream& out, const Drawing& drawing) {
-  using Pairs = std::initializer_list<std::pair<int, std::string>>;
-  const auto write = [&out](const Pairs& pairs) {
-    for (const auto& [code, value] : pairs) out << code << "\n" << value << "\n";
-  };
-  const auto point = [&write](const Drawing::Point& p) { write({{10, in_mm(p[0])}, {20, in_mm(p[1])}, {30, "0"}}); };
-  const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };
-  const auto box = drawing.box();
-
-  write({{999, drawing.title + ", mm, 1:1, by lumo"}});
-  write({{0, "SECTION"}, {2, "HEADER"}, {9, "$ACADVER"}, {1, "AC1009"}, {9, "$EXTMIN"}});
-  point(box[0]);
-  write({{9, "$EXTMAX"}});
-  point(box[1]);
-  write({{0, "ENDSEC"}, {0, "SECTION"}, {2, "TABLES"}, {0, "TABLE"}, {2, "LTYPE"}, {70, "1"}});
-  write({{0, "LTYPE"}, {2, "CONTINUOUS"}, {70, "0"}, {3, "Solid line"}, {72, "65"}, {73, "0"}, {40, "0"}});
-  write({{0, "ENDTAB"}, {0, "TABLE"}, {2, "LAYER"}, {70, std::to_string(drawing.layers.size())}});
-  for (const Drawing::Layer& l : drawing.layers)
-    write({{0, "LAYER"}, {2, l.name}, {70, "0"}, {62, std::to_string(l.dxf_color)}, {6, "CONTINUOUS"}});
-  write({{0, "ENDTAB"}, {0, "ENDSEC"}, {0, "SECTION"}, {2, "ENTITIES"}});
-  for (const Drawing::Line& line : drawing.lines) {
-    write({{0, "POLYLINE"}, {8, name(line.layer)}, {66, "1"}});
-    point({0.0, 0.0});
-    write({{70, line.closed ? "1" : "0"}});
-    for (const Drawing::Point& p : line.points) {
-      write({{0, "VERTEX"}, {8, name(line.layer)}});
-      point(p);
-    }
-    write({{0, "SEQEND"}, {8, name(line.layer)}});
-  }
-  for (const Drawing::Label& label : drawing.labels) {
-    write({{0, "TEXT"}, {8, name(label.layer)}});
-    point(label.at);
-    write({{40, in_mm(label.height)}, {1, label.words}});
-  }
-  write({{0, "ENDSEC"}, {0, "EOF"}});
-  if (!out) throw InputError("writing a .dxf file failed");
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/drawing/svg.hpp
-#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
-#define SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
-
-namespace lumo {
-
-/// Writes an SVG picture, element by element; coordinates in px or in the page's unit, x to the right, y downwards.
-class Svg {
- public:
-  using Point = std::array<double, 2>;
-  using Points = std::vector<Point>;
-
-  struct Page {
-    double width, height;
-    std::string unit = {};  ///< of width and height on paper; empty: px
-    std::string title = {};
-    int digits = 2;  ///< decimals of all numbers
-  };
-  /// How a shape is painted; an empty colour means none.
-  struct Paint {
-    std::string fill = {};
-    std::string stroke = {};
-    double width = 1.0;
-    double opacity = 1.0;
-    std::string dash = {};
-    bool round_ends = false;
-  };
-  /// Which end of a text stands at its place; `left_out` is `start`, too, but not written.
-  enum Anchor { start, middle, end, left_out };
-  struct TextStyle {
-    double size = 12.0;
-    Anchor anchor = start;
-    std::string fill = "#222222";
-    double rotate_deg = 0.0;  ///< about the anchor point
-    bool bold = false;
-    std::string stroke = {};  ///< empty: that of the group
-  };
-
-  explicit Svg(Page page) : page_(std::move(page)) {}
-  Svg(double width, double height) : Svg(Page{width, height}) {}
-
-  double width() const { return page_.width; }
-  double height() const { return page_.height; }
-
-  void line(Point a, Point b, const Paint& p) {
-    body_ += "<line" + place("x1", "y1", a) + place("x2", "y2", b) + style(p) + "/>\n";
-  }
-  void rect(Point corner, double w, double h, const Paint& p) { body_ += box(corner, w, h) + style(p) + "/>\n"; }
-  void circle(Point c, double r, const Paint& p) {
-    body_ += "<circle" + place("cx", "cy", c) + quoted("r", n(r)) + style(p) + "/>\n";
-  }
-  void polyline(const Points& points, const Paint& p) { path(trace(points), p); }
-  /// Several lines as one element.
-  void polylines(const std::vector<Points>& lines, const Paint& p) {
-    std::string d;
-    for (const Points& line : lines) d += trace(line);
-    path(d, p);
-  }
-  /// One filled shape of several closed loops; holes by the even–odd rule.
-  void polygon(const std::vector<Points>& loops, const Paint& p) {
-    std::string d;
-    for (const Points& loop : loops) d += trace(loop) + "Z";
-    path(d, p);
-  }
-  /// A line that is painted as its group says.
-  void outline(const Points& points, bool closed) {
-    body_ += "<path d=\"" + trace(points) + (closed ? "Z\"/>\n" : "\"/>\n");
-  }
-  void text(Point at, std::string_view words) { text(at, words, TextStyle{}); }
-  void text(Point at, std::string_view words, const TextStyle& t) {
-    body_ += "<text" + place("x", "y", at) + quoted("font-size", n(t.size)) + given("text-anchor", words_of(t.anchor)) +
-             quoted("fill", t.fill) + given("stroke", t.stroke);
-    if (t.bold) body_ += " font-weight=\"bold\"";
-    if (t.rotate_deg != 0.0)
-      body_ += quoted("transform", "rotate(" + n(t.rotate_deg) + " " + n(at[0]) + " " + n(at[1]) + ")");
-    body_ += ">" + escaped(words) + "</text>\n";
-  }
-  /// All elements up to end_group(), under a name that other programs show as a layer.
-  void begin_group(const std::string& name, const Paint& p) { body_ += "<g" + quoted("id", name) + style(p) + ">\n"; }
-  /// Only what lies in a box is shown of the elements up to end_group(). Once in a picture.
-  void begin_clip(Point corner, double w, double h) {
-    body_ += "<clipPath id=\"plot\">" + box(corner, w, h) + "/></clipPath>\n<g clip-path=\"url(#plot)\">\n";
-  }
-  void end_group() { body_ += "</g>\n"; }
-
-  std::string str() const {
-    const std::string w = n(page_.width), h = n(page_.height);
-    return "<svg xmlns=\"http://www.w3.org/2000/svg\"" + quoted("width", w + page_.unit) +
-           quoted("height", h + page_.unit) + quoted("viewBox", "0 0 " + w + " " + h) +
-           " font-family=\"DejaVu Sans, Verdana, Helvetica, sans-serif\">\n" +
-           (page_.title.empty() ? "" : "<title>" + escaped(page_.title) + "</title>\n") +
-           "<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n" + body_ + "</svg>\n";
-  }
-  /// Throws InputError when the stream fails.
-  void write(std::ostream& out) const {
-    if (!(out << str())) throw InputError("writing an .svg file failed");
-  }
-
- private:
-  std::string n(double v) const { return short_number(v, page_.digits); }
-  static std::string quoted(const char* key, const std::string& value) {
-    return std::string(" ") + key + "=\"" + value + "\"";
-  }
-  static std::string given(const char* key, const std::string& value) {
-    return value.empty() ? "" : quoted(key, value);
-  }
-  static std::string words_of(Anchor a) {
-    return a == left_out ? "" : a == end ? "end" : a == middle ? "middle" : "start";
-  }
-  std::string place(const char* x, const char* y, Point p) const { return quoted(x, n(p[0])) + quoted(y, n(p[1])); }
-  std::string box(Point corner, double w, double h) const {
-    return "<rect" + place("x", "y", corner) + quoted("width", n(w)) + quoted("height", n(h));
-  }
-  static std::string escaped(std::string_view s) {
-    std::string out;
-    for (const char c : s) {
-      if (c == '&') out += "&amp;";
-      else if (c == '<') out += "&lt;";
-      else if (c == '>') out += "&gt;";
-      else out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
-    }
-    return out;
-  }
-  std::string trace(const Points& points) const {
-    std::string d;
-    for (const Point& p : points) d += (d.empty() ? "M" : "L") + n(p[0]) + " " + n(p[1]);
-    return d;
-  }
-  std::string style(const Paint& p) const {
-    std::string s = quoted("fill", p.fill.empty() ? "none" : p.fill);
-    if (!p.stroke.empty())
-      s += quoted("stroke", p.stroke) + quoted("stroke-width", n(p.width)) + " stroke-linejoin=\"round\"";
-    if (p.opacity < 1.0) s += quoted("opacity", n(p.opacity));
-    if (p.round_ends) s += " stroke-linecap=\"round\"";
-    return s + given("stroke-dasharray", p.dash);
-  }
-  void path(const std::string& d, const Paint& p) {
-    body_ += "<path fill-rule=\"evenodd\"" + quoted("d", d) + style(p) + "/>\n";
-  }
-
-  Page page_;
-  std::string body_;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/scaled_svg.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_SCALED_SVG_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_SCALED_SVG_HPP
-
-namespace lumo {
-
-/// The drawing as an SVG file at scale 1:1: its user unit is a mm, and so is its size on paper. Each layer is a group.
-/// Throws InputError when the stream fails.
-inline void write_svg(std::ostream& out, const Drawing& drawing) {
-  constexpr double margin = 5.0e-3, line_mm = 0.15;
-  constexpr int nanometres = 6;          // decimals of a mm
-  constexpr double capitals = 0.73;      // height of DejaVu's capitals over its size
-  constexpr double letter_width = 0.85;  // over their height: most letters are narrower
-  auto [low, high] = drawing.box();
-  for (const Drawing::Label& label : drawing.labels) {
-    const double right = label.at[0] + letter_width * label.height * double(label.words.size());
-    low = {std::min(low[0], label.at[0]), std::min(low[1], label.at[1])};
-    high = {std::max(high[0], right), std::max(high[1], label.at[1] + label.height)};
-  }
-  const double left = low[0] - margin, top = high[1] + margin;
-  Svg svg({1e3 * (high[0] + margin - left), 1e3 * (top - low[1] + margin), "mm", drawing.title, nanometres});
-  const auto at = [&](const Drawing::Point& p) { return Svg::Point{1e3 * (p[0] - left), 1e3 * (top - p[1])}; };
-  for (std::size_t k = 0; k < drawing.layers.size(); ++k) {
-    const Drawing::Layer& layer = drawing.layers[k];
-    svg.begin_group(layer.name, {.stroke = layer.stroke, .width = line_mm});
-    for (const Drawing::Line& line : drawing.lines) {
-      if (std::size_t(line.layer) != k) continue;
-      Svg::Points points;
-      for (const Drawing::Point& p : line.points) points.push_back(at(p));
-      svg.outline(points, line.closed);
-    }
-    for (const Drawing::Label& label : drawing.labels)
-      if (std::size_t(label.layer) == k)
-        svg.text(at(label.at), label.words,
-            {.size = 1e3 * (label.height / capitals), .anchor = Svg::left_out, .fill = layer.stroke, .stroke = "none"});
-    svg.end_group();
-  }
-  svg.write(out);
 }
 
 }  // namespace lumo

@@ -245,600 +245,6 @@ inline constexpr double pi = 3.14159265358979323846;
 
 #endif
 
-// ---- lumo/core/sobol.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
-
-namespace lumo {
-
-/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
-constexpr std::uint64_t mix64(std::uint64_t x) {
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
-  return x ^ (x >> 31);
-}
-
-/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
-constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
-  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
-}
-
-/// A number in (0, 1) from a key.
-constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
-
-/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
-inline std::uint32_t nearest_power_of_two(double wish) {
-  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
-}
-
-constexpr std::uint32_t reverse_bits(std::uint32_t x) {
-  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
-  return (x >> 16) | (x << 16);
-}
-
-/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
-/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
-/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
-constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
-  x = reverse_bits(x);
-  x ^= x * 0x3d20adeau;
-  x += seed;
-  x *= (seed >> 16) | 1u;
-  x ^= x * 0x05526c56u;
-  x ^= x * 0x53a22864u;
-  return reverse_bits(x);
-}
-
-/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
-struct SobolSeed {
-  int degree;
-  std::uint32_t polynomial;
-  std::array<std::uint32_t, 7> m;
-};
-
-/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
-/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
-inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
-    {1, 0, {1}},
-    {2, 1, {1, 3}},
-    {3, 1, {1, 3, 1}},
-    {3, 2, {1, 1, 1}},
-    {4, 1, {1, 1, 3, 3}},
-    {4, 4, {1, 3, 5, 13}},
-    {5, 2, {1, 1, 5, 5, 17}},
-    {5, 4, {1, 1, 5, 5, 5}},
-    {5, 7, {1, 1, 7, 11, 19}},
-    {5, 11, {1, 1, 5, 1, 1}},
-    {5, 13, {1, 1, 1, 3, 11}},
-    {5, 14, {1, 3, 5, 5, 31}},
-    {6, 1, {1, 3, 3, 9, 7, 49}},
-    {6, 13, {1, 1, 1, 15, 21, 21}},
-    {6, 16, {1, 3, 1, 13, 27, 49}},
-    {6, 19, {1, 1, 1, 15, 7, 5}},
-    {6, 22, {1, 3, 1, 15, 13, 25}},
-    {6, 25, {1, 1, 5, 5, 19, 61}},
-    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
-    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
-    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
-    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
-    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
-    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
-    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
-    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
-    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
-    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
-    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
-    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
-    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
-}};
-
-/// A plain array, which a compiler fills faster than std::array.
-struct SobolTable {
-  std::uint32_t number[32][32];
-};
-
-/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
-constexpr SobolTable make_sobol_table() {
-  SobolTable table{};
-  auto& v = table.number;
-  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
-  for (std::size_t d = 1; d < 32; ++d) {
-    const SobolSeed& seed = sobol_seeds[d - 1];
-    const std::size_t s = std::size_t(seed.degree);
-    for (std::size_t k = 0; k < 32; ++k) {
-      if (k < s) {
-        v[d][k] = seed.m[k] << (31 - k);
-        continue;
-      }
-      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
-      for (std::size_t j = 1; j < s; ++j)
-        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
-    }
-  }
-  return table;
-}
-
-/// Made by the compiler, and so only where it is used.
-inline constexpr SobolTable sobol_table = make_sobol_table();
-
-/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
-struct Sobol {
-  static constexpr int dimensions = 32;
-
-  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
-  static std::uint32_t bits(std::uint32_t index, int dimension) {
-    std::uint32_t x = 0;
-    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= sobol_table.number[dimension][k];
-    return x;
-  }
-};
-
-/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
-/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
-/// keep a state and are not scrambled.
-struct OwenSobol {
-  std::uint64_t seed = 0;
-
-  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
-  double operator()(std::uint32_t index, int dimension) const {
-    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
-    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
-  }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/rig.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
-
-namespace lumo {
-
-// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md explains each). They were
-// fixed before any decoder, localiser or force estimator ran on a log of the lab. The lab's `noise` multiplies all that
-// is marked σ.
-
-/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is
-/// recorded. The picture is its green plane.
-struct CameraRig {
-  int width = 192, height = 80;    ///< of the window [px]
-  double focal_px = 616.0;         ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
-  double distance_m = 0.25;        ///< from the facing side; assumed, 0.41 mm/px
-  double aim_sigma_rad = 1.5_deg;  ///< σ of yaw, pitch and roll of one placing by hand; assumed
-  double aim_sigma_m = 1.0_mm;     ///< σ of the place along y and z; assumed
-  double frames_per_s = 30.0;
-  double exposure_s = 1.0e-3;  ///< device setting 10 (paper), 100 µs each (librealsense #8243)
-  double gain = 64.0;          ///< device setting (paper)
-  double level_DN = 70.0;      ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
-  double gamma = 1.0;          ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
-  double black_DN = 2.0;       ///< assumed
-  double full_DN = 255.0;
-  double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
-  double read_DN = 0.6;           ///< σ, assumed
-  double row_DN = 0.35;           ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
-  double pixel_gain = 0.01;       ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
-  double blur_px = 0.8;           ///< standard deviation of the lens's point spread; assumed
-  double stamp_sigma_s = 0.2e-3;  ///< σ of a stamp; assumed
-};
-
-/// The finger's lamps and the room's.
-struct LightRig {
-  double lamp_drift = 3.0e-3;  ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up
-                               ///< (memory: assumed)
-  double lamp_drift_s = 20.0;   ///< its time
-  double lamp_white = 1.0e-3;   ///< σ frame by frame; assumed
-  double ambient_DN = 5.0;      ///< mean; assumed
-  double ambient_slope = 0.2;   ///< relative, from end to end of the window; assumed
-  double ambient_drift = 0.02;  ///< σ relative; assumed
-  double ambient_drift_s = 5.0;
-  double flicker = 0.1;  ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
-  double flicker_hz = 100.0;
-  double spot_DN = 80.0;  ///< a LED's package seen through the side, on top of the side's light; assumed (the paper
-                          ///< detects five LEDs)
-  double spot_sigma_m = 0.7_mm;  ///< half of the package's 1.6 mm, blurred; assumed
-};
-
-/// The indenter and how well it comes back.
-struct ContactRig {
-  double place_sigma_m = 0.25_mm;  ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
-  double tilt_sigma_rad =
-      0.5_deg;  ///< σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
-  double load_sigma = 0.005;     ///< σ of a hold's load, relative; assumed
-  double sensor_sigma_N = 0.05;  ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
-  double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
-  double sensor_hz = 100.0;
-  double marker_sigma_m = 0.02_mm;  ///< σ of the followed marker on the indenter; assumed
-};
-
-/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes
-/// suggest for Dragon Skin; assumed.
-struct SiliconeRig {
-  std::array<double, 3> part{0.02, 0.015, 0.015};
-  std::array<double, 3> time_s{0.1, 1.0, 10.0};
-};
-
-/// How a joint moves without contact: to and fro as a cosine, with a rest after each sweep. Moving shows friction,
-/// resting what sticks. Assumed.
-struct FreeRunRig {
-  double beat_s = 0.75;  ///< of a sweep and its rest
-  double sweep_s = 0.5;
-  double swing_rad = 0.35;                ///< to both sides
-  double rest_velocity_rad_per_s = 0.02;  ///< Coulomb friction turns within about it
-};
-
-/// The joints under local position control, with current for torque: one, or a second one alike before it.
-struct MotorRig {
-  int joints = 1;
-  double joint_to_joint_m = 45.0_mm;       ///< from the first of two to the second; assumed
-  double joint_to_origin_m = 65.0_mm;      ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
-  double torque_constant_Nm_per_A = 0.35;  ///< gear included; assumed
-  double constant_sigma =
-      0.02;  ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
-  double stiction_Nm =
-      0.079;  ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
-  double white_Nm = 0.0685;  ///< σ of one sample; current noise and ripple: set for 1.29 N
-  double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
-  double weight_Nm = 0.06;                                ///< of the finger, times sin q; assumed
-  double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed
-  double velocity_sigma_rad_per_s = 0.003;  ///< σ; assumed
-  double hold_rad = 0.15;                   ///< where it holds; assumed
-  double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
-  double hz = 250.0;
-  FreeRunRig free_run;
-};
-
-/// How the pad at hand differs from the computed one.
-struct SpecimenRig {
-  double stiffness = 1.0;  ///< of its silicone, relative: it deforms as the computed pad does under the load over this
-  double lamps = 1.0;      ///< power of its LEDs, relative
-
-  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms
-  /// more.
-  double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
-};
-
-/// All of it.
-struct Rig {
-  SpecimenRig specimen;
-  CameraRig camera;
-  LightRig light;
-  ContactRig contact;
-  SiliconeRig silicone;
-  MotorRig motor;
-};
-
-/// What a pixel gives for the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number,
-/// times `noise`), the row's offset, black level, full well, gamma, 8 bits (EMVA 1288's linear model).
-inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise, double normal, double row_offset) {
-  signal = std::max(signal, 0.0);
-  signal += noise * std::sqrt(camera.shot_DN * signal + camera.read_DN * camera.read_DN) * normal + row_offset;
-  double value = std::clamp(signal + camera.black_DN, 0.0, camera.full_DN);
-  const double inverse_gamma = 1.0 / camera.gamma;
-  if (inverse_gamma != 1.0) value = camera.full_DN * std::pow(value / camera.full_DN, inverse_gamma);
-  return std::uint8_t(std::lround(value));
-}
-
-/// The lab's clock.
-inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
-
-/// Throws InvalidArgument for numbers out of range.
-inline void validate(const Rig& r) {
-  require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
-  require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
-  require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
-  require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
-  require_positive("focal length", r.camera.focal_px, "px");
-  require_in_range("distance of the camera", r.camera.distance_m, 0.05, 10.0, "m");
-  require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
-  require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
-  require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
-  require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
-  require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
-  require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
-  require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
-  require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");
-  require_positive("stiffness of the position control", r.motor.stiffness_Nm_per_rad, "N·m/rad");
-  double sum = 0.0;
-  for (std::size_t k = 0; k < r.silicone.part.size(); ++k) {
-    require_in_range("part of the relaxation", r.silicone.part[k], 0.0, 0.9, "");
-    require_positive("relaxation time", r.silicone.time_s[k], "s");
-    sum += r.silicone.part[k];
-  }
-  require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/random_stream.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_RANDOM_STREAM_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_RANDOM_STREAM_HPP
-
-namespace lumo {
-
-/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was
-/// drawn elsewhere. The same on every machine up to its mathematical functions' last bit.
-class RandomStream {
- public:
-  RandomStream(std::uint64_t seed, std::uint64_t stream) : key_(combine(combine(0x1ab0ull, seed), stream)) {}
-
-  double uniform() { return lumo::uniform(combine(key_, count_++)); }
-  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
-  double normal() {
-    if (spare_) return spare_ = false, second_;
-    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
-    second_ = r * std::sin(a);
-    spare_ = true;
-    return r * std::cos(a);
-  }
-
- private:
-  std::uint64_t key_, count_ = 0;
-  double second_ = 0.0;
-  bool spare_ = false;
-};
-
-/// First-order Gauss–Markov noise of standard deviation 1.
-class SlowNoise {
- public:
-  SlowNoise(RandomStream draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
-  /// At a time not before the last one.
-  double at(double t_s) {
-    const double keep = std::exp(-(t_s - t_s_) / time_s_);
-    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
-    t_s_ = t_s;
-    return value_;
-  }
-
- private:
-  RandomStream draws_;
-  double time_s_, value_, t_s_ = 0.0;
-};
-
-/// How much brighter lamps are than their mean, relative: slowly together, and frame by frame; standard deviations as
-/// the rig has them. Takes the streams `first` and `first` + 2.
-class LampNoise {
- public:
-  LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first)
-      : drift_(rig.lamp_drift),
-        white_(rig.lamp_white),
-        slow_(RandomStream(seed, first), rig.lamp_drift_s),
-        fast_(seed, first + 2) {}
-  double at(double t_s) {
-    const double slow = drift_ * slow_.at(t_s);
-    return slow + white_ * fast_.normal();
-  }
-
- private:
-  double drift_, white_;
-  SlowNoise slow_;
-  RandomStream fast_;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/sense/recording/csv.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_CSV_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_CSV_HPP
-
-namespace lumo::sense {
-
-/// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields.
-/// No quotes, no empty lines but at the end, no comments; fields may have spaces around them, lines may end in CR LF.
-/// Every fault is an InputError of one line with file, line and column.
-class CsvReader {
- public:
-  static constexpr std::size_t max_line = 65536, max_columns = 256;
-
-  /// Reads the header. `name` stands in messages.
-  CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
-    if (!read_line()) throw InputError(message(name_, ": is empty, must begin with a line of column names"));
-    if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
-    split();
-    for (const std::string_view f : fields_) {
-      if (f.empty()) throw InputError(message(name_, ":1: column ", columns_.size() + 1, " has no name"));
-      for (const std::string& c : columns_)
-        if (c == f) throw InputError(message(name_, ":1: column '", printable(f), "' is there twice"));
-      columns_.emplace_back(f);
-    }
-  }
-
-  const std::vector<std::string>& columns() const { return columns_; }
-  /// Place of a column, or −1.
-  int find(std::string_view column) const {
-    for (std::size_t i = 0; i < columns_.size(); ++i)
-      if (columns_[i] == column) return int(i);
-    return -1;
-  }
-  /// Place of a column that must be there.
-  int require(std::string_view column) const {
-    if (const int i = find(column); i >= 0) return i;
-    throw InputError(message(name_, ":1: column '", column, "' is missing"));
-  }
-  /// Throws for the first column that is none of those known.
-  template <class Known> void require_known(Known known) const {
-    for (const std::string& c : columns_)
-      if (!known(std::string_view(c))) throw InputError(message(name_, ":1: column '", printable(c), "' is not known"));
-  }
-
-  /// Goes to the next row; false at the end of the file.
-  bool next() {
-    if (!read_line()) return false;
-    if (line_text_.find_first_not_of(" \t") == std::string::npos) {
-      while (read_line())
-        if (line_text_.find_first_not_of(" \t") != std::string::npos)
-          throw InputError(message(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
-      return false;
-    }
-    split();
-    if (fields_.size() != columns_.size())
-      throw InputError(message(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
-    return true;
-  }
-  std::string_view text(int column) const { return fields_[std::size_t(column)]; }
-  /// A finite number.
-  double number(int column) const {
-    const std::string_view f = text(column);
-    double v = 0.0;
-    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
-    if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
-    return v;
-  }
-  std::int64_t integer(int column) const {
-    const std::string_view f = text(column);
-    std::int64_t v = 0;
-    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
-    if (error != std::errc() || end != f.data() + f.size()) fail(column, "is no whole number of 64 bits");
-    return v;
-  }
-  long line() const { return line_; }
-  const std::string& name() const { return name_; }
-  /// Throws the error of a field: file, line, column, text, reason.
-  [[noreturn]] void fail(int column, std::string_view why) const {
-    throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
-        printable(text(column)), "' ", why));
-  }
-
- private:
-  bool read_line() {
-    line_text_.clear();
-    ++line_;
-    for (int c = in_.get(); c != std::istream::traits_type::eof(); c = in_.get()) {
-      if (c == '\n') {
-        if (line_text_.ends_with('\r')) line_text_.pop_back();
-        return true;
-      }
-      if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
-      line_text_ += char(c);
-      if (line_text_.size() > max_line)
-        throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
-    }
-    if (in_.bad()) throw InputError(message(name_, ":", line_, ": cannot be read"));
-    return !line_text_.empty();
-  }
-
-  void split() {
-    fields_.clear();
-    const std::string_view all = line_text_;
-    if (const auto quote = all.find('"'); quote != std::string_view::npos)
-      throw InputError(message(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
-    for (std::size_t from = 0;;) {
-      const std::size_t to = std::min(all.find(',', from), all.size());
-      std::string_view f = all.substr(from, to - from);
-      while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
-      while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
-      fields_.push_back(f);
-      if (fields_.size() > max_columns)
-        throw InputError(message(name_, ":", line_, ": has more than ", max_columns, " fields"));
-      if (to == all.size()) return;
-      from = to + 1;
-    }
-  }
-
-  std::istream& in_;
-  std::string name_, line_text_;
-  std::vector<std::string> columns_;
-  std::vector<std::string_view> fields_;
-  long line_ = 0;
-};
-
-/// The shortest text that reads back as the same number. Throws InvalidArgument unless it is finite.
-inline std::string csv_number(double v) {
-  if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
-  char buffer[32];
-  const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, v);
-  return {buffer, end};
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/lab/hand_plan.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_HAND_PLAN_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_HAND_PLAN_HPP
-
-namespace lumo {
-
-using HandJoints = std::array<double, 4>;  ///< proximal and distal of the left finger, then of the right; bending
-                                           ///< inwards is positive [rad]
-
-/// Something that presses on a link: 0 and 1 are the left finger's, from proximal to distal, 2 and 3 the right one's.
-struct HandTouch {
-  int link;
-  double y_m, load_N;
-};
-
-/// A grasp: what the hand looks like while it holds, and what presses where.
-struct HandGrasp {
-  HandJoints joints_rad;
-  std::vector<HandTouch> touches;
-};
-
-/// The joints sweep their workspace without contact, then grasp after grasp is closed, held and opened.
-struct HandPlan {
-  std::string title = "grasps of a hand with two fingers";
-  int sweep_steps = 6;                   ///< of each joint, there and back
-  double low_rad = 0.0, high_rad = 0.4;  ///< of the sweep; the fingers then do not meet
-  double speed_rad_per_s = 0.5;
-  double close_s = 0.4, hold_s = 0.8;
-  std::vector<HandGrasp> grasps;
-};
-
-/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where
-/// `step_m` is not 0, at its nearest multiple.
-inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
-  require_in_range("number of grasps", count, 1, 1000, "");
-  require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
-  HandPlan plan;
-  RandomStream draws(seed, 40);
-  for (int g = 0; g < count; ++g) {
-    HandGrasp grasp;
-    for (double& q : grasp.joints_rad)
-      q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
-    const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
-    for (int k = 0; k < links; ++k) {
-      const double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
-      grasp.touches.push_back(
-          {(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
-    }
-    std::sort(grasp.touches.begin(), grasp.touches.end(),
-        [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
-    plan.grasps.push_back(std::move(grasp));
-  }
-  return plan;
-}
-
-/// What really pressed on the hand at a frame.
-struct HandTruth {
-  std::int64_t stamp_ns = 0;
-  HandJoints joints_rad{};
-  std::vector<HandTouch> touches;  ///< with the loads of this moment
-};
-
-/// truth.csv of a hand: stamp_ns, link, y_mm, force_N; a row for each touch of each frame.
-inline std::string truth_text(const std::vector<HandTruth>& truth) {
-  std::string t = "stamp_ns,link,y_mm,force_N\n";
-  for (const HandTruth& s : truth)
-    for (const HandTouch& c : s.touches)
-      t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + sense::csv_number(1e3 * c.y_m) + ',' +
-           sense::csv_number(c.load_N) + '\n';
-  return t;
-}
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/core/types.hpp
 #ifndef SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
 #define SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
@@ -1139,6 +545,421 @@ class PadLight {
 
 #endif
 
+// ---- lumo/core/sobol.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+
+namespace lumo {
+
+/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
+constexpr std::uint64_t mix64(std::uint64_t x) {
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
+  return x ^ (x >> 31);
+}
+
+/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
+constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
+  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
+}
+
+/// A number in (0, 1) from a key.
+constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
+
+/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
+inline std::uint32_t nearest_power_of_two(double wish) {
+  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
+}
+
+constexpr std::uint32_t reverse_bits(std::uint32_t x) {
+  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
+  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
+  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
+  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
+  return (x >> 16) | (x << 16);
+}
+
+/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
+/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
+/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
+constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
+  x = reverse_bits(x);
+  x ^= x * 0x3d20adeau;
+  x += seed;
+  x *= (seed >> 16) | 1u;
+  x ^= x * 0x05526c56u;
+  x ^= x * 0x53a22864u;
+  return reverse_bits(x);
+}
+
+/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
+struct SobolSeed {
+  int degree;
+  std::uint32_t polynomial;
+  std::array<std::uint32_t, 7> m;
+};
+
+/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
+/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
+inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
+    {1, 0, {1}},
+    {2, 1, {1, 3}},
+    {3, 1, {1, 3, 1}},
+    {3, 2, {1, 1, 1}},
+    {4, 1, {1, 1, 3, 3}},
+    {4, 4, {1, 3, 5, 13}},
+    {5, 2, {1, 1, 5, 5, 17}},
+    {5, 4, {1, 1, 5, 5, 5}},
+    {5, 7, {1, 1, 7, 11, 19}},
+    {5, 11, {1, 1, 5, 1, 1}},
+    {5, 13, {1, 1, 1, 3, 11}},
+    {5, 14, {1, 3, 5, 5, 31}},
+    {6, 1, {1, 3, 3, 9, 7, 49}},
+    {6, 13, {1, 1, 1, 15, 21, 21}},
+    {6, 16, {1, 3, 1, 13, 27, 49}},
+    {6, 19, {1, 1, 1, 15, 7, 5}},
+    {6, 22, {1, 3, 1, 15, 13, 25}},
+    {6, 25, {1, 1, 5, 5, 19, 61}},
+    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
+    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
+    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
+    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
+    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
+    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
+    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
+    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
+    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
+    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
+    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
+    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
+    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
+}};
+
+/// A plain array, which a compiler fills faster than std::array.
+struct SobolTable {
+  std::uint32_t number[32][32];
+};
+
+/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
+constexpr SobolTable make_sobol_table() {
+  SobolTable table{};
+  auto& v = table.number;
+  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
+  for (std::size_t d = 1; d < 32; ++d) {
+    const SobolSeed& seed = sobol_seeds[d - 1];
+    const std::size_t s = std::size_t(seed.degree);
+    for (std::size_t k = 0; k < 32; ++k) {
+      if (k < s) {
+        v[d][k] = seed.m[k] << (31 - k);
+        continue;
+      }
+      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
+      for (std::size_t j = 1; j < s; ++j)
+        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
+    }
+  }
+  return table;
+}
+
+/// Made by the compiler, and so only where it is used.
+inline constexpr SobolTable sobol_table = make_sobol_table();
+
+/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
+struct Sobol {
+  static constexpr int dimensions = 32;
+
+  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
+  static std::uint32_t bits(std::uint32_t index, int dimension) {
+    std::uint32_t x = 0;
+    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
+      if (index & 1u) x ^= sobol_table.number[dimension][k];
+    return x;
+  }
+};
+
+/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
+/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
+/// keep a state and are not scrambled.
+struct OwenSobol {
+  std::uint64_t seed = 0;
+
+  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
+  double operator()(std::uint32_t index, int dimension) const {
+    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
+    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/lab/rig.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
+
+namespace lumo {
+
+// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md explains each). They were
+// fixed before any decoder, localiser or force estimator ran on a log of the lab. The lab's `noise` multiplies all that
+// is marked σ.
+
+/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is
+/// recorded. The picture is its green plane.
+struct CameraRig {
+  int width = 192, height = 80;    ///< of the window [px]
+  double focal_px = 616.0;         ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
+  double distance_m = 0.25;        ///< from the facing side; assumed, 0.41 mm/px
+  double aim_sigma_rad = 1.5_deg;  ///< σ of yaw, pitch and roll of one placing by hand; assumed
+  double aim_sigma_m = 1.0_mm;     ///< σ of the place along y and z; assumed
+  double frames_per_s = 30.0;
+  double exposure_s = 1.0e-3;  ///< device setting 10 (paper), 100 µs each (librealsense #8243)
+  double gain = 64.0;          ///< device setting (paper)
+  double level_DN = 70.0;      ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
+  double gamma = 1.0;          ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;       ///< assumed
+  double full_DN = 255.0;
+  double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
+  double read_DN = 0.6;           ///< σ, assumed
+  double row_DN = 0.35;           ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
+  double pixel_gain = 0.01;       ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
+  double blur_px = 0.8;           ///< standard deviation of the lens's point spread; assumed
+  double stamp_sigma_s = 0.2e-3;  ///< σ of a stamp; assumed
+};
+
+/// The finger's lamps and the room's.
+struct LightRig {
+  double lamp_drift = 3.0e-3;  ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up
+                               ///< (memory: assumed)
+  double lamp_drift_s = 20.0;   ///< its time
+  double lamp_white = 1.0e-3;   ///< σ frame by frame; assumed
+  double ambient_DN = 5.0;      ///< mean; assumed
+  double ambient_slope = 0.2;   ///< relative, from end to end of the window; assumed
+  double ambient_drift = 0.02;  ///< σ relative; assumed
+  double ambient_drift_s = 5.0;
+  double flicker = 0.1;  ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
+  double flicker_hz = 100.0;
+  double spot_DN = 80.0;  ///< a LED's package seen through the side, on top of the side's light; assumed (the paper
+                          ///< detects five LEDs)
+  double spot_sigma_m = 0.7_mm;  ///< half of the package's 1.6 mm, blurred; assumed
+};
+
+/// The indenter and how well it comes back.
+struct ContactRig {
+  double place_sigma_m = 0.25_mm;  ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
+  /// Σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
+  double tilt_sigma_rad = 0.5_deg;
+  double load_sigma = 0.005;     ///< σ of a hold's load, relative; assumed
+  double sensor_sigma_N = 0.05;  ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
+  double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
+  double sensor_hz = 100.0;
+  double marker_sigma_m = 0.02_mm;  ///< σ of the followed marker on the indenter; assumed
+};
+
+/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes
+/// suggest for Dragon Skin; assumed.
+struct SiliconeRig {
+  std::array<double, 3> part{0.02, 0.015, 0.015};
+  std::array<double, 3> time_s{0.1, 1.0, 10.0};
+};
+
+/// How a joint moves without contact: to and fro as a cosine, with a rest after each sweep. Moving shows friction,
+/// resting what sticks. Assumed.
+struct FreeRunRig {
+  double beat_s = 0.75;  ///< of a sweep and its rest
+  double sweep_s = 0.5;
+  double swing_rad = 0.35;                ///< to both sides
+  double rest_velocity_rad_per_s = 0.02;  ///< Coulomb friction turns within about it
+};
+
+/// The joints under local position control, with current for torque: one, or a second one alike before it.
+struct MotorRig {
+  int joints = 1;
+  double joint_to_joint_m = 45.0_mm;       ///< from the first of two to the second; assumed
+  double joint_to_origin_m = 65.0_mm;      ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
+  double torque_constant_Nm_per_A = 0.35;  ///< gear included; assumed
+  /// Σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
+  double constant_sigma = 0.02;
+  /// Σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  double stiction_Nm = 0.079;
+  double white_Nm = 0.0685;  ///< σ of one sample; current noise and ripple: set for 1.29 N
+  double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
+  double weight_Nm = 0.06;                                ///< of the finger, times sin q; assumed
+  double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed
+  double velocity_sigma_rad_per_s = 0.003;  ///< σ; assumed
+  double hold_rad = 0.15;                   ///< where it holds; assumed
+  double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
+  double hz = 250.0;
+  FreeRunRig free_run;
+};
+
+/// How the pad at hand differs from the computed one.
+struct SpecimenRig {
+  double stiffness = 1.0;  ///< of its silicone, relative: it deforms as the computed pad does under the load over this
+  double lamps = 1.0;      ///< power of its LEDs, relative
+
+  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms
+  /// more.
+  double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
+};
+
+/// All of it.
+struct Rig {
+  SpecimenRig specimen;
+  CameraRig camera;
+  LightRig light;
+  ContactRig contact;
+  SiliconeRig silicone;
+  MotorRig motor;
+};
+
+/// What a pixel gives for the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number,
+/// times `noise`), the row's offset, black level, full well, gamma, 8 bits (EMVA 1288's linear model).
+inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise, double normal, double row_offset) {
+  signal = std::max(signal, 0.0);
+  signal += noise * std::sqrt(camera.shot_DN * signal + camera.read_DN * camera.read_DN) * normal + row_offset;
+  double value = std::clamp(signal + camera.black_DN, 0.0, camera.full_DN);
+  const double inverse_gamma = 1.0 / camera.gamma;
+  if (inverse_gamma != 1.0) value = camera.full_DN * std::pow(value / camera.full_DN, inverse_gamma);
+  return std::uint8_t(std::lround(value));
+}
+
+/// The lab's clock.
+inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
+
+/// Throws InvalidArgument for numbers out of range.
+inline void validate(const Rig& r) {
+  require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
+  require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
+  require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
+  require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
+  require_positive("focal length", r.camera.focal_px, "px");
+  require_in_range("distance of the camera", r.camera.distance_m, 0.05, 10.0, "m");
+  require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
+  require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
+  require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
+  require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
+  require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
+  require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
+  require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
+  require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");
+  require_positive("stiffness of the position control", r.motor.stiffness_Nm_per_rad, "N·m/rad");
+  double sum = 0.0;
+  for (std::size_t k = 0; k < r.silicone.part.size(); ++k) {
+    require_in_range("part of the relaxation", r.silicone.part[k], 0.0, 0.9, "");
+    require_positive("relaxation time", r.silicone.time_s[k], "s");
+    sum += r.silicone.part[k];
+  }
+  require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
+}
+
+/// What load would, in equilibrium, give the deformation that a pad has now: it lags behind the load on it (Prony
+/// series; generalised Maxwell body). With the equilibrium modulus for unit, load = e + Σ w_k h_k, where h_k' = e' −
+/// h_k/τ_k and w_k = part_k/(1 − Σ part).
+class Relaxation {
+ public:
+  explicit Relaxation(const SiliconeRig& rig) : time_s_(rig.time_s) {
+    double rest = 1.0;
+    for (const double g : rig.part) rest -= g;
+    for (std::size_t k = 0; k < weight_.size(); ++k) weight_[k] = rig.part[k] / rest;
+  }
+
+  /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches
+  /// are exact. Returns e, never below 0.
+  double step(double load_N, double dt_s) {
+    double lag = 0.0, whole = 1.0;
+    std::array<double, 3> keep{}, gain{};
+    for (std::size_t k = 0; k < weight_.size(); ++k) {
+      keep[k] = std::exp(-dt_s / time_s_[k]);
+      gain[k] = (1.0 - keep[k]) * time_s_[k] / dt_s;
+      lag += weight_[k] * (keep[k] * branch_[k] - gain[k] * equivalent_N_);
+      whole += weight_[k] * gain[k];
+    }
+    const double next = std::max(0.0, (load_N - lag) / whole);
+    for (std::size_t k = 0; k < weight_.size(); ++k)
+      branch_[k] = keep[k] * branch_[k] + gain[k] * (next - equivalent_N_);
+    return equivalent_N_ = next;
+  }
+  double equivalent_N() const { return equivalent_N_; }
+
+ private:
+  std::array<double, 3> time_s_, weight_{}, branch_{};
+  double equivalent_N_ = 0.0;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/lab/random_stream.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_RANDOM_STREAM_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_RANDOM_STREAM_HPP
+
+namespace lumo {
+
+/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was
+/// drawn elsewhere. The same on every machine up to its mathematical functions' last bit.
+class RandomStream {
+ public:
+  RandomStream(std::uint64_t seed, std::uint64_t stream) : key_(combine(combine(0x1ab0ull, seed), stream)) {}
+
+  double uniform() { return lumo::uniform(combine(key_, count_++)); }
+  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
+  double normal() {
+    if (spare_) return spare_ = false, second_;
+    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
+    second_ = r * std::sin(a);
+    spare_ = true;
+    return r * std::cos(a);
+  }
+
+ private:
+  std::uint64_t key_, count_ = 0;
+  double second_ = 0.0;
+  bool spare_ = false;
+};
+
+/// First-order Gauss–Markov noise of standard deviation 1.
+class SlowNoise {
+ public:
+  SlowNoise(RandomStream draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
+  /// At a time not before the last one.
+  double at(double t_s) {
+    const double keep = std::exp(-(t_s - t_s_) / time_s_);
+    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
+    t_s_ = t_s;
+    return value_;
+  }
+
+ private:
+  RandomStream draws_;
+  double time_s_, value_, t_s_ = 0.0;
+};
+
+/// How much brighter lamps are than their mean, relative: slowly together, and frame by frame; standard deviations as
+/// the rig has them. Takes the streams `first` and `first` + 2.
+class LampNoise {
+ public:
+  LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first)
+      : drift_(rig.lamp_drift),
+        white_(rig.lamp_white),
+        slow_(RandomStream(seed, first), rig.lamp_drift_s),
+        fast_(seed, first + 2) {}
+  double at(double t_s) {
+    const double slow = drift_ * slow_.at(t_s);
+    return slow + white_ * fast_.normal();
+  }
+
+ private:
+  double drift_, white_;
+  SlowNoise slow_;
+  RandomStream fast_;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/geometry/closed_surface.hpp
 #ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
 #define SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
@@ -1343,49 +1164,59 @@ inline void validate(const std::vector<Emitter>& emitters) {
       throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
 }
 
-}  // namespace lumo
+/// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source:
+/// Shirley & Chiu, "A Low Distortion Map Between Disk and Square", J. Graphics Tools 2 (1997).
+inline Vec3d on_unit_disc(double u, double v, const Vec3d& t1, const Vec3d& t2) {
+  const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
+  if (a == 0.0 && b == 0.0) return Vec3d::Zero();
+  const bool steep = std::abs(b) > std::abs(a);
+  const double r = steep ? b : a, turn = steep ? 0.5 * pi - 0.25 * pi * (a / b) : 0.25 * pi * (b / a);
+  return r * (std::cos(turn) * t1 + std::sin(turn) * t2);
+}
 
-#endif
+/// Point of the disc about `center` with unit normal `n`; the same for every description of it.
+inline Vec3d on_disc(const Vec3d& center, const Vec3d& n, double radius_m, double u, double v) {
+  Vec3d t1, t2;
+  tangents(n, t1, t2);
+  return center + radius_m * on_unit_disc(u, v, t1, t2);
+}
 
-// ---- lumo/morphology/optical_data.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
+/// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
+struct DiscEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d normal{0.0, 0.0, 1.0};  ///< unit
+  double radius_m = 0.5e-3;
+  double power_W = 1.0;
+  int channel = 0;  ///< colour channel
 
-namespace lumo {
-
-/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
-/// extinction needs.
-struct Medium {
-  double refractive_index = 1.0;
-  double extinction_per_m = 0.0;   ///< absorption and scattering together
-  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
-  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
+  Vec3d axis() const { return normal; }
+  Vec3d point(double u, double v) const { return on_disc(center, normal, radius_m, u, v); }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  DiscEmitter mirrored(const Vec3d& m) const {
+    return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel};
+  }
 };
 
-/// How light meets a surface.
-struct Dielectric {
-  bool operator==(const Dielectric&) const = default;
-};  ///< smooth interface: Fresnel reflection and refraction
-struct Lambertian {
-  double albedo = 0.8;
-  bool operator==(const Lambertian&) const = default;
-};  ///< diffuse, opaque
-struct Mirror {
-  double reflectance = 1.0;
-  bool operator==(const Mirror&) const = default;
-};  ///< specular, opaque
-struct Absorber {
-  bool operator==(const Absorber&) const = default;
-};  ///< black
-using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
+inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }
 
-/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
-/// from the lit side.
-struct RigidFace {
-  std::string name;
-  std::vector<Vec3d> corners;  ///< [m]
-  SurfaceOptics optics = Lambertian{};
+static_assert(EmitterModel<DiscEmitter>);
+
+/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the
+/// light starts out of it.
+struct PointEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  double power_W = 1.0;
+  int channel = 0;  ///< colour channel
+
+  Vec3d axis() const { return Vec3d::UnitZ(); }
+  Vec3d point(double, double) const { return center; }
+  Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
+  double intensity(double) const { return power_W / (4.0 * pi); }
+  PointEmitter mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), power_W, channel}; }
 };
+
+static_assert(EmitterModel<PointEmitter>);
 
 }  // namespace lumo
 
@@ -1497,6 +1328,76 @@ static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceSh
 
 #endif
 
+// ---- lumo/morphology/silicone.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+
+namespace lumo {
+
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
+/// extinction needs.
+struct Medium {
+  double refractive_index = 1.0;
+  double extinction_per_m = 0.0;   ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
+};
+
+/// How light meets a surface.
+struct Dielectric {
+  bool operator==(const Dielectric&) const = default;
+};  ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian {
+  double albedo = 0.8;
+  bool operator==(const Lambertian&) const = default;
+};  ///< diffuse, opaque
+struct Mirror {
+  double reflectance = 1.0;
+  bool operator==(const Mirror&) const = default;
+};  ///< specular, opaque
+struct Absorber {
+  bool operator==(const Absorber&) const = default;
+};  ///< black
+using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
+
+/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
+/// from the lit side.
+struct RigidFace {
+  std::string name;
+  std::vector<Vec3d> corners;  ///< [m]
+  SurfaceOptics optics = Lambertian{};
+};
+
+/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495).
+struct Silicone {
+  std::string name;
+  double density_kg_per_m3;
+  double mu_Pa;      ///< shear modulus
+  double lambda_Pa;  ///< Lamé's first parameter
+  double refractive_index;
+  double extinction_per_m;         ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
+                                   ///< takes all of it as absorption
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
+
+  bool operator==(const Silicone&) const = default;
+  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
+};
+
+inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
+inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
+
+/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
+inline Silicone silicone(std::string_view name) {
+  for (const Silicone& card : {dragon_skin(), solaris()})
+    if (card.name == name) return card;
+  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/body.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
@@ -1546,8 +1447,8 @@ struct Body {
 
   Medium medium;        ///< inside
   Medium surroundings;  ///< outside (air)
-  SurfaceOptics touched =
-      Dielectric{};  ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
+  /// What light in the body meets where a tool touches; Dielectric: a film of air is left between
+  SurfaceOptics touched = Dielectric{};
   std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
   int regions = 0;  ///< number of readout regions
@@ -1566,6 +1467,147 @@ inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
 }
 
 }  // namespace lumo
+
+#endif
+
+// ---- lumo/sense/devices/device.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_DEVICE_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_DEVICE_HPP
+
+namespace lumo::sense {
+
+/// Bytes of a pixel: one of grey, or blue, green, red.
+enum class PixelFormat { grey, bgr };
+
+constexpr int channels(PixelFormat f) { return f == PixelFormat::grey ? 1 : 3; }
+
+/// A view of 8-bit pixels that something else owns. Rows run from the top, columns from the left.
+struct ImageView {
+  const std::uint8_t* data = nullptr;
+  int width = 0;
+  int height = 0;
+  std::ptrdiff_t stride = 0;  ///< bytes from a row to the next
+  PixelFormat format = PixelFormat::bgr;
+
+  const std::uint8_t* row(int y) const { return data + y * stride; }
+  /// Green value, or the grey one. Unchecked.
+  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + 1]; }
+  bool empty() const { return !data || width <= 0 || height <= 0; }
+};
+
+inline constexpr int max_image_side = 32768;                 ///< [px]
+inline constexpr std::int64_t max_image_area = 100'000'000;  ///< [px]
+
+/// Whether an image from outside may be this large [px].
+constexpr bool is_image_size(std::int64_t width, std::int64_t height) {
+  return width >= 1 && height >= 1 && width <= max_image_side && height <= max_image_side &&
+         width * height <= max_image_area;
+}
+
+/// An image that owns its pixels; rows without padding.
+struct Image {
+  int width = 0;
+  int height = 0;
+  PixelFormat format = PixelFormat::bgr;
+  std::vector<std::uint8_t> pixels;
+
+  /// Black. Throws InvalidArgument for sizes outside 1 … max_image_side.
+  static Image black(int width, int height, PixelFormat format = PixelFormat::bgr) {
+    require_in_range("image width", width, 1, max_image_side, "px");
+    require_in_range("image height", height, 1, max_image_side, "px");
+    return {width, height, format,
+        std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+  }
+  /// Copies the pixels. Throws InvalidArgument for an empty view.
+  static Image copy(const ImageView& v) {
+    Image image = black(v.width, v.height, v.format);
+    for (int y = 0; y < v.height; ++y)
+      std::copy_n(v.row(y), std::size_t(v.width) * std::size_t(channels(v.format)), image.row(y));
+    return image;
+  }
+  ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
+  std::uint8_t* row(int y) { return pixels.data() + std::ptrdiff_t(y) * width * channels(format); }
+};
+
+/// One picture of a camera and how it was taken.
+struct Frame {
+  ImageView image;
+  /// The source's stamp on the session's clock: the middle of the exposure plus the session's frame delay.
+  std::int64_t stamp_ns = 0;
+  double exposure_s = 0.0;  ///< 0: unknown
+  double gain = 0.0;        ///< linear factor, or else the driver's own number; 0: unknown
+  std::int64_t index = 0;   ///< counted by the source
+};
+
+/// What a source of frames or samples can still give.
+enum class StreamState {
+  open,   ///< there may be more
+  ended,  ///< a recording has been read to its end
+  failed  ///< unplugged or unreadable; what it gave before remains good
+};
+
+/// A source of frames: live, a video, a folder of images.
+/// Laws: `next` gives each frame once, in the order of taking, and nullopt if there is none now; it waits no longer
+/// than the model states; the pixels stay valid until the next call; there is no frame unless the state is `open`.
+template <class C>
+concept Camera = requires(C& camera, const C& view) {
+  { camera.next() } -> std::same_as<std::optional<Frame>>;
+  { view.state() } -> std::same_as<StreamState>;
+};
+
+/// A finger or hand has at most this many joints; vectors of joints need no heap.
+inline constexpr int max_joints = 8;
+
+using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
+
+/// Quantity of a motor driver's effort. The torque model's constants turn a current into a torque.
+enum class Effort { current_A, torque_Nm };
+
+/// State of all joints at one time.
+struct JointSample {
+  std::int64_t stamp_ns = 0;  ///< on the clock that the session names
+  JointVector position_rad;
+  JointVector velocity_rad_per_s;
+  JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
+  Effort unit = Effort::current_A;
+  bool saturated = false;  ///< a value stands at the end of the driver's range: it may be more
+};
+
+/// A source of joint samples: live motors or a recording.
+/// Laws: `next` gives each sample once, in the order of arrival, and nullopt if there is none now; it never waits; all
+/// samples have the same number of joints, in the same order; there is no sample unless the state is `open`.
+template <class A>
+concept Actuator = requires(A& actuator, const A& view) {
+  { actuator.next() } -> std::same_as<std::optional<JointSample>>;
+  { view.state() } -> std::same_as<StreamState>;
+};
+
+/// Light along the finger at one time.
+struct Profile {
+  std::int64_t stamp_ns = 0;
+  Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
+  /// Share of the raw values at the top of their range: profile values there are lower bounds.
+  double saturated = 0.0;
+};
+
+/// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
+/// Laws: linear in the light unless a value saturates; value i belongs to `positions_m()[i]` on the finger's y axis,
+/// ascending; a sample of another size or kind gives false and leaves the profile as it was; no memory is allocated
+/// after the first call.
+template <class R>
+concept Readout = requires(R& readout, const R& view, const typename R::Sample& sample, Profile& profile) {
+  { readout.read(sample, profile) } -> std::same_as<bool>;
+  { view.positions_m() } -> std::convertible_to<const Eigen::VectorXd&>;
+};
+
+/// Makes pixels of an image file's bytes.
+/// Law: the view holds until the next call; it is empty for what cannot be decoded.
+template <class D>
+concept PictureDecoder = requires(D& decode, std::span<const std::uint8_t> file) {
+  { decode(file) } -> std::same_as<ImageView>;
+};
+
+}  // namespace lumo::sense
 
 #endif
 
@@ -1683,108 +1725,97 @@ class SideCamera {
   Eigen::Vector2d centre_;
 };
 
-}  // namespace lumo
+/// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel
+/// noise, gamma, 8 bits. The light of a bin fills the height of the visible side evenly (the responses hold no
+/// more). LEDs are spots behind the side: in the pad's middle, as deep as refraction lets them seem, so that their
+/// pitch looks smaller than the side's.
+class SidePainter {
+ public:
+  /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the
+  /// window.
+  SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed);
 
-#endif
+  /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the
+  /// window's middle.
+  sense::Image paint(
+      const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const;
 
-// ---- lumo/sense/devices/joint_sample.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_JOINT_SAMPLE_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_JOINT_SAMPLE_HPP
+  /// How it stands before the pad.
+  const SideCamera& view() const { return view_; }
 
-namespace lumo::sense {
+ private:
+  struct Pixel {
+    int bin;      ///< left one of the two that it lies between; −1: no light of the side
+    float share;  ///< of the right one
+    float side, spot, vignette, gain, room;
+  };
 
-/// A finger or hand has at most this many joints; vectors of joints need no heap.
-inline constexpr int max_joints = 8;
-
-using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
-
-/// Quantity of a motor driver's effort. The torque model's constants turn a current into a torque.
-enum class Effort { current_A, torque_Nm };
-
-/// State of all joints at one time.
-struct JointSample {
-  std::int64_t stamp_ns = 0;  ///< on the clock that the session names
-  JointVector position_rad;
-  JointVector velocity_rad_per_s;
-  JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
-  Effort unit = Effort::current_A;
-  bool saturated = false;  ///< a value stands at the end of the driver's range: it may be more
+  SideCamera view_;
+  std::vector<Pixel> pixels_;
 };
 
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/devices/frame.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_FRAME_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_FRAME_HPP
-
-namespace lumo::sense {
-
-/// Bytes of a pixel: one of grey, or blue, green, red.
-enum class PixelFormat { grey, bgr };
-
-constexpr int channels(PixelFormat f) { return f == PixelFormat::grey ? 1 : 3; }
-
-/// A view of 8-bit pixels that something else owns. Rows run from the top, columns from the left.
-struct ImageView {
-  const std::uint8_t* data = nullptr;
-  int width = 0;
-  int height = 0;
-  std::ptrdiff_t stride = 0;  ///< bytes from a row to the next
-  PixelFormat format = PixelFormat::bgr;
-
-  const std::uint8_t* row(int y) const { return data + y * stride; }
-  /// Green value, or the grey one. Unchecked.
-  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + 1]; }
-  bool empty() const { return !data || width <= 0 || height <= 0; }
-};
-
-inline constexpr int max_image_side = 32768;                 ///< [px]
-inline constexpr std::int64_t max_image_area = 100'000'000;  ///< [px]
-
-/// Whether an image from outside may be this large [px].
-constexpr bool is_image_size(std::int64_t width, std::int64_t height) {
-  return width >= 1 && height >= 1 && width <= max_image_side && height <= max_image_side &&
-         width * height <= max_image_area;
+inline SidePainter::SidePainter(
+    const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed)
+    : view_(view) {
+  const CameraRig& camera = view_.camera();
+  const SideGeometry& side = view_.side();
+  for (const double y : {-side.half_length_m, side.half_length_m})
+    for (const double z : {side.low_m, side.high_m})
+      if (!view_.shows(y, z)) {
+        const Eigen::Vector2d corner = view_.pixel(y, z);
+        throw InvalidArgument(message("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(),
+            "), outside the window of ", camera.width, " x ", camera.height, " px"));
+      }
+  const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px,
+               blur = camera.blur_px * scale;
+  const auto edge = [&](double distance) { return 0.5 * std::erfc(-distance / (std::sqrt(2.0) * blur)); };
+  const Eigen::Index bins = position_m.size();
+  pixels_.resize(std::size_t(camera.width) * std::size_t(camera.height));
+  RandomStream sensitivity(seed, 101);
+  for (int v = 0; v < camera.height; ++v)
+    for (int u = 0; u < camera.width; ++u) {
+      Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
+      const Eigen::Vector2d off = view_.off_axis(u, v);
+      const Eigen::Vector3d at = view_.on_side(u, v);
+      const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) *
+                           edge(at.z() - side.low_m) * edge(side.high_m - at.z());
+      const double place_in_bins = std::clamp((at.y() - position_m[0]) / spacing, 0.0, double(bins - 1) - 1e-9);
+      p.bin = cover > 1e-4 ? int(place_in_bins) : -1;
+      p.share = float(place_in_bins - std::floor(place_in_bins));
+      p.side = float(cover);
+      double spot = 0.0;
+      for (const double y : side.lamp_m) {
+        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px),
+                     d = (Eigen::Vector2d(u, v) - view_.lamp_pixel(y)).norm() / sigma;
+        spot += light.spot_DN * std::exp(-0.5 * d * d);
+      }
+      p.spot = float(spot);
+      const double cosine = 1.0 / std::sqrt(1.0 + off.squaredNorm());
+      p.vignette = float(cosine * cosine * cosine * cosine);
+      p.gain = float(sensitivity.normal());
+      p.room = float(1.0 + light.ambient_slope * (double(u) / (camera.width - 1) - 0.5));
+    }
 }
 
-/// An image that owns its pixels; rows without padding.
-struct Image {
-  int width = 0;
-  int height = 0;
-  PixelFormat format = PixelFormat::bgr;
-  std::vector<std::uint8_t> pixels;
-
-  /// Black. Throws InvalidArgument for sizes outside 1 … max_image_side.
-  static Image black(int width, int height, PixelFormat format = PixelFormat::bgr) {
-    require_in_range("image width", width, 1, max_image_side, "px");
-    require_in_range("image height", height, 1, max_image_side, "px");
-    return {width, height, format,
-        std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+inline sense::Image SidePainter::paint(
+    const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const {
+  const CameraRig& camera = view_.camera();
+  sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
+  for (int v = 0; v < camera.height; ++v) {
+    std::uint8_t* row = image.row(v);
+    const double row_offset = noise * camera.row_DN * draws.normal();
+    for (int u = 0; u < camera.width; ++u) {
+      const Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
+      double signal = room_DN * p.room + lamps * p.spot;
+      if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
+      signal *= p.vignette * (1.0 + noise * camera.pixel_gain * p.gain);
+      row[u] = sensed(camera, signal, noise, draws.normal(), row_offset);
+    }
   }
-  /// Copies the pixels. Throws InvalidArgument for an empty view.
-  static Image copy(const ImageView& v) {
-    Image image = black(v.width, v.height, v.format);
-    for (int y = 0; y < v.height; ++y)
-      std::copy_n(v.row(y), std::size_t(v.width) * std::size_t(channels(v.format)), image.row(y));
-    return image;
-  }
-  ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
-  std::uint8_t* row(int y) { return pixels.data() + std::ptrdiff_t(y) * width * channels(format); }
-};
+  return image;
+}
 
-/// One picture of a camera and how it was taken.
-struct Frame {
-  ImageView image;
-  /// The source's stamp on the session's clock: the middle of the exposure plus the session's frame delay.
-  std::int64_t stamp_ns = 0;
-  double exposure_s = 0.0;  ///< 0: unknown
-  double gain = 0.0;        ///< linear factor, or else the driver's own number; 0: unknown
-  std::int64_t index = 0;   ///< counted by the source
-};
-
-}  // namespace lumo::sense
+}  // namespace lumo
 
 #endif
 
@@ -2353,29 +2384,138 @@ inline std::optional<LinkMap> register_link(
 
 #endif
 
-// ---- lumo/sense/devices/readout.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_READOUT_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_READOUT_HPP
+// ---- lumo/sense/recording/csv.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_CSV_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_CSV_HPP
 
 namespace lumo::sense {
 
-/// Light along the finger at one time.
-struct Profile {
-  std::int64_t stamp_ns = 0;
-  Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
-  /// Share of the raw values at the top of their range: profile values there are lower bounds.
-  double saturated = 0.0;
+/// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields.
+/// No quotes, no empty lines but at the end, no comments; fields may have spaces around them, lines may end in CR LF.
+/// Every fault is an InputError of one line with file, line and column.
+class CsvReader {
+ public:
+  static constexpr std::size_t max_line = 65536, max_columns = 256;
+
+  /// Reads the header. `name` stands in messages.
+  CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
+    if (!read_line()) throw InputError(message(name_, ": is empty, must begin with a line of column names"));
+    if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
+    split();
+    for (const std::string_view f : fields_) {
+      if (f.empty()) throw InputError(message(name_, ":1: column ", columns_.size() + 1, " has no name"));
+      for (const std::string& c : columns_)
+        if (c == f) throw InputError(message(name_, ":1: column '", printable(f), "' is there twice"));
+      columns_.emplace_back(f);
+    }
+  }
+
+  const std::vector<std::string>& columns() const { return columns_; }
+  /// Place of a column, or −1.
+  int find(std::string_view column) const {
+    for (std::size_t i = 0; i < columns_.size(); ++i)
+      if (columns_[i] == column) return int(i);
+    return -1;
+  }
+  /// Place of a column that must be there.
+  int require(std::string_view column) const {
+    if (const int i = find(column); i >= 0) return i;
+    throw InputError(message(name_, ":1: column '", column, "' is missing"));
+  }
+  /// Throws for the first column that is none of those known.
+  template <class Known> void require_known(Known known) const {
+    for (const std::string& c : columns_)
+      if (!known(std::string_view(c))) throw InputError(message(name_, ":1: column '", printable(c), "' is not known"));
+  }
+
+  /// Goes to the next row; false at the end of the file.
+  bool next() {
+    if (!read_line()) return false;
+    if (line_text_.find_first_not_of(" \t") == std::string::npos) {
+      while (read_line())
+        if (line_text_.find_first_not_of(" \t") != std::string::npos)
+          throw InputError(message(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
+      return false;
+    }
+    split();
+    if (fields_.size() != columns_.size())
+      throw InputError(message(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
+    return true;
+  }
+  std::string_view text(int column) const { return fields_[std::size_t(column)]; }
+  /// A finite number.
+  double number(int column) const {
+    const std::string_view f = text(column);
+    double v = 0.0;
+    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
+    if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
+    return v;
+  }
+  std::int64_t integer(int column) const {
+    const std::string_view f = text(column);
+    std::int64_t v = 0;
+    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
+    if (error != std::errc() || end != f.data() + f.size()) fail(column, "is no whole number of 64 bits");
+    return v;
+  }
+  long line() const { return line_; }
+  const std::string& name() const { return name_; }
+  /// Throws the error of a field: file, line, column, text, reason.
+  [[noreturn]] void fail(int column, std::string_view why) const {
+    throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
+        printable(text(column)), "' ", why));
+  }
+
+ private:
+  bool read_line() {
+    line_text_.clear();
+    ++line_;
+    for (int c = in_.get(); c != std::istream::traits_type::eof(); c = in_.get()) {
+      if (c == '\n') {
+        if (line_text_.ends_with('\r')) line_text_.pop_back();
+        return true;
+      }
+      if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
+      line_text_ += char(c);
+      if (line_text_.size() > max_line)
+        throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
+    }
+    if (in_.bad()) throw InputError(message(name_, ":", line_, ": cannot be read"));
+    return !line_text_.empty();
+  }
+
+  void split() {
+    fields_.clear();
+    const std::string_view all = line_text_;
+    if (const auto quote = all.find('"'); quote != std::string_view::npos)
+      throw InputError(message(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
+    for (std::size_t from = 0;;) {
+      const std::size_t to = std::min(all.find(',', from), all.size());
+      std::string_view f = all.substr(from, to - from);
+      while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
+      while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
+      fields_.push_back(f);
+      if (fields_.size() > max_columns)
+        throw InputError(message(name_, ":", line_, ": has more than ", max_columns, " fields"));
+      if (to == all.size()) return;
+      from = to + 1;
+    }
+  }
+
+  std::istream& in_;
+  std::string name_, line_text_;
+  std::vector<std::string> columns_;
+  std::vector<std::string_view> fields_;
+  long line_ = 0;
 };
 
-/// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
-/// Laws: linear in the light unless a value saturates; value i belongs to `positions_m()[i]` on the finger's y axis,
-/// ascending; a sample of another size or kind gives false and leaves the profile as it was; no memory is allocated
-/// after the first call.
-template <class R>
-concept Readout = requires(R& readout, const R& view, const typename R::Sample& sample, Profile& profile) {
-  { readout.read(sample, profile) } -> std::same_as<bool>;
-  { view.positions_m() } -> std::convertible_to<const Eigen::VectorXd&>;
-};
+/// The shortest text that reads back as the same number. Throws InvalidArgument unless it is finite.
+inline std::string csv_number(double v) {
+  if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
+  char buffer[32];
+  const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, v);
+  return {buffer, end};
+}
 
 }  // namespace lumo::sense
 
@@ -2770,6 +2910,72 @@ inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samp
 
 namespace lumo {
 
+using HandJoints = std::array<double, 4>;  ///< proximal and distal of the left finger, then of the right; bending
+                                           ///< inwards is positive [rad]
+
+/// Something that presses on a link: 0 and 1 are the left finger's, from proximal to distal, 2 and 3 the right one's.
+struct HandTouch {
+  int link;
+  double y_m, load_N;
+};
+
+/// A grasp: what the hand looks like while it holds, and what presses where.
+struct HandGrasp {
+  HandJoints joints_rad;
+  std::vector<HandTouch> touches;
+};
+
+/// The joints sweep their workspace without contact, then grasp after grasp is closed, held and opened.
+struct HandPlan {
+  std::string title = "grasps of a hand with two fingers";
+  int sweep_steps = 6;                   ///< of each joint, there and back
+  double low_rad = 0.0, high_rad = 0.4;  ///< of the sweep; the fingers then do not meet
+  double speed_rad_per_s = 0.5;
+  double close_s = 0.4, hold_s = 0.8;
+  std::vector<HandGrasp> grasps;
+};
+
+/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where
+/// `step_m` is not 0, at its nearest multiple.
+inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
+  require_in_range("number of grasps", count, 1, 1000, "");
+  require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
+  HandPlan plan;
+  RandomStream draws(seed, 40);
+  for (int g = 0; g < count; ++g) {
+    HandGrasp grasp;
+    for (double& q : grasp.joints_rad)
+      q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
+    const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
+    for (int k = 0; k < links; ++k) {
+      const double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
+      grasp.touches.push_back(
+          {(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
+    }
+    std::sort(grasp.touches.begin(), grasp.touches.end(),
+        [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
+    plan.grasps.push_back(std::move(grasp));
+  }
+  return plan;
+}
+
+/// What really pressed on the hand at a frame.
+struct HandTruth {
+  std::int64_t stamp_ns = 0;
+  HandJoints joints_rad{};
+  std::vector<HandTouch> touches;  ///< with the loads of this moment
+};
+
+/// truth.csv of a hand: stamp_ns, link, y_mm, force_N; a row for each touch of each frame.
+inline std::string truth_text(const std::vector<HandTruth>& truth) {
+  std::string t = "stamp_ns,link,y_mm,force_N\n";
+  for (const HandTruth& s : truth)
+    for (const HandTouch& c : s.touches)
+      t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + sense::csv_number(1e3 * c.y_m) + ',' +
+           sense::csv_number(c.load_N) + '\n';
+  return t;
+}
+
 /// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along
 /// their joints. Every number is assumed. The distance of the fingers and the range of their joints were changed once
 /// after the first pictures, in which the fingers ran into each other; all else was fixed before.
@@ -3125,73 +3331,6 @@ struct ExitPower {
 
 static_assert(ExitReadout<ExitPower>);
 static_assert(!ExitReadout<int> && !ConnectedReadout<ExitPower>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/side_sight.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_SIDE_SIGHT_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_SIDE_SIGHT_HPP
-
-namespace lumo {
-
-/// What is seen of a pad's two sides, by the *deformed* place along the finger (a camera sees where the surface is, not
-/// where it was). By default all light that leaves a visible side counts, whatever its direction, which is how the
-/// paper's own model reads an image (r_b). A real lens sees a narrow cone: one that looks level or down on a pad that
-/// does not scatter sees hardly more than shadows, because a dent throws light down and outwards (docs/virtual_lab.md).
-/// Channels 0 … bins − 1 are the side x > 0, the others the side x < 0, each from proximal to distal.
-struct SideSight {
-  int bins = 60;
-  double half_range_m = 30.0_mm;
-  double pitch_rad = 0.0;  ///< of the line of sight above the base plane: the camera looks down on the pad by so much
-  double cone_rad = pi;    ///< half angle of the cone about the line of sight; π: all directions
-
-  int channels(const Body&) const { return 2 * bins; }
-  int channel(const Escape& e) const {
-    if (e.region < 0) return -1;
-    const bool right = e.reference.x() > 0.0;
-    const double sideways = right ? e.direction.x() : -e.direction.x();
-    if (cone_rad < pi && sideways * std::cos(pitch_rad) + e.direction.z() * std::sin(pitch_rad) < std::cos(cone_rad))
-      return -1;
-    const double at = (e.position.y() + half_range_m) / (2.0 * half_range_m) * bins;
-    return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
-  }
-  /// Middles of the bins of one side [m].
-  std::vector<double> positions_m() const {
-    std::vector<double> y;
-    for (int b = 0; b < bins; ++b) y.push_back(half_range_m * ((2 * b + 1.0) / bins - 1.0));
-    return y;
-  }
-};
-
-static_assert(ExitReadout<SideSight>);
-
-/// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as
-/// the sight does). `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for
-/// numbers out of range.
-inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
-  require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
-  require_positive("range of the side's sight", sight.half_range_m, "m");
-  require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");
-  const int n = sight.bins;
-  body.regions = 2 * n;
-  std::vector<int> other_side(std::size_t(2 * n)), other_end(std::size_t(2 * n));
-  for (int b = 0; b < n; ++b) {
-    other_side[std::size_t(b)] = b + n;
-    other_side[std::size_t(b + n)] = b;
-    other_end[std::size_t(b)] = n - 1 - b;
-    other_end[std::size_t(b + n)] = 2 * n - 1 - b;
-  }
-  body.region_image_x = other_side;
-  body.region_image_y = other_end;
-  body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3d& p, const Vec3d& normal) {
-    if (std::abs(normal.x()) < min_abs_nx || std::abs(p.y()) > half) return -1;
-    const int b = std::clamp(int((p.y() + half) / (2.0 * half) * n), 0, n - 1);
-    return p.x() > 0.0 ? b : b + n;
-  };
-  return body;
-}
 
 }  // namespace lumo
 
@@ -3648,66 +3787,6 @@ concept Mesher = requires(const M& mesher, const MeshInput& input) {
 
 #endif
 
-// ---- lumo/mesh/mirror.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_MIRROR_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_MIRROR_HPP
-
-namespace lumo {
-
-/// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that
-/// coordinate exactly 0 are shared; all other nodes lie on the positive side. Original nodes keep their numbers; images
-/// follow.
-inline TetMesh mirrored(const TetMesh& half, int axis) {
-  TetMesh whole = half;
-  const std::size_t n = half.nodes.size();
-  std::vector<int> image(n);
-  for (std::size_t k = 0; k < n; ++k) {
-    if (half.nodes[k][axis] == 0.0) {
-      image[k] = int(k);
-      continue;
-    }
-    image[k] = int(whole.nodes.size());
-    Vec3d x = half.nodes[k];
-    x[axis] = -x[axis];
-    whole.nodes.push_back(x);
-  }
-  const auto of = [&](int node) { return node < 0 ? node : image[std::size_t(node)]; };
-  // A mirror image has the other orientation: exchange two corners, and the edge nodes that go with them.
-  for (const auto& t : half.tets)
-    whole.tets.push_back(
-        {of(t[1]), of(t[0]), of(t[2]), of(t[3]), of(t[4]), of(t[6]), of(t[5]), of(t[8]), of(t[7]), of(t[9])});
-  for (const BoundaryFace& f : half.faces)
-    whole.faces.push_back(
-        {{of(f.nodes[1]), of(f.nodes[0]), of(f.nodes[2]), of(f.nodes[3]), of(f.nodes[5]), of(f.nodes[4])}, f.patch});
-
-  std::vector<int> partner(whole.nodes.size());
-  for (std::size_t k = 0; k < n; ++k) {
-    partner[k] = image[k];
-    partner[std::size_t(image[k])] = int(k);
-  }
-  // The other plane's pairing carries over to the images.
-  const auto extended = [&](const std::vector<int>& pairs) {
-    std::vector<int> all(pairs);
-    all.resize(whole.nodes.size());
-    for (std::size_t k = 0; k < pairs.size(); ++k) all[std::size_t(image[k])] = image[std::size_t(pairs[k])];
-    return all;
-  };
-  if (axis == 0) {
-    whole.symmetry.x = true;
-    whole.mirror_x = partner;
-    if (half.symmetry.y) whole.mirror_y = extended(half.mirror_y);
-  } else {
-    whole.symmetry.y = true;
-    whole.mirror_y = partner;
-    if (half.symmetry.x) whole.mirror_x = extended(half.mirror_x);
-  }
-  return whole;
-}
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/mesh/quality.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MESH_QUALITY_HPP
 #define SINGLE_INCLUDE_LUMO_MESH_QUALITY_HPP
@@ -3827,6 +3906,56 @@ inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double vo
 
 namespace lumo {
 
+/// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that
+/// coordinate exactly 0 are shared; all other nodes lie on the positive side. Original nodes keep their numbers; images
+/// follow.
+inline TetMesh mirrored(const TetMesh& half, int axis) {
+  TetMesh whole = half;
+  const std::size_t n = half.nodes.size();
+  std::vector<int> image(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    if (half.nodes[k][axis] == 0.0) {
+      image[k] = int(k);
+      continue;
+    }
+    image[k] = int(whole.nodes.size());
+    Vec3d x = half.nodes[k];
+    x[axis] = -x[axis];
+    whole.nodes.push_back(x);
+  }
+  const auto of = [&](int node) { return node < 0 ? node : image[std::size_t(node)]; };
+  // A mirror image has the other orientation: exchange two corners, and the edge nodes that go with them.
+  for (const auto& t : half.tets)
+    whole.tets.push_back(
+        {of(t[1]), of(t[0]), of(t[2]), of(t[3]), of(t[4]), of(t[6]), of(t[5]), of(t[8]), of(t[7]), of(t[9])});
+  for (const BoundaryFace& f : half.faces)
+    whole.faces.push_back(
+        {{of(f.nodes[1]), of(f.nodes[0]), of(f.nodes[2]), of(f.nodes[3]), of(f.nodes[5]), of(f.nodes[4])}, f.patch});
+
+  std::vector<int> partner(whole.nodes.size());
+  for (std::size_t k = 0; k < n; ++k) {
+    partner[k] = image[k];
+    partner[std::size_t(image[k])] = int(k);
+  }
+  // The other plane's pairing carries over to the images.
+  const auto extended = [&](const std::vector<int>& pairs) {
+    std::vector<int> all(pairs);
+    all.resize(whole.nodes.size());
+    for (std::size_t k = 0; k < pairs.size(); ++k) all[std::size_t(image[k])] = image[std::size_t(pairs[k])];
+    return all;
+  };
+  if (axis == 0) {
+    whole.symmetry.x = true;
+    whole.mirror_x = partner;
+    if (half.symmetry.y) whole.mirror_y = extended(half.mirror_y);
+  } else {
+    whole.symmetry.y = true;
+    whole.mirror_y = partner;
+    if (half.symmetry.x) whole.mirror_x = extended(half.mirror_x);
+  }
+  return whole;
+}
+
 /// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle
 /// nodes (also on the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric
 /// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
@@ -3919,11 +4048,116 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
 
 #endif
 
-// ---- lumo/mesh/sizing.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_SIZING_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_SIZING_HPP
+// ---- lumo/mesh/size_field.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_SIZE_FIELD_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_SIZE_FIELD_HPP
 
 namespace lumo {
+
+/// A wanted edge length, sampled on an octree over a box so that it can be sent to another process. Trilinear in each
+/// leaf. Leaves are split where the samples at their middles differ from the interpolation by more than `tolerance`
+/// (relative) and are larger than half the wanted length, down to `max_depth`, with at most `max_cells` cells in all.
+struct SizeField {
+  struct Cell {
+    std::array<double, 8> corners;  ///< wanted length at (x + 2 y + 4 z), each 0 or 1
+    int child = -1;                 ///< first of eight children, or −1
+    int unused = 0;                 ///< keeps the bytes defined
+  };
+
+  Vec3d low{0.0, 0.0, 0.0};
+  double side = 0.0;        ///< of the root cube
+  std::vector<Cell> cells;  ///< empty: no wish
+
+  static constexpr int min_depth = 3;
+  static constexpr int max_depth = 9;
+  static constexpr std::size_t max_cells = 60000;
+  static constexpr double tolerance = 0.05;
+
+  static SizeField sample(const std::function<double(const Vec3d&)>& edge, const Vec3d& low, const Vec3d& high);
+
+  double operator()(const Vec3d& point) const {
+    Vec3d local = ((point - low) / side).cwiseMax(0.0).cwiseMin(1.0);
+    int cell = 0;
+    while (cells[static_cast<std::size_t>(cell)].child >= 0) {
+      int octant = 0;
+      for (int axis = 0; axis < 3; ++axis) {
+        local[axis] *= 2.0;
+        if (local[axis] >= 1.0) {
+          local[axis] -= 1.0;
+          octant |= 1 << axis;
+        }
+      }
+      cell = cells[static_cast<std::size_t>(cell)].child + octant;
+    }
+    return trilinear(cells[static_cast<std::size_t>(cell)].corners, local);
+  }
+
+  static double trilinear(const std::array<double, 8>& c, const Vec3d& t) {
+    const auto mix = [](double a, double b, double s) { return a + (b - a) * s; };
+    return mix(mix(mix(c[0], c[1], t.x()), mix(c[2], c[3], t.x()), t.y()),
+        mix(mix(c[4], c[5], t.x()), mix(c[6], c[7], t.x()), t.y()), t.z());
+  }
+};
+
+/// Samples `edge` inside the box [low, high] only. Throws MeshError (not_finite) where it is not finite and positive;
+/// what `edge` itself throws passes through.
+inline SizeField SizeField::sample(
+    const std::function<double(const Vec3d&)>& edge, const Vec3d& low, const Vec3d& high) {
+  SizeField field;
+  if (!edge) return field;
+  field.side = (high - low).maxCoeff();
+  field.low = 0.5 * (low + high) - Vec3d::Constant(0.5 * field.side);
+  const auto value = [&](const Vec3d& at) {
+    const Vec3d point = elementwise_min(elementwise_max(at, low), high);
+    const double length = edge(point);
+    if (std::isfinite(length) && length > 0.0) return length;
+    throw MeshError(MeshError::Reason::not_finite,
+        message("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
+            ", must be finite and > 0, in the unit of the coordinates"));
+  };
+  struct Task {
+    int cell;
+    int depth;
+    Vec3d low;
+    double side;
+  };
+  const auto corner = [](int i) { return Vec3d(i & 1, (i >> 1) & 1, (i >> 2) & 1); };
+  Cell root;
+  for (int i = 0; i < 8; ++i) root.corners[static_cast<std::size_t>(i)] = value(field.low + field.side * corner(i));
+  field.cells.push_back(root);
+  std::vector<Task> tasks{{0, 0, field.low, field.side}};
+  for (std::size_t next = 0; next < tasks.size(); ++next) {  // breadth first: if cells run out, they run out evenly
+    const Task task = tasks[next];
+    const bool outside = (task.low.array() > high.array()).any() || (task.low.array() + task.side < low.array()).any();
+    if (outside || task.depth >= max_depth || field.cells.size() + 8 > max_cells) continue;
+    const std::array<double, 8> corners = field.cells[static_cast<std::size_t>(task.cell)].corners;
+    std::array<double, 27> grid;
+    double error = 0.0;
+    double least = corners[0];
+    for (int i = 0; i < 27; ++i) {
+      const Vec3d local = 0.5 * Vec3d(i % 3, (i / 3) % 3, i / 9);
+      const double exact = value(task.low + task.side * local);
+      error = std::max(error, std::abs(exact - trilinear(corners, local)) / exact);
+      least = std::min(least, exact);
+      grid[static_cast<std::size_t>(i)] = exact;
+    }
+    if (task.depth >= min_depth && (error <= tolerance || task.side <= 0.5 * least)) continue;
+    const int first = static_cast<int>(field.cells.size());
+    field.cells[static_cast<std::size_t>(task.cell)].child = first;
+    for (int octant = 0; octant < 8; ++octant) {
+      Cell cell;
+      for (int i = 0; i < 8; ++i) {
+        const int x = (octant & 1) + (i & 1);
+        const int y = ((octant >> 1) & 1) + ((i >> 1) & 1);
+        const int z = ((octant >> 2) & 1) + ((i >> 2) & 1);
+        cell.corners[static_cast<std::size_t>(i)] = grid[static_cast<std::size_t>(x + 3 * y + 9 * z)];
+      }
+      field.cells.push_back(cell);
+      tasks.push_back({first + octant, task.depth + 1, task.low + 0.5 * task.side * corner(octant), 0.5 * task.side});
+    }
+  }
+  return field;
+}
 
 /// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow
 /// in proportion to the distance resolve the edge of every contact equally well.
@@ -4173,6 +4407,28 @@ template <class Contact> void validate(const ScaledContact<Contact>& c) {
 
 static_assert(ContactHandler<ScaledContact<SDFContact>>);
 
+/// Penalty at the mesh's nodes with Coulomb friction, as Newton 1.8 has it: faces may overlap the indenter between
+/// their nodes. A solver that goes in time steps takes each node's tangent plane of the indenter at the step's start
+/// (`plane_frozen`). Newton's stiffness k_e [N/m] belongs to a vertex, whatever its share of the surface: that is
+/// stiffness_N_per_m3 · area_per_vertex_m2.
+struct VertexContact {
+  static constexpr ContactPoints points = ContactPoints::vertices;
+  static constexpr bool plane_frozen = true;
+  double stiffness_N_per_m3 = 1e11;
+  double friction = 0.5;            ///< Coulomb's coefficient
+  double area_per_vertex_m2 = 0.0;  ///< the same for all; 0: each vertex has its share of the surface
+
+  template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
+};
+
+inline void validate(const VertexContact& c) {
+  require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
+  require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
+  require_in_range("contact area per vertex", c.area_per_vertex_m2 * 1e6, 0.0, 1e6, "mm2");
+}
+
+static_assert(ContactHandler<VertexContact>);
+
 }  // namespace lumo
 
 #endif
@@ -4412,6 +4668,167 @@ inline Equations::Equations(const Sector& sector, const Body& body, Parity parit
 
 #endif
 
+// ---- lumo/mechanics/materials/material.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_MATERIAL_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_MATERIAL_HPP
+
+namespace lumo {
+
+/// A function of the volume ratio J with its derivatives: energy density [J/m³], dU/dJ [Pa], d²U/dJ² [Pa].
+template <class S> struct VolumetricSample {
+  S energy;
+  S stress;
+  S stiffness;
+};
+
+/// A hyperelastic solid, W(F) = distortion(F) + U(det F). The split lets an element treat the stiff volumetric part U
+/// by its mean. A law is written for doubles, or with a deduced scalar (`template <class S> S distortion_energy(const
+/// Mat3<S>& F) const` …), so that it can also be differentiated by dual numbers. Laws: P(I) = 0; W(QF) = W(F) for
+/// rotations Q; stress and tangent are the derivatives of the energy; W = +∞ where det F ≤ 0 if the law resists
+/// inversion. Stress is the first Piola–Kirchhoff stress [Pa], 3 × 3; tangent is ∂P/∂F, 9 × 9, flattened by columns.
+template <class M>
+concept HyperelasticMaterial = requires(const M& m, const Mat3d& F, double J) {
+  { m.distortion_energy(F) } -> std::convertible_to<double>;
+  { m.distortion_stress(F) } -> std::convertible_to<Mat3d>;
+  { m.distortion_tangent(F) } -> std::convertible_to<Mat9d>;
+  { m.volumetric(J) } -> std::convertible_to<VolumetricSample<double>>;
+  { m.shear_modulus() } -> std::convertible_to<double>;
+  validate(m);
+};
+
+/// h'(J) and h''(J) [Pa] of a solid W = μ/2 (I_C − 3) + h(J), as numbers or packs of them.
+template <class S> struct DilatationSample {
+  S stress;
+  S stiffness;
+};
+
+/// Derivative of det F by F: the cofactor matrix.
+template <class S> Mat3<S> cofactor(const Mat3<S>& F) {
+  Mat3<S> c;
+  for (int j = 0; j < 3; ++j) {
+    const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+    for (int i = 0; i < 3; ++i) {
+      const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
+      c(i, j) = F(i1, j1) * F(i2, j2) - F(i2, j1) * F(i1, j2);
+    }
+  }
+  return c;
+}
+
+/// A⁻ᵀ.
+template <class S> Mat3<S> inverse_transposed(const Mat3<S>& A) {
+  const Mat3<S> c = cofactor(A);
+  return c * (1.0 / (c(0, 0) * A(0, 0) + c(1, 0) * A(1, 0) + c(2, 0) * A(2, 0)));
+}
+
+/// Second derivative of det F by F, flattened by columns.
+template <class S> Mat9<S> determinant_hessian(const Mat3<S>& F) {
+  Mat9<S> h = Mat9<S>::Zero();
+  for (int j = 0; j < 3; ++j)
+    for (int turn = 1; turn < 3; ++turn)
+      for (int i = 0; i < 3; ++i) {
+        const int j2 = (j + turn) % 3, next = (i + 1) % 3, last = (i + 2) % 3;
+        const S* column = F.data() + 3 * (3 - j - j2);
+        h(i + 3 * j, next + 3 * j2) = turn == 1 ? column[last] : -column[last];
+        h(i + 3 * j, last + 3 * j2) = turn == 1 ? -column[next] : column[next];
+      }
+  return h;
+}
+
+/// a ⊗ b, both flattened by columns.
+template <class S> Mat9<S> dyad(const Mat3<S>& a, const Mat3<S>& b) {
+  Mat9<S> product;
+  for (int j = 0; j < 9; ++j)
+    for (int i = 0; i < 9; ++i) product.data()[i + 9 * j] = a.data()[i] * b.data()[j];
+  return product;
+}
+
+/// m I of nine rows.
+template <class S> Mat9<S> isotropic(const S& m) {
+  Mat9<S> diagonal = Mat9<S>::Zero();
+  for (int i = 0; i < 9; ++i) diagonal.data()[10 * i] = m;
+  return diagonal;
+}
+
+/// Energy density W(F) [J/m³].
+template <HyperelasticMaterial M, class S> S energy_density(const M& m, const Mat3<S>& F) {
+  return m.distortion_energy(F) + m.volumetric(F.determinant()).energy;
+}
+
+/// First Piola–Kirchhoff stress P = ∂W/∂F [Pa].
+template <HyperelasticMaterial M, class S> Mat3<S> first_piola(const M& m, const Mat3<S>& F) {
+  return m.distortion_stress(F) + m.volumetric(F.determinant()).stress * cofactor(F);
+}
+
+/// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
+template <HyperelasticMaterial M, class S> Mat9<S> elasticity_tangent(const M& m, const Mat3<S>& F) {
+  const VolumetricSample<S> u = m.volumetric(F.determinant());
+  const Mat3<S> c = cofactor(F);
+  return m.distortion_tangent(F) + dyad(u.stiffness * c, c) + u.stress * determinant_hessian(F);
+}
+
+}  // namespace lumo
+
+// What nearly incompressible rubber laws share: invariants of the deformation without its volume change, and one
+// volumetric energy.
+namespace lumo {
+
+/// A function of the deformation gradient with its first and second derivative, the latter flattened by columns.
+template <class S> struct InvariantSample {
+  S value;
+  Mat3<S> gradient;
+  Mat9<S> hessian;
+};
+
+/// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
+template <class S> VolumetricSample<S> convex_volumetric(double bulk, const S& J) {
+  using std::log;
+  if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
+  return {0.25 * bulk * (J * J - 1.0 - 2.0 * log(J)), 0.5 * bulk * (J - 1.0 / J), 0.5 * bulk * (1.0 + 1.0 / (J * J))};
+}
+
+namespace detail {
+
+// I J^(−m), from I with its derivatives.
+template <class S> InvariantSample<S> without_volume(const Mat3<S>& F, const InvariantSample<S>& full, double m) {
+  using std::pow;
+  const S J = F.determinant(), scale = pow(J, -m);
+  const Mat3<S> c = cofactor(F);
+  const Mat9<S> mixed = dyad(full.gradient, c);
+  return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
+      scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) +
+                  dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) - (m * full.value / J) * determinant_hessian(F))};
+}
+
+}  // namespace detail
+
+/// Ī₁ = J^(−2/3) tr C; det F must be positive.
+template <class S> InvariantSample<S> first_isochoric_invariant(const Mat3<S>& F) {
+  const InvariantSample<S> full{F.squaredNorm(), 2.0 * F, isotropic(S(2.0))};
+  return detail::without_volume(F, full, 2.0 / 3.0);
+}
+
+/// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
+template <class S> InvariantSample<S> second_isochoric_invariant(const Mat3<S>& F) {
+  const Mat3<S> C = F.transpose() * F, B = F * F.transpose();
+  const S I1 = C.trace();
+  Mat9<S> h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < 3; ++k)
+        for (int l = 0; l < 3; ++l) {
+          const double same_row = i == k ? 1.0 : 0.0, same_column = j == l ? 1.0 : 0.0;
+          h(i + 3 * j, k + 3 * l) = 2.0 * (I1 * same_row * same_column + 2.0 * F(i, j) * F(k, l) - same_row * C(l, j) -
+                                              F(i, l) * F(k, j) - same_column * B(i, k));
+        }
+  const InvariantSample<S> full{0.5 * (I1 * I1 - C.squaredNorm()), 2.0 * (I1 * F - F * C), h};
+  return detail::without_volume(F, full, 4.0 / 3.0);
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/mechanics/elements/element.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_HPP
@@ -4541,119 +4958,6 @@ template <class S> std::array<std::array<S, 2>, 6> face_shape_derivatives(const 
 }
 
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/materials/material.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_MATERIAL_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_MATERIALS_MATERIAL_HPP
-
-namespace lumo {
-
-/// A function of the volume ratio J with its derivatives: energy density [J/m³], dU/dJ [Pa], d²U/dJ² [Pa].
-template <class S> struct VolumetricSample {
-  S energy;
-  S stress;
-  S stiffness;
-};
-
-/// A hyperelastic solid, W(F) = distortion(F) + U(det F). The split lets an element treat the stiff volumetric part U
-/// by its mean. A law is written for doubles, or with a deduced scalar (`template <class S> S distortion_energy(const
-/// Mat3<S>& F) const` …), so that it can also be differentiated by dual numbers. Laws: P(I) = 0; W(QF) = W(F) for
-/// rotations Q; stress and tangent are the derivatives of the energy; W = +∞ where det F ≤ 0 if the law resists
-/// inversion. Stress is the first Piola–Kirchhoff stress [Pa], 3 × 3; tangent is ∂P/∂F, 9 × 9, flattened by columns.
-template <class M>
-concept HyperelasticMaterial = requires(const M& m, const Mat3d& F, double J) {
-  { m.distortion_energy(F) } -> std::convertible_to<double>;
-  { m.distortion_stress(F) } -> std::convertible_to<Mat3d>;
-  { m.distortion_tangent(F) } -> std::convertible_to<Mat9d>;
-  { m.volumetric(J) } -> std::convertible_to<VolumetricSample<double>>;
-  { m.shear_modulus() } -> std::convertible_to<double>;
-  validate(m);
-};
-
-/// h'(J) and h''(J) [Pa] of a solid W = μ/2 (I_C − 3) + h(J), as numbers or packs of them.
-template <class S> struct DilatationSample {
-  S stress;
-  S stiffness;
-};
-
-/// Derivative of det F by F: the cofactor matrix.
-template <class S> Mat3<S> cofactor(const Mat3<S>& F) {
-  Mat3<S> c;
-  for (int j = 0; j < 3; ++j) {
-    const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
-    for (int i = 0; i < 3; ++i) {
-      const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
-      c(i, j) = F(i1, j1) * F(i2, j2) - F(i2, j1) * F(i1, j2);
-    }
-  }
-  return c;
-}
-
-/// A⁻ᵀ.
-template <class S> Mat3<S> inverse_transposed(const Mat3<S>& A) {
-  const Mat3<S> c = cofactor(A);
-  return c * (1.0 / (c(0, 0) * A(0, 0) + c(1, 0) * A(1, 0) + c(2, 0) * A(2, 0)));
-}
-
-/// Second derivative of det F by F, flattened by columns.
-template <class S> Mat9<S> determinant_hessian(const Mat3<S>& F) {
-  Mat9<S> h = Mat9<S>::Zero();
-  for (int j = 0; j < 3; ++j)
-    for (int turn = 1; turn < 3; ++turn)
-      for (int i = 0; i < 3; ++i) {
-        const int j2 = (j + turn) % 3, next = (i + 1) % 3, last = (i + 2) % 3;
-        const S* column = F.data() + 3 * (3 - j - j2);
-        h(i + 3 * j, next + 3 * j2) = turn == 1 ? column[last] : -column[last];
-        h(i + 3 * j, last + 3 * j2) = turn == 1 ? -column[next] : column[next];
-      }
-  return h;
-}
-
-/// a ⊗ b, both flattened by columns.
-template <class S> Mat9<S> dyad(const Mat3<S>& a, const Mat3<S>& b) {
-  Mat9<S> product;
-  for (int j = 0; j < 9; ++j)
-    for (int i = 0; i < 9; ++i) product.data()[i + 9 * j] = a.data()[i] * b.data()[j];
-  return product;
-}
-
-/// m I of nine rows.
-template <class S> Mat9<S> isotropic(const S& m) {
-  Mat9<S> diagonal = Mat9<S>::Zero();
-  for (int i = 0; i < 9; ++i) diagonal.data()[10 * i] = m;
-  return diagonal;
-}
-
-/// Energy density W(F) [J/m³].
-template <HyperelasticMaterial M, class S> S energy_density(const M& m, const Mat3<S>& F) {
-  return m.distortion_energy(F) + m.volumetric(F.determinant()).energy;
-}
-
-/// First Piola–Kirchhoff stress P = ∂W/∂F [Pa].
-template <HyperelasticMaterial M, class S> Mat3<S> first_piola(const M& m, const Mat3<S>& F) {
-  return m.distortion_stress(F) + m.volumetric(F.determinant()).stress * cofactor(F);
-}
-
-/// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
-template <HyperelasticMaterial M, class S> Mat9<S> elasticity_tangent(const M& m, const Mat3<S>& F) {
-  const VolumetricSample<S> u = m.volumetric(F.determinant());
-  const Mat3<S> c = cofactor(F);
-  return m.distortion_tangent(F) + dyad(u.stiffness * c, c) + u.stress * determinant_hessian(F);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/elements/element_points.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_POINTS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_POINTS_HPP
-
-namespace lumo {
 
 /// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a
 /// mesh.
@@ -5331,9 +5635,9 @@ struct FrictionHistory {
 
 #endif
 
-// ---- lumo/mechanics/contact/status.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATUS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATUS_HPP
+// ---- lumo/mechanics/contact/state.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
 
 namespace lumo {
 
@@ -5362,16 +5666,6 @@ constexpr std::string_view to_string(Status s) {
   return names[std::size_t(s)];
 }
 
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/contact/state.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
-
-namespace lumo {
-
 /// The pad at one load. Forces act on the indenter, along −direction; all in the finger frame, SI.
 struct MechanicalState {
   Status status = Status::non_finite;
@@ -5389,10 +5683,10 @@ struct MechanicalState {
   std::vector<double> pressure_Pa;  ///< indenter pressure per mesh node, per reference area; 0 off the surface
   double contact_area_m2 = 0.0;     ///< A(C; X), deformed
   double reference_area_m2 = 0.0;   ///< A_0(C), undeformed
-  double residual_N =
-      std::numeric_limits<double>::infinity();  ///< norm of the out-of-balance forces, from an independent routine
-  double penetration_m = 0.0;                   ///< largest overlap of surface and indenter
-  int iterations = 0;                           ///< Newton steps, or sweeps, spent on this load
+  /// Norm of the out-of-balance forces, from an independent routine
+  double residual_N = std::numeric_limits<double>::infinity();
+  double penetration_m = 0.0;  ///< largest overlap of surface and indenter
+  int iterations = 0;          ///< Newton steps, or sweeps, spent on this load
 };
 
 }  // namespace lumo
@@ -5980,9 +6274,9 @@ template <class Model, Indenter Tool> struct PressSystem {
 
 #endif
 
-// ---- lumo/mechanics/solvers/secant_pairs.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_SECANT_PAIRS_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_SECANT_PAIRS_HPP
+// ---- lumo/mechanics/solvers/quasi_static.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
 
 namespace lumo {
 
@@ -6021,16 +6315,6 @@ class SecantPairs {
   };
   std::vector<Pair> pairs_;
 };
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/mechanics/solvers/quasi_static.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
-#define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_QUASI_STATIC_HPP
-
-namespace lumo {
 
 /// Settings of the quasi-static solver.
 struct QuasiStaticConfig {
@@ -7218,9 +7502,9 @@ inline void recover_normals(
 
 #endif
 
-// ---- lumo/optics/fresnel.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_FRESNEL_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_FRESNEL_HPP
+// ---- lumo/optics/surface_optics.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
 
 namespace lumo {
 
@@ -7254,17 +7538,7 @@ template <class S> Vec3<S> refract(const Vec3<S>& d, const Vec3<S>& n, const std
   return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
 }
 
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/surface_optics.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_OPTICS_HPP
-
-namespace lumo {
-
-// The policies themselves (Dielectric, Lambertian, Mirror, Absorber) are data of a body: morphology/optical_data.hpp.
+// The policies themselves (Dielectric, Lambertian, Mirror, Absorber) are data of a body: morphology/silicone.hpp.
 // This header has their reflection. Dielectric lets light through; the tracer splits it by fresnel().
 
 /// Reflectance of an opaque surface [–], in [0, 1]. The rest is booked as absorbed there.
@@ -9909,6 +10183,63 @@ template <class P, Indenter Tool, Executor E> Observations observe(const Body& b
 
 namespace lumo {
 
+/// What is seen of a pad's two sides, by the *deformed* place along the finger (a camera sees where the surface is, not
+/// where it was). By default all light that leaves a visible side counts, whatever its direction, which is how the
+/// paper's own model reads an image (r_b). A real lens sees a narrow cone: one that looks level or down on a pad that
+/// does not scatter sees hardly more than shadows, because a dent throws light down and outwards (docs/virtual_lab.md).
+/// Channels 0 … bins − 1 are the side x > 0, the others the side x < 0, each from proximal to distal.
+struct SideSight {
+  int bins = 60;
+  double half_range_m = 30.0_mm;
+  double pitch_rad = 0.0;  ///< of the line of sight above the base plane: the camera looks down on the pad by so much
+  double cone_rad = pi;    ///< half angle of the cone about the line of sight; π: all directions
+
+  int channels(const Body&) const { return 2 * bins; }
+  int channel(const Escape& e) const {
+    if (e.region < 0) return -1;
+    const bool right = e.reference.x() > 0.0;
+    const double sideways = right ? e.direction.x() : -e.direction.x();
+    if (cone_rad < pi && sideways * std::cos(pitch_rad) + e.direction.z() * std::sin(pitch_rad) < std::cos(cone_rad))
+      return -1;
+    const double at = (e.position.y() + half_range_m) / (2.0 * half_range_m) * bins;
+    return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
+  }
+  /// Middles of the bins of one side [m].
+  std::vector<double> positions_m() const {
+    std::vector<double> y;
+    for (int b = 0; b < bins; ++b) y.push_back(half_range_m * ((2 * b + 1.0) / bins - 1.0));
+    return y;
+  }
+};
+
+static_assert(ExitReadout<SideSight>);
+
+/// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as
+/// the sight does). `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for
+/// numbers out of range.
+inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
+  require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
+  require_positive("range of the side's sight", sight.half_range_m, "m");
+  require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");
+  const int n = sight.bins;
+  body.regions = 2 * n;
+  std::vector<int> other_side(std::size_t(2 * n)), other_end(std::size_t(2 * n));
+  for (int b = 0; b < n; ++b) {
+    other_side[std::size_t(b)] = b + n;
+    other_side[std::size_t(b + n)] = b;
+    other_end[std::size_t(b)] = n - 1 - b;
+    other_end[std::size_t(b + n)] = 2 * n - 1 - b;
+  }
+  body.region_image_x = other_side;
+  body.region_image_y = other_end;
+  body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3d& p, const Vec3d& normal) {
+    if (std::abs(normal.x()) < min_abs_nx || std::abs(p.y()) > half) return -1;
+    const int b = std::clamp(int((p.y() + half) / (2.0 * half) * n), 0, n - 1);
+    return p.x() > 0.0 ? b : b + n;
+  };
+  return body;
+}
+
 /// Where and how hard a pad is pressed for the virtual lab.
 struct PadGrid {
   double diameter_m = 10.0_mm;
@@ -10171,106 +10502,6 @@ inline void write_pad_responses(const std::string& path, const PadResponses& r, 
 
 #endif
 
-// ---- lumo/lab/side_painter.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_SIDE_PAINTER_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_SIDE_PAINTER_HPP
-
-namespace lumo {
-
-/// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel
-/// noise, gamma, 8 bits. The light of a bin fills the height of the visible side evenly (the responses hold no
-/// more). LEDs are spots behind the side: in the pad's middle, as deep as refraction lets them seem, so that their
-/// pitch looks smaller than the side's.
-class SidePainter {
- public:
-  /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the
-  /// window.
-  SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed);
-
-  /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the
-  /// window's middle.
-  sense::Image paint(
-      const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const;
-
-  /// How it stands before the pad.
-  const SideCamera& view() const { return view_; }
-
- private:
-  struct Pixel {
-    int bin;      ///< left one of the two that it lies between; −1: no light of the side
-    float share;  ///< of the right one
-    float side, spot, vignette, gain, room;
-  };
-
-  SideCamera view_;
-  std::vector<Pixel> pixels_;
-};
-
-inline SidePainter::SidePainter(
-    const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed)
-    : view_(view) {
-  const CameraRig& camera = view_.camera();
-  const SideGeometry& side = view_.side();
-  for (const double y : {-side.half_length_m, side.half_length_m})
-    for (const double z : {side.low_m, side.high_m})
-      if (!view_.shows(y, z)) {
-        const Eigen::Vector2d corner = view_.pixel(y, z);
-        throw InvalidArgument(message("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(),
-            "), outside the window of ", camera.width, " x ", camera.height, " px"));
-      }
-  const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px,
-               blur = camera.blur_px * scale;
-  const auto edge = [&](double distance) { return 0.5 * std::erfc(-distance / (std::sqrt(2.0) * blur)); };
-  const Eigen::Index bins = position_m.size();
-  pixels_.resize(std::size_t(camera.width) * std::size_t(camera.height));
-  RandomStream sensitivity(seed, 101);
-  for (int v = 0; v < camera.height; ++v)
-    for (int u = 0; u < camera.width; ++u) {
-      Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
-      const Eigen::Vector2d off = view_.off_axis(u, v);
-      const Eigen::Vector3d at = view_.on_side(u, v);
-      const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) *
-                           edge(at.z() - side.low_m) * edge(side.high_m - at.z());
-      const double place_in_bins = std::clamp((at.y() - position_m[0]) / spacing, 0.0, double(bins - 1) - 1e-9);
-      p.bin = cover > 1e-4 ? int(place_in_bins) : -1;
-      p.share = float(place_in_bins - std::floor(place_in_bins));
-      p.side = float(cover);
-      double spot = 0.0;
-      for (const double y : side.lamp_m) {
-        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px),
-                     d = (Eigen::Vector2d(u, v) - view_.lamp_pixel(y)).norm() / sigma;
-        spot += light.spot_DN * std::exp(-0.5 * d * d);
-      }
-      p.spot = float(spot);
-      const double cosine = 1.0 / std::sqrt(1.0 + off.squaredNorm());
-      p.vignette = float(cosine * cosine * cosine * cosine);
-      p.gain = float(sensitivity.normal());
-      p.room = float(1.0 + light.ambient_slope * (double(u) / (camera.width - 1) - 0.5));
-    }
-}
-
-inline sense::Image SidePainter::paint(
-    const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const {
-  const CameraRig& camera = view_.camera();
-  sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
-  for (int v = 0; v < camera.height; ++v) {
-    std::uint8_t* row = image.row(v);
-    const double row_offset = noise * camera.row_DN * draws.normal();
-    for (int u = 0; u < camera.width; ++u) {
-      const Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
-      double signal = room_DN * p.room + lamps * p.spot;
-      if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
-      signal *= p.vignette * (1.0 + noise * camera.pixel_gain * p.gain);
-      row[u] = sensed(camera, signal, noise, draws.normal(), row_offset);
-    }
-  }
-  return image;
-}
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/lab/protocol.hpp
 #ifndef SINGLE_INCLUDE_LUMO_LAB_PROTOCOL_HPP
 #define SINGLE_INCLUDE_LUMO_LAB_PROTOCOL_HPP
@@ -10375,86 +10606,6 @@ inline LabPlan force_plan() {
 }
 
 }  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/relaxation.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_RELAXATION_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_RELAXATION_HPP
-
-namespace lumo {
-
-/// What load would, in equilibrium, give the deformation that a pad has now: it lags behind the load on it (Prony
-/// series; generalised Maxwell body). With the equilibrium modulus for unit, load = e + Σ w_k h_k, where h_k' = e' −
-/// h_k/τ_k and w_k = part_k/(1 − Σ part).
-class Relaxation {
- public:
-  explicit Relaxation(const SiliconeRig& rig) : time_s_(rig.time_s) {
-    double rest = 1.0;
-    for (const double g : rig.part) rest -= g;
-    for (std::size_t k = 0; k < weight_.size(); ++k) weight_[k] = rig.part[k] / rest;
-  }
-
-  /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches
-  /// are exact. Returns e, never below 0.
-  double step(double load_N, double dt_s) {
-    double lag = 0.0, whole = 1.0;
-    std::array<double, 3> keep{}, gain{};
-    for (std::size_t k = 0; k < weight_.size(); ++k) {
-      keep[k] = std::exp(-dt_s / time_s_[k]);
-      gain[k] = (1.0 - keep[k]) * time_s_[k] / dt_s;
-      lag += weight_[k] * (keep[k] * branch_[k] - gain[k] * equivalent_N_);
-      whole += weight_[k] * gain[k];
-    }
-    const double next = std::max(0.0, (load_N - lag) / whole);
-    for (std::size_t k = 0; k < weight_.size(); ++k)
-      branch_[k] = keep[k] * branch_[k] + gain[k] * (next - equivalent_N_);
-    return equivalent_N_ = next;
-  }
-  double equivalent_N() const { return equivalent_N_; }
-
- private:
-  std::array<double, 3> time_s_, weight_{}, branch_{};
-  double equivalent_N_ = 0.0;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/sense/devices/stream.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_STREAM_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_STREAM_HPP
-
-namespace lumo::sense {
-
-/// What a source of frames or samples can still give.
-enum class StreamState {
-  open,   ///< there may be more
-  ended,  ///< a recording has been read to its end
-  failed  ///< unplugged or unreadable; what it gave before remains good
-};
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/devices/camera.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_CAMERA_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_CAMERA_HPP
-
-namespace lumo::sense {
-
-/// A source of frames: live, a video, a folder of images.
-/// Laws: `next` gives each frame once, in the order of taking, and nullopt if there is none now; it waits no longer
-/// than the model states; the pixels stay valid until the next call; there is no frame unless the state is `open`.
-template <class C>
-concept Camera = requires(C& camera, const C& view) {
-  { camera.next() } -> std::same_as<std::optional<Frame>>;
-  { view.state() } -> std::same_as<StreamState>;
-};
-
-}  // namespace lumo::sense
 
 #endif
 

@@ -297,73 +297,9 @@ inline void validate(const MiniCheetahProtocol& p) {
 
 #endif
 
-// ---- lumo/sense/devices/joint_sample.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_JOINT_SAMPLE_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_JOINT_SAMPLE_HPP
-
-namespace lumo::sense {
-
-/// A finger or hand has at most this many joints; vectors of joints need no heap.
-inline constexpr int max_joints = 8;
-
-using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
-
-/// Quantity of a motor driver's effort. The torque model's constants turn a current into a torque.
-enum class Effort { current_A, torque_Nm };
-
-/// State of all joints at one time.
-struct JointSample {
-  std::int64_t stamp_ns = 0;  ///< on the clock that the session names
-  JointVector position_rad;
-  JointVector velocity_rad_per_s;
-  JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
-  Effort unit = Effort::current_A;
-  bool saturated = false;  ///< a value stands at the end of the driver's range: it may be more
-};
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/devices/stream.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_STREAM_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_STREAM_HPP
-
-namespace lumo::sense {
-
-/// What a source of frames or samples can still give.
-enum class StreamState {
-  open,   ///< there may be more
-  ended,  ///< a recording has been read to its end
-  failed  ///< unplugged or unreadable; what it gave before remains good
-};
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/devices/actuator.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_ACTUATOR_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_ACTUATOR_HPP
-
-namespace lumo::sense {
-
-/// A source of joint samples: live motors or a recording.
-/// Laws: `next` gives each sample once, in the order of arrival, and nullopt if there is none now; it never waits; all
-/// samples have the same number of joints, in the same order; there is no sample unless the state is `open`.
-template <class A>
-concept Actuator = requires(A& actuator, const A& view) {
-  { actuator.next() } -> std::same_as<std::optional<JointSample>>;
-  { view.state() } -> std::same_as<StreamState>;
-};
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/devices/frame.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_FRAME_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_FRAME_HPP
+// ---- lumo/sense/devices/device.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_DEVICE_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_DEVICE_HPP
 
 namespace lumo::sense {
 
@@ -430,15 +366,12 @@ struct Frame {
   std::int64_t index = 0;   ///< counted by the source
 };
 
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/devices/camera.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_CAMERA_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_CAMERA_HPP
-
-namespace lumo::sense {
+/// What a source of frames or samples can still give.
+enum class StreamState {
+  open,   ///< there may be more
+  ended,  ///< a recording has been read to its end
+  failed  ///< unplugged or unreadable; what it gave before remains good
+};
 
 /// A source of frames: live, a video, a folder of images.
 /// Laws: `next` gives each frame once, in the order of taking, and nullopt if there is none now; it waits no longer
@@ -447,6 +380,58 @@ template <class C>
 concept Camera = requires(C& camera, const C& view) {
   { camera.next() } -> std::same_as<std::optional<Frame>>;
   { view.state() } -> std::same_as<StreamState>;
+};
+
+/// A finger or hand has at most this many joints; vectors of joints need no heap.
+inline constexpr int max_joints = 8;
+
+using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
+
+/// Quantity of a motor driver's effort. The torque model's constants turn a current into a torque.
+enum class Effort { current_A, torque_Nm };
+
+/// State of all joints at one time.
+struct JointSample {
+  std::int64_t stamp_ns = 0;  ///< on the clock that the session names
+  JointVector position_rad;
+  JointVector velocity_rad_per_s;
+  JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
+  Effort unit = Effort::current_A;
+  bool saturated = false;  ///< a value stands at the end of the driver's range: it may be more
+};
+
+/// A source of joint samples: live motors or a recording.
+/// Laws: `next` gives each sample once, in the order of arrival, and nullopt if there is none now; it never waits; all
+/// samples have the same number of joints, in the same order; there is no sample unless the state is `open`.
+template <class A>
+concept Actuator = requires(A& actuator, const A& view) {
+  { actuator.next() } -> std::same_as<std::optional<JointSample>>;
+  { view.state() } -> std::same_as<StreamState>;
+};
+
+/// Light along the finger at one time.
+struct Profile {
+  std::int64_t stamp_ns = 0;
+  Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
+  /// Share of the raw values at the top of their range: profile values there are lower bounds.
+  double saturated = 0.0;
+};
+
+/// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
+/// Laws: linear in the light unless a value saturates; value i belongs to `positions_m()[i]` on the finger's y axis,
+/// ascending; a sample of another size or kind gives false and leaves the profile as it was; no memory is allocated
+/// after the first call.
+template <class R>
+concept Readout = requires(R& readout, const R& view, const typename R::Sample& sample, Profile& profile) {
+  { readout.read(sample, profile) } -> std::same_as<bool>;
+  { view.positions_m() } -> std::convertible_to<const Eigen::VectorXd&>;
+};
+
+/// Makes pixels of an image file's bytes.
+/// Law: the view holds until the next call; it is empty for what cannot be decoded.
+template <class D>
+concept PictureDecoder = requires(D& decode, std::span<const std::uint8_t> file) {
+  { decode(file) } -> std::same_as<ImageView>;
 };
 
 }  // namespace lumo::sense
@@ -564,6 +549,122 @@ constexpr double operator""_dB_per_cm(long double v) { return double(v * 23.0258
 inline constexpr double pi = 3.14159265358979323846;
 
 }  // namespace lumo
+
+#endif
+
+// ---- lumo/sense/recording/alignment.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_ALIGNMENT_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_ALIGNMENT_HPP
+
+namespace lumo::sense {
+
+/// Stamps lie within ±this [ns], 146 years, so that the difference of any two fits into 64 bits.
+inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
+
+/// From one clock to another: to = from + offset + drift · (from − origin).
+struct ClockMap {
+  std::int64_t origin_ns = 0;
+  double offset_s = 0.0;
+  double drift = 0.0;       ///< seconds per second
+  double residual_s = 0.0;  ///< RMS residual of a fit; 0 if the map was given
+  bool operator==(const ClockMap&) const = default;
+
+  /// Saturates at the limit of stamps.
+  std::int64_t operator()(std::int64_t from_ns) const {
+    constexpr double limit = double(stamp_limit_ns);
+    const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
+    return std::clamp<std::int64_t>(
+        from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
+  }
+
+  /// Least-squares fit to the stamps of the same events on both clocks; one event gives the offset alone. Throws
+  /// InvalidArgument for none.
+  static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
+    if (from_ns.empty() || from_ns.size() != to_ns.size())
+      throw InvalidArgument(message(
+          "clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
+    for (std::size_t i = 0; i < from_ns.size(); ++i)
+      for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
+        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns)
+          throw InvalidArgument(message("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
+    ClockMap map;
+    map.origin_ns = from_ns[from_ns.size() / 2];
+    const double n = double(from_ns.size());
+    double sum_t = 0.0, sum_d = 0.0, sum_tt = 0.0, sum_td = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) {
+      const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
+      sum_t += t;
+      sum_d += d;
+      sum_tt += t * t;
+      sum_td += t * d;
+    }
+    const double det = n * sum_tt - sum_t * sum_t;
+    map.drift = det > 1e-9 * n * n ? (n * sum_td - sum_t * sum_d) / det : 0.0;
+    map.offset_s = (sum_d - map.drift * sum_t) / n;
+    double squares = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
+    map.residual_s = std::sqrt(squares / n);
+    return map;
+  }
+};
+
+/// A recorded quantity of some channels over time, interpolated linearly.
+class TimeSeries {
+ public:
+  /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
+  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value)
+      : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
+    if (value_.cols() != Eigen::Index(stamp_.size()))
+      throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
+    for (std::size_t i = 1; i < stamp_.size(); ++i)
+      if (stamp_[i] <= stamp_[i - 1])
+        throw InvalidArgument(message(
+            "time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
+    if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
+      throw InvalidArgument(
+          message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
+  }
+
+  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s`.
+  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
+    const Eigen::MatrixXd& value = value_;
+    const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
+    if (after == stamp_.end()) return std::nullopt;
+    const auto j = Eigen::Index(after - stamp_.begin());
+    if (*after == stamp_ns) return Eigen::VectorXd(value.col(j));
+    if (after == stamp_.begin()) return std::nullopt;
+    const double gap = double(*after - *(after - 1));
+    if (1e-9 * gap > max_gap_s) return std::nullopt;
+    const double share = double(stamp_ns - *(after - 1)) / gap;
+    return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
+  }
+
+  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise, and curvature
+  /// that interpolation misses. White noise of standard deviation σ gives √1.5 σ. Interpolation itself spans half the
+  /// distance, so its error is about a quarter of the curvature's part.
+  Eigen::VectorXd interpolation_residual() const {
+    const Eigen::MatrixXd& value = value_;
+    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value.rows());
+    for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
+      const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
+      const auto k = Eigen::Index(i);
+      squares += (value.col(k) - (1.0 - share) * value.col(k - 1) - share * value.col(k + 1)).cwiseAbs2();
+    }
+    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
+  }
+  double largest_gap_s() const {
+    std::int64_t gap = 0;
+    for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
+    return 1e-9 * double(gap);
+  }
+  std::size_t size() const { return stamp_.size(); }
+
+ private:
+  std::vector<std::int64_t> stamp_;
+  Eigen::MatrixXd value_;
+};
+
+}  // namespace lumo::sense
 
 #endif
 
@@ -704,117 +805,239 @@ inline std::string csv_number(double v) {
 
 #endif
 
-// ---- lumo/sense/recording/alignment.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_ALIGNMENT_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_ALIGNMENT_HPP
+// ---- lumo/sense/recording/session.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
 
 namespace lumo::sense {
 
-/// Stamps lie within ±this [ns], 146 years, so that the difference of any two fits into 64 bits.
-inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
+/// What is done in a stretch of a recording.
+enum class SegmentKind {
+  unloaded,  ///< nothing touches the finger
+  dark,      ///< the same with the LEDs off
+  free,      ///< a joint moves without contact
+  approach,
+  hold,
+  cycle,
+  retract,
+  other  ///< a recording's own kind, see Segment::other_kind
+};
 
-/// From one clock to another: to = from + offset + drift · (from − origin).
-struct ClockMap {
-  std::int64_t origin_ns = 0;
-  double offset_s = 0.0;
-  double drift = 0.0;       ///< seconds per second
-  double residual_s = 0.0;  ///< RMS residual of a fit; 0 if the map was given
-  bool operator==(const ClockMap&) const = default;
+inline constexpr std::array<std::string_view, 7> segment_kind_names{
+    "unloaded", "dark", "free", "approach", "hold", "cycle", "retract"};
 
-  /// Saturates at the limit of stamps.
-  std::int64_t operator()(std::int64_t from_ns) const {
-    constexpr double limit = double(stamp_limit_ns);
-    const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
-    return std::clamp<std::int64_t>(
-        from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
-  }
+/// The kind as files name it; empty for `other`.
+constexpr std::string_view to_string(SegmentKind kind) {
+  return kind == SegmentKind::other ? std::string_view() : segment_kind_names[std::size_t(kind)];
+}
 
-  /// Least-squares fit to the stamps of the same events on both clocks; one event gives the offset alone. Throws
-  /// InvalidArgument for none.
-  static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
-    if (from_ns.empty() || from_ns.size() != to_ns.size())
-      throw InvalidArgument(message(
-          "clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
-    for (std::size_t i = 0; i < from_ns.size(); ++i)
-      for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
-        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns)
-          throw InvalidArgument(message("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
-    ClockMap map;
-    map.origin_ns = from_ns[from_ns.size() / 2];
-    const double n = double(from_ns.size());
-    double sum_t = 0.0, sum_d = 0.0, sum_tt = 0.0, sum_td = 0.0;
-    for (std::size_t i = 0; i < from_ns.size(); ++i) {
-      const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
-      sum_t += t;
-      sum_d += d;
-      sum_tt += t * t;
-      sum_td += t * d;
-    }
-    const double det = n * sum_tt - sum_t * sum_t;
-    map.drift = det > 1e-9 * n * n ? (n * sum_td - sum_t * sum_d) / det : 0.0;
-    map.offset_s = (sum_d - map.drift * sum_t) / n;
-    double squares = 0.0;
-    for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
-    map.residual_s = std::sqrt(squares / n);
-    return map;
+/// The kind of this name; `other` for a name that is not listed.
+constexpr SegmentKind segment_kind_from_string(std::string_view name) {
+  std::size_t k = 0;
+  while (k < segment_kind_names.size() && segment_kind_names[k] != name) ++k;
+  return SegmentKind(k);
+}
+
+static_assert(std::size_t(SegmentKind::other) == segment_kind_names.size());
+
+/// A stretch of a log whose circumstances its maker knew. Decoders learn from segments and metrics compare them;
+/// estimators do not read them.
+struct Segment {
+  std::int64_t from_ns = 0, to_ns = 0;
+  SegmentKind kind = SegmentKind::hold;
+  int place = -1;       ///< number of the tested place, from 0; −1: none
+  double y_mm = 0.0;    ///< of that place
+  int repetition = -1;  ///< re-contact or run, from 0; −1: none
+  int cycle = -1;       ///< within maintained contact
+  double load_N = 0.0;
+  double angle_deg = 0.0;
+  double diameter_mm = 0.0;  ///< of the indenter; 0: unknown
+  std::string other_kind{};  ///< name of a kind of the recording's own; empty for the others
+  bool operator==(const Segment&) const = default;
+
+  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
+  /// Name of the kind as it stands in files.
+  std::string kind_name() const { return kind == SegmentKind::other ? other_kind : std::string(to_string(kind)); }
+  void set_kind_name(std::string name) {
+    kind = segment_kind_from_string(name);
+    other_kind = kind == SegmentKind::other ? std::move(name) : std::string();
   }
 };
 
-/// A recorded quantity of some channels over time, interpolated linearly.
-class TimeSeries {
- public:
-  /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
-  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value)
-      : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
-    if (value_.cols() != Eigen::Index(stamp_.size()))
-      throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
-    for (std::size_t i = 1; i < stamp_.size(); ++i)
-      if (stamp_[i] <= stamp_[i - 1])
+/// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
+struct HandLink {
+  std::string name;
+  std::vector<int> joints;  ///< that move it, by their numbers in the joint samples
+  Eigen::Matrix2Xd hole_m;  ///< centres (y, z) of its mounting holes, at least two
+  double hole_radius_m = 1.5_mm;
+  bool z_clockwise = false;                       ///< in the image z lies clockwise of y (image rows run down)
+  double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
+  double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
+};
+
+/// Throws InvalidArgument without joints or two holes, or for lengths out of range.
+inline void validate(const HandLink& l) {
+  if (l.joints.empty())
+    throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
+  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
+    throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
+        " mounting holes, must have at least 2, at finite places"));
+  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
+    for (Eigen::Index j = 0; j < k; ++j)
+      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
+          !(apart >= 1.0_mm && apart <= 10.0))
         throw InvalidArgument(message(
-            "time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
-    if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
-      throw InvalidArgument(
-          message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
+            "link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
+  require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
+  require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
+  require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
+}
+
+/// A link of a hand, and about where its holes are in the first picture: somebody pointed at them.
+struct SessionLink {
+  HandLink link;
+  Eigen::Matrix2Xd hole_px;  ///< as many as link.hole_m has
+};
+
+/// Contents of session.json.
+struct Session {
+  std::string title;
+  std::string clock = "monotonic";  ///< on which frames are stamped
+  std::string material;             ///< of the pad
+  std::vector<double> theta_mm;     ///< its design; may be empty
+  std::string video;                ///< file name beside session.json; empty: frames/
+  int led_count = 5;
+  double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
+  double led_depth_m = 0.0;  ///< of the LEDs behind the side that the camera sees, in silicone
+  /// From that side to the camera's lens; 0: unknown, the LEDs' parallax stays as it is.
+  double camera_distance_m = 0.0;
+  Eigen::Vector2d distal{1.0, 0.0};  ///< direction of the tip in the image
+  double joint_to_origin_m = 0.05;   ///< from the axis of the last joint to the finger's origin
+  /// From each joint's axis to the next one's, along the finger; empty: one joint.
+  std::vector<double> joint_to_joint_m;
+  std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
+  double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
+  ClockMap joint_clock, wrench_clock;                 ///< onto the frames' clock
+  std::vector<SessionLink> links;                     ///< of a hand; empty for one finger
+  std::vector<Segment> segments;
+};
+
+/// Refractive index of silicone in the visible; assumed.
+inline constexpr double silicone_index = 1.41;
+
+/// Ratio of the LEDs' apparent pitch to the same length on the side before them: perspective on their apparent depth,
+/// the true one over silicone's refractive index.
+inline double led_parallax(const Session& s) {
+  return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / silicone_index) : 1.0;
+}
+
+namespace detail {
+
+/// Checks of a session; each throws InputError with the session's name before the reason.
+class SessionCheck {
+ public:
+  explicit SessionCheck(const std::string& name) : name_(name) {}
+
+  void view(const Session& s) const {
+    require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
+    require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0,
+        message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+    require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0,
+        message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+    require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
+        message("distance of the camera is ", 1e3 * s.camera_distance_m,
+            " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+    require(led_parallax(s) >= 0.5,
+        message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
+            " mm, must lie at most 1.41 times as deep as it is far"));
+    require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   }
 
-  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s`.
-  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
-    const Eigen::MatrixXd& value = value_;
-    const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
-    if (after == stamp_.end()) return std::nullopt;
-    const auto j = Eigen::Index(after - stamp_.begin());
-    if (*after == stamp_ns) return Eigen::VectorXd(value.col(j));
-    if (after == stamp_.begin()) return std::nullopt;
-    const double gap = double(*after - *(after - 1));
-    if (1e-9 * gap > max_gap_s) return std::nullopt;
-    const double share = double(stamp_ns - *(after - 1)) / gap;
-    return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
+  void finger(const Session& s) const {
+    require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
+        message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+    require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..",
+        "video must be a file name beside session.json");
+    require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0,
+        message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+    require(std::abs(s.joint_to_origin_m) <= 10.0,
+        message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+    require(s.joint_to_joint_m.size() < std::size_t(max_joints),
+        message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
+    for (const double l : s.joint_to_joint_m)
+      require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
+    for (const double k : s.torque_constant_Nm_per_A)
+      require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
+          message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+    for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
   }
 
-  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise, and curvature
-  /// that interpolation misses. White noise of standard deviation σ gives √1.5 σ. Interpolation itself spans half the
-  /// distance, so its error is about a quarter of the curvature's part.
-  Eigen::VectorXd interpolation_residual() const {
-    const Eigen::MatrixXd& value = value_;
-    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value.rows());
-    for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
-      const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
-      const auto k = Eigen::Index(i);
-      squares += (value.col(k) - (1.0 - share) * value.col(k - 1) - share * value.col(k + 1)).cwiseAbs2();
+  void clocks(const Session& s) const {
+    for (const double delay : {s.frame_delay_s, s.joint_delay_s})
+      require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
+    for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
+      stamp(map.origin_ns);
+      require(
+          std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+      require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
+      require(map.residual_s >= 0.0 && std::isfinite(map.residual_s),
+          message("residual of a clock is ", map.residual_s, " s, must not be negative"));
     }
-    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
   }
-  double largest_gap_s() const {
-    std::int64_t gap = 0;
-    for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
-    return 1e-9 * double(gap);
+
+  void link(const SessionLink& l, std::size_t i) const {
+    try {
+      validate(l.link);
+    } catch (const InvalidArgument& e) {
+      require(false, message("link ", i, ": ", e.what()));
+    }
+    for (const int j : l.link.joints)
+      require(j >= 0 && j < max_joints,
+          message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+    require(l.hole_px.cols() == l.link.hole_m.cols(),
+        message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
+            " places of them in the picture, must have as many"));
+    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5,
+        message("link ", i, ": places of holes must lie within 1e5 px"));
+    const double px_per_mm =
+        1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0,
+        message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
   }
-  std::size_t size() const { return stamp_.size(); }
+
+  void segment(const Segment& g, std::size_t i) const {
+    stamp(g.from_ns);
+    stamp(g.to_ns);
+    require(g.to_ns >= g.from_ns,
+        message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm})
+      require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
+  }
+
+  void require(bool good, const std::string& what) const {
+    if (!good) throw InputError(message(name_, ": ", what));
+  }
 
  private:
-  std::vector<std::int64_t> stamp_;
-  Eigen::MatrixXd value_;
+  void stamp(std::int64_t ns) const {
+    require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, message("stamp ", ns, " ns is beyond the range of stamps"));
+  }
+
+  const std::string& name_;
 };
+
+}  // namespace detail
+
+/// Throws InputError for a value out of its range; `name` stands in the message.
+inline void validate(const Session& s, const std::string& name) {
+  const detail::SessionCheck check(name);
+  check.view(s);
+  check.finger(s);
+  check.clocks(s);
+  check.require(s.links.size() <= 16, message("has ", s.links.size(), " links, must have at most 16"));
+  for (std::size_t i = 0; i < s.links.size(); ++i) check.link(s.links[i], i);
+  for (std::size_t i = 0; i < s.segments.size(); ++i) check.segment(s.segments[i], i);
+}
 
 }  // namespace lumo::sense
 
@@ -940,34 +1163,6 @@ struct Symmetry {
 };
 
 }  // namespace lumo
-
-#endif
-
-// ---- lumo/sense/devices/readout.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_READOUT_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_READOUT_HPP
-
-namespace lumo::sense {
-
-/// Light along the finger at one time.
-struct Profile {
-  std::int64_t stamp_ns = 0;
-  Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
-  /// Share of the raw values at the top of their range: profile values there are lower bounds.
-  double saturated = 0.0;
-};
-
-/// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
-/// Laws: linear in the light unless a value saturates; value i belongs to `positions_m()[i]` on the finger's y axis,
-/// ascending; a sample of another size or kind gives false and leaves the profile as it was; no memory is allocated
-/// after the first call.
-template <class R>
-concept Readout = requires(R& readout, const R& view, const typename R::Sample& sample, Profile& profile) {
-  { readout.read(sample, profile) } -> std::same_as<bool>;
-  { view.positions_m() } -> std::convertible_to<const Eigen::VectorXd&>;
-};
-
-}  // namespace lumo::sense
 
 #endif
 
@@ -1354,9 +1549,9 @@ inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samp
 
 #endif
 
-// ---- lumo/sense/recording/normal_force.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_NORMAL_FORCE_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_NORMAL_FORCE_HPP
+// ---- lumo/sense/recording/log_truth.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_LOG_TRUTH_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_LOG_TRUTH_HPP
 
 namespace lumo::sense {
 
@@ -1372,254 +1567,6 @@ inline TimeSeries normal_force(
   }
   return {std::move(stamp_ns), std::move(force_N)};
 }
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/session.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
-
-namespace lumo::sense {
-
-/// What is done in a stretch of a recording.
-enum class SegmentKind {
-  unloaded,  ///< nothing touches the finger
-  dark,      ///< the same with the LEDs off
-  free,      ///< a joint moves without contact
-  approach,
-  hold,
-  cycle,
-  retract,
-  other  ///< a recording's own kind, see Segment::other_kind
-};
-
-inline constexpr std::array<std::string_view, 7> segment_kind_names{
-    "unloaded", "dark", "free", "approach", "hold", "cycle", "retract"};
-
-/// The kind as files name it; empty for `other`.
-constexpr std::string_view to_string(SegmentKind kind) {
-  return kind == SegmentKind::other ? std::string_view() : segment_kind_names[std::size_t(kind)];
-}
-
-/// The kind of this name; `other` for a name that is not listed.
-constexpr SegmentKind segment_kind_from_string(std::string_view name) {
-  std::size_t k = 0;
-  while (k < segment_kind_names.size() && segment_kind_names[k] != name) ++k;
-  return SegmentKind(k);
-}
-
-static_assert(std::size_t(SegmentKind::other) == segment_kind_names.size());
-
-/// A stretch of a log whose circumstances its maker knew. Decoders learn from segments and metrics compare them;
-/// estimators do not read them.
-struct Segment {
-  std::int64_t from_ns = 0, to_ns = 0;
-  SegmentKind kind = SegmentKind::hold;
-  int place = -1;       ///< number of the tested place, from 0; −1: none
-  double y_mm = 0.0;    ///< of that place
-  int repetition = -1;  ///< re-contact or run, from 0; −1: none
-  int cycle = -1;       ///< within maintained contact
-  double load_N = 0.0;
-  double angle_deg = 0.0;
-  double diameter_mm = 0.0;  ///< of the indenter; 0: unknown
-  std::string other_kind{};  ///< name of a kind of the recording's own; empty for the others
-  bool operator==(const Segment&) const = default;
-
-  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
-  /// Name of the kind as it stands in files.
-  std::string kind_name() const { return kind == SegmentKind::other ? other_kind : std::string(to_string(kind)); }
-  void set_kind_name(std::string name) {
-    kind = segment_kind_from_string(name);
-    other_kind = kind == SegmentKind::other ? std::move(name) : std::string();
-  }
-};
-
-/// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
-struct HandLink {
-  std::string name;
-  std::vector<int> joints;  ///< that move it, by their numbers in the joint samples
-  Eigen::Matrix2Xd hole_m;  ///< centres (y, z) of its mounting holes, at least two
-  double hole_radius_m = 1.5_mm;
-  bool z_clockwise = false;                       ///< in the image z lies clockwise of y (image rows run down)
-  double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
-  double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
-};
-
-/// Throws InvalidArgument without joints or two holes, or for lengths out of range.
-inline void validate(const HandLink& l) {
-  if (l.joints.empty())
-    throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
-  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
-    throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
-        " mounting holes, must have at least 2, at finite places"));
-  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
-    for (Eigen::Index j = 0; j < k; ++j)
-      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
-          !(apart >= 1.0_mm && apart <= 10.0))
-        throw InvalidArgument(message(
-            "link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
-  require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
-  require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
-  require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
-}
-
-/// A link of a hand, and about where its holes are in the first picture: somebody pointed at them.
-struct SessionLink {
-  HandLink link;
-  Eigen::Matrix2Xd hole_px;  ///< as many as link.hole_m has
-};
-
-/// Contents of session.json.
-struct Session {
-  std::string title;
-  std::string clock = "monotonic";  ///< on which frames are stamped
-  std::string material;             ///< of the pad
-  std::vector<double> theta_mm;     ///< its design; may be empty
-  std::string video;                ///< file name beside session.json; empty: frames/
-  int led_count = 5;
-  double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
-  double led_depth_m = 0.0;  ///< of the LEDs behind the side that the camera sees, in silicone
-  /// From that side to the camera's lens; 0: unknown, the LEDs' parallax stays as it is.
-  double camera_distance_m = 0.0;
-  Eigen::Vector2d distal{1.0, 0.0};  ///< direction of the tip in the image
-  double joint_to_origin_m = 0.05;   ///< from the axis of the last joint to the finger's origin
-  /// From each joint's axis to the next one's, along the finger; empty: one joint.
-  std::vector<double> joint_to_joint_m;
-  std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
-  double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
-  ClockMap joint_clock, wrench_clock;                 ///< onto the frames' clock
-  std::vector<SessionLink> links;                     ///< of a hand; empty for one finger
-  std::vector<Segment> segments;
-};
-
-/// Refractive index of silicone in the visible; assumed.
-inline constexpr double silicone_index = 1.41;
-
-/// Ratio of the LEDs' apparent pitch to the same length on the side before them: perspective on their apparent depth,
-/// the true one over silicone's refractive index.
-inline double led_parallax(const Session& s) {
-  return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / silicone_index) : 1.0;
-}
-
-namespace detail {
-
-/// Checks of a session; each throws InputError with the session's name before the reason.
-class SessionCheck {
- public:
-  explicit SessionCheck(const std::string& name) : name_(name) {}
-
-  void view(const Session& s) const {
-    require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
-    require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0,
-        message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
-    require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0,
-        message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
-    require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
-        message("distance of the camera is ", 1e3 * s.camera_distance_m,
-            " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
-    require(led_parallax(s) >= 0.5,
-        message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
-            " mm, must lie at most 1.41 times as deep as it is far"));
-    require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
-  }
-
-  void finger(const Session& s) const {
-    require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
-        message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
-    require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..",
-        "video must be a file name beside session.json");
-    require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0,
-        message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
-    require(std::abs(s.joint_to_origin_m) <= 10.0,
-        message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
-    require(s.joint_to_joint_m.size() < std::size_t(max_joints),
-        message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
-    for (const double l : s.joint_to_joint_m)
-      require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
-    for (const double k : s.torque_constant_Nm_per_A)
-      require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
-          message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
-    for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
-  }
-
-  void clocks(const Session& s) const {
-    for (const double delay : {s.frame_delay_s, s.joint_delay_s})
-      require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
-    for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
-      stamp(map.origin_ns);
-      require(
-          std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
-      require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
-      require(map.residual_s >= 0.0 && std::isfinite(map.residual_s),
-          message("residual of a clock is ", map.residual_s, " s, must not be negative"));
-    }
-  }
-
-  void link(const SessionLink& l, std::size_t i) const {
-    try {
-      validate(l.link);
-    } catch (const InvalidArgument& e) {
-      require(false, message("link ", i, ": ", e.what()));
-    }
-    for (const int j : l.link.joints)
-      require(j >= 0 && j < max_joints,
-          message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
-    require(l.hole_px.cols() == l.link.hole_m.cols(),
-        message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
-            " places of them in the picture, must have as many"));
-    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5,
-        message("link ", i, ": places of holes must lie within 1e5 px"));
-    const double px_per_mm =
-        1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
-    require(px_per_mm >= 0.05 && px_per_mm <= 100.0,
-        message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
-  }
-
-  void segment(const Segment& g, std::size_t i) const {
-    stamp(g.from_ns);
-    stamp(g.to_ns);
-    require(g.to_ns >= g.from_ns,
-        message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
-    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm})
-      require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
-  }
-
-  void require(bool good, const std::string& what) const {
-    if (!good) throw InputError(message(name_, ": ", what));
-  }
-
- private:
-  void stamp(std::int64_t ns) const {
-    require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, message("stamp ", ns, " ns is beyond the range of stamps"));
-  }
-
-  const std::string& name_;
-};
-
-}  // namespace detail
-
-/// Throws InputError for a value out of its range; `name` stands in the message.
-inline void validate(const Session& s, const std::string& name) {
-  const detail::SessionCheck check(name);
-  check.view(s);
-  check.finger(s);
-  check.clocks(s);
-  check.require(s.links.size() <= 16, message("has ", s.links.size(), " links, must have at most 16"));
-  for (std::size_t i = 0; i < s.links.size(); ++i) check.link(s.links[i], i);
-  for (std::size_t i = 0; i < s.segments.size(); ++i) check.segment(s.segments[i], i);
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/log_truth.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_LOG_TRUTH_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_LOG_TRUTH_HPP
-
-namespace lumo::sense {
 
 /// The true contacts of a log, for comparison with its estimates. Estimators do not read it.
 class LogTruth {
@@ -2716,6 +2663,52 @@ inline void validate(const Recording& log) {
     throw InputError(message(log.path, ": has currents of ", joints, " joints, its session ",
         log.session.torque_constant_Nm_per_A.size(), " torque constants"));
 }
+
+/// The segments of a session as the plan of a recording, in the order of time, each announced `notice_s` before it
+/// begins. Times count from the first picture. A plan that begins within the notice, or after `latest_begin_ns` (on
+/// another recording's clock), is moved as a whole to begin right after the notice.
+class RecordingPlan {
+ public:
+  static constexpr double notice_s = 2.0;
+  static constexpr std::int64_t latest_begin_ns = 60'000'000'000;
+
+  explicit RecordingPlan(std::vector<Segment> segments) : segments_(std::move(segments)) {
+    std::stable_sort(
+        segments_.begin(), segments_.end(), [](const Segment& a, const Segment& b) { return a.from_ns < b.from_ns; });
+    if (segments_.empty()) return;
+    constexpr auto notice_ns = std::int64_t(1e9 * notice_s);
+    const std::int64_t begin = segments_.front().from_ns,
+                       shift = begin >= notice_ns && begin <= latest_begin_ns ? 0 : notice_ns - begin;
+    for (Segment& s : segments_) {
+      s.from_ns += shift;
+      s.to_ns += shift;
+    }
+  }
+
+  const std::vector<Segment>& segments() const { return segments_; }
+  /// When the last one ends [s]; 0 without any.
+  double seconds() const {
+    std::int64_t end = 0;
+    for (const Segment& s : segments_) end = std::max(end, s.to_ns);
+    return 1e-9 * double(end);
+  }
+  /// The next segment to be announced by now, each once; null: none.
+  const Segment* announced(double now_s) {
+    return next_ < segments_.size() && 1e-9 * double(segments_[next_].from_ns) - notice_s <= now_s ? &segments_[next_++]
+                                                                                                   : nullptr;
+  }
+  /// The segments that a recording which ended at this time holds whole.
+  std::vector<Segment> done(std::int64_t end_ns) const {
+    std::vector<Segment> list;
+    for (const Segment& s : segments_)
+      if (s.to_ns <= end_ns) list.push_back(s);
+    return list;
+  }
+
+ private:
+  std::vector<Segment> segments_;
+  std::size_t next_ = 0;
+};
 
 }  // namespace lumo::sense
 
@@ -4841,6 +4834,28 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
 
 #endif
 
+// ---- lumo/core/golden_section.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
+
+namespace lumo {
+
+/// Where a function of one number is least between a and b, if it has one minimum there: `steps` sections, each of
+/// which leaves 0.618 of the stretch. Source: Kiefer 1953.
+template <class Function> double golden_section(Function function, double a, double b, int steps) {
+  constexpr double golden = 0.61803398874989484820;
+  for (int k = 0; k < steps; ++k) {
+    const double c = b - golden * (b - a), d = a + golden * (b - a);
+    if (function(c) <= function(d)) b = d;
+    else a = c;
+  }
+  return 0.5 * (a + b);
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/sense/devices/faults.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_FAULTS_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_FAULTS_HPP
@@ -4904,80 +4919,9 @@ inline std::string to_string(Faults faults) {
 
 #endif
 
-// ---- lumo/sense/force/force_estimate.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_ESTIMATE_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_ESTIMATE_HPP
-
-namespace lumo::sense {
-
-/// Which streams an estimate rests on.
-enum class EstimatorState {
-  ok,           ///< both, without faults
-  degraded,     ///< both, but something is or was just wrong with one
-  torque_only,  ///< no usable frame for too long
-  vision_only,  ///< no usable joint sample for too long
-  invalid       ///< neither
-};
-
-constexpr const char* to_string(EstimatorState s) {
-  constexpr std::array<const char*, 5> names{"ok", "degraded", "torque_only", "vision_only", "invalid"};
-  return names[std::size_t(s)];
-}
-
-/// One contact: the place on the finger and the normal force of the object on the pad. What is not known is empty;
-/// the rest is finite.
-struct ContactForce {
-  std::optional<double> y_m;
-  std::optional<double> force_N;
-  double y_variance_m2 = 0.0;      ///< also where y is empty
-  double force_variance_N2 = 0.0;  ///< the prior's where the force is not known
-  double covariance_m_N = 0.0;
-};
-
-struct ForceEstimate {
-  std::int64_t stamp_ns = 0;  ///< the time that it is for
-  EstimatorState state = EstimatorState::invalid;
-  Faults faults;
-  int contacts = 0;
-  std::array<ContactForce, 2> contact;  ///< the first max(1, contacts) mean something
-  /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or
-  /// combinations) are.
-  int rank = 0;
-  Eigen::Matrix2d null_directions{
-      {0.0, 0.0}, {0.0, 0.0}};      ///< the last 2 − rank columns: unit directions that the data leave open
-  std::int64_t frame_stamp_ns = 0;  ///< of the newest usable frame
-  std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
-};
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/core/golden_section.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
-
-namespace lumo {
-
-/// Where a function of one number is least between a and b, if it has one minimum there: `steps` sections, each of
-/// which leaves 0.618 of the stretch. Source: Kiefer 1953.
-template <class Function> double golden_section(Function function, double a, double b, int steps) {
-  constexpr double golden = 0.61803398874989484820;
-  for (int k = 0; k < steps; ++k) {
-    const double c = b - golden * (b - a), d = a + golden * (b - a);
-    if (function(c) <= function(d)) b = d;
-    else a = c;
-  }
-  return 0.5 * (a + b);
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/sense/joints/identification.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_IDENTIFICATION_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_IDENTIFICATION_HPP
+// ---- lumo/sense/joints/torque_model.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_TORQUE_MODEL_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_TORQUE_MODEL_HPP
 
 namespace lumo::sense {
 
@@ -5036,236 +4980,6 @@ inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& 
   r.covariance = variance * half * half.transpose();
   return r;
 }
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/force/force_solution.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_SOLUTION_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_SOLUTION_HPP
-
-namespace lumo::sense {
-
-/// Numbers of both solutions.
-struct ForceSolutionConfig {
-  static constexpr double on_axis_m = 1e-4;           ///< contacts so near all axes count as on them
-  static constexpr double rank_tolerance = 1e-3;      ///< singular values below this share of the largest count as 0
-  static constexpr double place_unit_m = 0.01;        ///< of y beside a force of 1 N, for the rank
-  static constexpr int cells = 64, refinements = 40;  ///< of the search along the pad, and within the best cells
-};
-
-/// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
-/// separate come back as null directions: three contacts on two joints, two on one link of one joint, any at a
-/// joint's axis.
-template <ContactJacobian J> Identification solve_forces(const J& jacobian, const JointVector& q,
-    const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
-  const auto m = Eigen::Index(contacts.size());
-  const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
-  const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
-  if (largest < ForceSolutionConfig::on_axis_m)
-    return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
-  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, ForceSolutionConfig::rank_tolerance);
-}
-
-/// One contact from torques alone: place and force together, as far as the joints determine them.
-struct TorqueOnlySolution {
-  double y_m = 0.0;
-  double force_N = 0.0;
-  int rank = 0;                                        ///< of (y, force): 2 both, 1 a combination, 0 nothing
-  Eigen::Vector2d null_direction{0.0, 0.0};            ///< (y in units of 10 mm, force in N), unit; where the rank is 1
-  Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], force [N]); where the rank is 2
-};
-
-/// Within `range`: two joints before the contact give the place by the ratio of their torques
-/// (paper's torque-only baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the
-/// range's middle.
-template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q,
-    const JointVector& contact_torque_Nm, const PadRange& range, double torque_sigma_Nm) {
-  using Config = ForceSolutionConfig;
-  const int link = range.link;
-  const double from_m = range.from_m, to_m = range.to_m;
-  require_in_range("end of the finger", to_m, from_m, 10.0, "m");
-  require_positive("error of the torque", torque_sigma_Nm, "N·m");
-  const auto force_at = [&](double y, double& misfit) {
-    const JointVector a = jacobian.column(q, {link, y});
-    const double force = a.dot(contact_torque_Nm) / std::max(a.squaredNorm(), 1e-12);
-    misfit = (contact_torque_Nm - force * a).squaredNorm();
-    return force;
-  };
-  TorqueOnlySolution s;
-  s.y_m = range.middle_m();
-  double misfit = 0.0;
-  s.force_N = force_at(s.y_m, misfit);
-  const auto sensitivity = [&] {
-    Eigen::MatrixXd h(jacobian.joints(), 2);
-    h.col(0) = Config::place_unit_m * s.force_N * jacobian.slope(q, {link, s.y_m});
-    h.col(1) = jacobian.column(q, {link, s.y_m});
-    return h;
-  };
-  const auto look = [&] {
-    return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm,
-        Config::rank_tolerance);
-  };
-  Identification local = look();
-  if (local.complete()) {
-    constexpr int cells = Config::cells;
-    double least = std::numeric_limits<double>::infinity();
-    int best = 0;
-    for (int k = 0; k <= cells; ++k) {
-      force_at(from_m + (to_m - from_m) * k / cells, misfit);
-      if (misfit < least) {
-        least = misfit;
-        best = k;
-      }
-    }
-    const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells,
-                 b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
-    s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, Config::refinements);
-    s.force_N = force_at(s.y_m, misfit);
-    local = look();
-  }
-  s.rank = int(local.rank);
-  if (s.rank == 1) s.null_direction = local.null_space.col(0);
-  if (s.rank == 2) {
-    const Eigen::Vector2d unit(Config::place_unit_m, 1.0);
-    s.covariance = unit.asDiagonal() * local.covariance * unit.asDiagonal();
-  }
-  return s;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/joints/joint_monitor.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_JOINT_MONITOR_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_JOINT_MONITOR_HPP
-
-namespace lumo::sense {
-
-/// Decides for each joint sample whether it can be trusted.
-class JointMonitor {
- public:
-  struct Config {
-    int joints = 1;
-    double period_s = 1e-3;
-    double max_ahead_s = 0.01;  ///< how far a stamp may lie in the future
-    double stuck_s =
-        0.1;  ///< the very same effort of a joint for this long is stuck; at least 20 samples. Real currents are noisy
-    /// Step in which efforts come, and standard deviation of their noise before they are rounded to it, both in the
-    /// effort's unit. Where there is a step, as many samples more must be the same as noise alone would not make so in
-    /// 10⁹ trials; noise far below half a step never changes it. 0: no step.
-    double quantum = 0.0, noise = 0.0;
-    double spike = 0.5;        ///< jump against the median of the last five [A or N·m, as the effort]
-    double max_effort = 40.0;  ///< of the motor, same unit
-    double max_velocity_rad_per_s = 65.0;
-    double max_position_rad = 1e4;  ///< beyond, the encoder is broken
-  };
-
-  /// Throws InvalidArgument for numbers out of range.
-  explicit JointMonitor(const Config& config) : config_(config) {
-    require_in_range("number of joints", config.joints, 1, max_joints, "");
-    require_in_range("period of the joint samples", config.period_s, 1e-6, 1e3, "s");
-    require_positive("time after which an effort is stuck", config.stuck_s, "s");
-    require_positive("spike", config.spike, "");
-    require_in_range("largest effort", config.max_effort, 1e-9, 1e4, "");
-    require_in_range("largest velocity", config.max_velocity_rad_per_s, 1e-6, 1e4, "rad/s");
-    require_in_range("largest position", config.max_position_rad, 1e-3, 1e9, "rad");
-    require_in_range("step of the effort", config.quantum, 0.0, config.max_effort, "");
-    require_in_range("noise of the effort", config.noise, 0.0, config.max_effort, "");
-    if (config.quantum > 0.0) {
-      const double same = config.noise > 0.0 ? std::erf(config.quantum / (2.8284271247461901 * config.noise))
-                                             : 1.0;  // share of samples on a step's middle
-      least_same_ =
-          std::max(least_same_, same < 1.0 ? std::log(1e-9) / std::log(same) : std::numeric_limits<double>::infinity());
-    }
-  }
-
-  struct Verdict {
-    Faults faults;
-    bool usable = true;
-  };
-
-  Verdict check(const JointSample& s, std::int64_t now_ns) {
-    Verdict v;
-    const auto reject = [&](Fault f) {
-      v.faults.add(f);
-      v.usable = false;
-    };
-    if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;
-    if (1e-9 * double(s.stamp_ns - now_ns) > config_.max_ahead_s || (seen_ && s.stamp_ns <= stamp_ns_))
-      return reject(Fault::joint_time), v;
-    const double step_s = seen_ ? 1e-9 * double(s.stamp_ns - stamp_ns_) : 0.0;
-    if (step_s > 2.5 * config_.period_s) v.faults.add(Fault::joint_dropped);
-    stamp_ns_ = s.stamp_ns;
-    const Eigen::Index n = config_.joints;
-    if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n ||
-        !s.effort.allFinite() || !s.position_rad.allFinite() || !s.velocity_rad_per_s.allFinite())
-      return seen_ = true, reject(Fault::joint_not_finite), v;
-    if (s.position_rad.cwiseAbs().maxCoeff() > config_.max_position_rad ||
-        s.velocity_rad_per_s.cwiseAbs().maxCoeff() > config_.max_velocity_rad_per_s)
-      return seen_ = true, reject(Fault::position_jump), v;
-    if (!filled_) position_ = s.position_rad;
-
-    const double reach =
-        config_.max_velocity_rad_per_s * std::max(1e-9 * double(s.stamp_ns - position_ns_), config_.period_s);
-    if (filled_ && (s.position_rad - position_).cwiseAbs().maxCoeff() > 1.5 * reach) reject(Fault::position_jump);
-    if (v.usable) {
-      position_ = s.position_rad;
-      position_ns_ = s.stamp_ns;
-    }
-    if (s.saturated || s.effort.cwiseAbs().maxCoeff() > config_.max_effort) reject(Fault::torque_saturated);
-
-    for (Eigen::Index j = 0; j < n; ++j) {
-      Sameness& same = same_[std::size_t(j)];
-      if (!filled_ || s.effort[j] != last_[j]) same = {0, s.stamp_ns};
-      else if (++same.samples >= least_same_ && 1e-9 * double(s.stamp_ns - same.since_ns) > config_.stuck_s)
-        reject(Fault::torque_stuck);
-    }
-    last_ = s.effort;
-
-    // A real step fills the window within three samples and then is no spike.
-    if (filled_ >= window)
-      for (Eigen::Index j = 0; j < n; ++j) {
-        std::array<double, window> sorted{};
-        for (std::size_t k = 0; k < window; ++k) sorted[k] = recent_[k][j];
-        std::nth_element(sorted.begin(), sorted.begin() + window / 2, sorted.end());
-        if (std::abs(s.effort[j] - sorted[window / 2]) > config_.spike) reject(Fault::torque_spike);
-      }
-    recent_[std::size_t(next_)] = s.effort;
-    next_ = (next_ + 1) % int(window);
-    filled_ = std::min<std::size_t>(filled_ + 1, window);
-    seen_ = true;
-    return v;
-  }
-
- private:
-  static constexpr std::size_t window = 5;
-  Config config_;
-  std::array<JointVector, window> recent_;
-  JointVector position_, last_;
-  std::size_t filled_ = 0;
-  struct Sameness {
-    double samples = 0.0;  ///< that repeated the one before
-    std::int64_t since_ns = 0;
-  };
-  std::array<Sameness, std::size_t(max_joints)> same_;
-  double least_same_ = 20.0;
-  int next_ = 0;
-  std::int64_t stamp_ns_ = 0, position_ns_ = 0;
-  bool seen_ = false;
-};
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/joints/torque_model.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_TORQUE_MODEL_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_TORQUE_MODEL_HPP
-
-namespace lumo::sense {
 
 /// One joint without contact: what the motor spends on friction, weight and offset. Friction is Coulomb's, Stribeck's
 /// rise towards standstill and a viscous part (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994); weight is that of one
@@ -5380,6 +5094,265 @@ inline TorqueIdentification identify_unloaded(
   m.noise_Nm = result.linear.residual;
   return result;
 }
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/force/force_solution.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_SOLUTION_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_SOLUTION_HPP
+
+namespace lumo::sense {
+
+/// Numbers of both solutions.
+struct ForceSolutionConfig {
+  static constexpr double on_axis_m = 1e-4;           ///< contacts so near all axes count as on them
+  static constexpr double rank_tolerance = 1e-3;      ///< singular values below this share of the largest count as 0
+  static constexpr double place_unit_m = 0.01;        ///< of y beside a force of 1 N, for the rank
+  static constexpr int cells = 64, refinements = 40;  ///< of the search along the pad, and within the best cells
+};
+
+/// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
+/// separate come back as null directions: three contacts on two joints, two on one link of one joint, any at a
+/// joint's axis.
+template <ContactJacobian J> Identification solve_forces(const J& jacobian, const JointVector& q,
+    const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+  const auto m = Eigen::Index(contacts.size());
+  const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
+  const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
+  if (largest < ForceSolutionConfig::on_axis_m)
+    return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
+  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, ForceSolutionConfig::rank_tolerance);
+}
+
+/// One contact from torques alone: place and force together, as far as the joints determine them.
+struct TorqueOnlySolution {
+  double y_m = 0.0;
+  double force_N = 0.0;
+  int rank = 0;                                        ///< of (y, force): 2 both, 1 a combination, 0 nothing
+  Eigen::Vector2d null_direction{0.0, 0.0};            ///< (y in units of 10 mm, force in N), unit; where the rank is 1
+  Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], force [N]); where the rank is 2
+};
+
+/// Within `range`: two joints before the contact give the place by the ratio of their torques
+/// (paper's torque-only baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the
+/// range's middle.
+template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q,
+    const JointVector& contact_torque_Nm, const PadRange& range, double torque_sigma_Nm) {
+  using Config = ForceSolutionConfig;
+  const int link = range.link;
+  const double from_m = range.from_m, to_m = range.to_m;
+  require_in_range("end of the finger", to_m, from_m, 10.0, "m");
+  require_positive("error of the torque", torque_sigma_Nm, "N·m");
+  const auto force_at = [&](double y, double& misfit) {
+    const JointVector a = jacobian.column(q, {link, y});
+    const double force = a.dot(contact_torque_Nm) / std::max(a.squaredNorm(), 1e-12);
+    misfit = (contact_torque_Nm - force * a).squaredNorm();
+    return force;
+  };
+  TorqueOnlySolution s;
+  s.y_m = range.middle_m();
+  double misfit = 0.0;
+  s.force_N = force_at(s.y_m, misfit);
+  const auto sensitivity = [&] {
+    Eigen::MatrixXd h(jacobian.joints(), 2);
+    h.col(0) = Config::place_unit_m * s.force_N * jacobian.slope(q, {link, s.y_m});
+    h.col(1) = jacobian.column(q, {link, s.y_m});
+    return h;
+  };
+  const auto look = [&] {
+    return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm,
+        Config::rank_tolerance);
+  };
+  Identification local = look();
+  if (local.complete()) {
+    constexpr int cells = Config::cells;
+    double least = std::numeric_limits<double>::infinity();
+    int best = 0;
+    for (int k = 0; k <= cells; ++k) {
+      force_at(from_m + (to_m - from_m) * k / cells, misfit);
+      if (misfit < least) {
+        least = misfit;
+        best = k;
+      }
+    }
+    const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells,
+                 b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
+    s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, Config::refinements);
+    s.force_N = force_at(s.y_m, misfit);
+    local = look();
+  }
+  s.rank = int(local.rank);
+  if (s.rank == 1) s.null_direction = local.null_space.col(0);
+  if (s.rank == 2) {
+    const Eigen::Vector2d unit(Config::place_unit_m, 1.0);
+    s.covariance = unit.asDiagonal() * local.covariance * unit.asDiagonal();
+  }
+  return s;
+}
+
+/// Which streams an estimate rests on.
+enum class EstimatorState {
+  ok,           ///< both, without faults
+  degraded,     ///< both, but something is or was just wrong with one
+  torque_only,  ///< no usable frame for too long
+  vision_only,  ///< no usable joint sample for too long
+  invalid       ///< neither
+};
+
+constexpr const char* to_string(EstimatorState s) {
+  constexpr std::array<const char*, 5> names{"ok", "degraded", "torque_only", "vision_only", "invalid"};
+  return names[std::size_t(s)];
+}
+
+/// One contact: the place on the finger and the normal force of the object on the pad. What is not known is empty;
+/// the rest is finite.
+struct ContactForce {
+  std::optional<double> y_m;
+  std::optional<double> force_N;
+  double y_variance_m2 = 0.0;      ///< also where y is empty
+  double force_variance_N2 = 0.0;  ///< the prior's where the force is not known
+  double covariance_m_N = 0.0;
+};
+
+struct ForceEstimate {
+  std::int64_t stamp_ns = 0;  ///< the time that it is for
+  EstimatorState state = EstimatorState::invalid;
+  Faults faults;
+  int contacts = 0;
+  std::array<ContactForce, 2> contact;  ///< the first max(1, contacts) mean something
+  /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or
+  /// combinations) are.
+  int rank = 0;
+  Eigen::Matrix2d null_directions{
+      {0.0, 0.0}, {0.0, 0.0}};      ///< the last 2 − rank columns: unit directions that the data leave open
+  std::int64_t frame_stamp_ns = 0;  ///< of the newest usable frame
+  std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
+};
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/joints/joint_monitor.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_JOINT_MONITOR_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_JOINT_MONITOR_HPP
+
+namespace lumo::sense {
+
+/// Decides for each joint sample whether it can be trusted.
+class JointMonitor {
+ public:
+  struct Config {
+    int joints = 1;
+    double period_s = 1e-3;
+    double max_ahead_s = 0.01;  ///< how far a stamp may lie in the future
+    /// The very same effort of a joint for this long is stuck; at least 20 samples. Real currents are noisy
+    double stuck_s = 0.1;
+    /// Step in which efforts come, and standard deviation of their noise before they are rounded to it, both in the
+    /// effort's unit. Where there is a step, as many samples more must be the same as noise alone would not make so in
+    /// 10⁹ trials; noise far below half a step never changes it. 0: no step.
+    double quantum = 0.0, noise = 0.0;
+    double spike = 0.5;        ///< jump against the median of the last five [A or N·m, as the effort]
+    double max_effort = 40.0;  ///< of the motor, same unit
+    double max_velocity_rad_per_s = 65.0;
+    double max_position_rad = 1e4;  ///< beyond, the encoder is broken
+  };
+
+  /// Throws InvalidArgument for numbers out of range.
+  explicit JointMonitor(const Config& config) : config_(config) {
+    require_in_range("number of joints", config.joints, 1, max_joints, "");
+    require_in_range("period of the joint samples", config.period_s, 1e-6, 1e3, "s");
+    require_positive("time after which an effort is stuck", config.stuck_s, "s");
+    require_positive("spike", config.spike, "");
+    require_in_range("largest effort", config.max_effort, 1e-9, 1e4, "");
+    require_in_range("largest velocity", config.max_velocity_rad_per_s, 1e-6, 1e4, "rad/s");
+    require_in_range("largest position", config.max_position_rad, 1e-3, 1e9, "rad");
+    require_in_range("step of the effort", config.quantum, 0.0, config.max_effort, "");
+    require_in_range("noise of the effort", config.noise, 0.0, config.max_effort, "");
+    if (config.quantum > 0.0) {
+      const double same = config.noise > 0.0 ? std::erf(config.quantum / (2.8284271247461901 * config.noise))
+                                             : 1.0;  // share of samples on a step's middle
+      least_same_ =
+          std::max(least_same_, same < 1.0 ? std::log(1e-9) / std::log(same) : std::numeric_limits<double>::infinity());
+    }
+  }
+
+  struct Verdict {
+    Faults faults;
+    bool usable = true;
+  };
+
+  Verdict check(const JointSample& s, std::int64_t now_ns) {
+    Verdict v;
+    const auto reject = [&](Fault f) {
+      v.faults.add(f);
+      v.usable = false;
+    };
+    if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;
+    if (1e-9 * double(s.stamp_ns - now_ns) > config_.max_ahead_s || (seen_ && s.stamp_ns <= stamp_ns_))
+      return reject(Fault::joint_time), v;
+    const double step_s = seen_ ? 1e-9 * double(s.stamp_ns - stamp_ns_) : 0.0;
+    if (step_s > 2.5 * config_.period_s) v.faults.add(Fault::joint_dropped);
+    stamp_ns_ = s.stamp_ns;
+    const Eigen::Index n = config_.joints;
+    if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n ||
+        !s.effort.allFinite() || !s.position_rad.allFinite() || !s.velocity_rad_per_s.allFinite())
+      return seen_ = true, reject(Fault::joint_not_finite), v;
+    if (s.position_rad.cwiseAbs().maxCoeff() > config_.max_position_rad ||
+        s.velocity_rad_per_s.cwiseAbs().maxCoeff() > config_.max_velocity_rad_per_s)
+      return seen_ = true, reject(Fault::position_jump), v;
+    if (!filled_) position_ = s.position_rad;
+
+    const double reach =
+        config_.max_velocity_rad_per_s * std::max(1e-9 * double(s.stamp_ns - position_ns_), config_.period_s);
+    if (filled_ && (s.position_rad - position_).cwiseAbs().maxCoeff() > 1.5 * reach) reject(Fault::position_jump);
+    if (v.usable) {
+      position_ = s.position_rad;
+      position_ns_ = s.stamp_ns;
+    }
+    if (s.saturated || s.effort.cwiseAbs().maxCoeff() > config_.max_effort) reject(Fault::torque_saturated);
+
+    for (Eigen::Index j = 0; j < n; ++j) {
+      Sameness& same = same_[std::size_t(j)];
+      if (!filled_ || s.effort[j] != last_[j]) same = {0, s.stamp_ns};
+      else if (++same.samples >= least_same_ && 1e-9 * double(s.stamp_ns - same.since_ns) > config_.stuck_s)
+        reject(Fault::torque_stuck);
+    }
+    last_ = s.effort;
+
+    // A real step fills the window within three samples and then is no spike.
+    if (filled_ >= window)
+      for (Eigen::Index j = 0; j < n; ++j) {
+        std::array<double, window> sorted{};
+        for (std::size_t k = 0; k < window; ++k) sorted[k] = recent_[k][j];
+        std::nth_element(sorted.begin(), sorted.begin() + window / 2, sorted.end());
+        if (std::abs(s.effort[j] - sorted[window / 2]) > config_.spike) reject(Fault::torque_spike);
+      }
+    recent_[std::size_t(next_)] = s.effort;
+    next_ = (next_ + 1) % int(window);
+    filled_ = std::min<std::size_t>(filled_ + 1, window);
+    seen_ = true;
+    return v;
+  }
+
+ private:
+  static constexpr std::size_t window = 5;
+  Config config_;
+  std::array<JointVector, window> recent_;
+  JointVector position_, last_;
+  std::size_t filled_ = 0;
+  struct Sameness {
+    double samples = 0.0;  ///< that repeated the one before
+    std::int64_t since_ns = 0;
+  };
+  std::array<Sameness, std::size_t(max_joints)> same_;
+  double least_same_ = 20.0;
+  int next_ = 0;
+  std::int64_t stamp_ns_ = 0, position_ns_ = 0;
+  bool seen_ = false;
+};
 
 }  // namespace lumo::sense
 
@@ -5500,9 +5473,9 @@ class FrameMonitor {
 
 #endif
 
-// ---- lumo/sense/profile/longitudinal_bins.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_LONGITUDINAL_BINS_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_LONGITUDINAL_BINS_HPP
+// ---- lumo/sense/profile/strip.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_STRIP_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_STRIP_HPP
 
 namespace lumo::sense {
 
@@ -5537,16 +5510,6 @@ struct LongitudinalBins {
             " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
   }
 };
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/profile/strip.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_STRIP_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_STRIP_HPP
-
-namespace lumo::sense {
 
 /// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at
 /// right angles, in steps of whole pixels along the image's direction that is nearer to the axis.
@@ -7371,6 +7334,55 @@ inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
   return mean * count.cwiseInverse().asDiagonal();
 }
 
+/// What a decoder made of observations that it had not seen.
+struct DecodingReport {
+  struct Prediction {
+    int observation = 0, fold = 0, place = 0, decoded = 0;
+    double probability = 0.0;  ///< that the decoder gave to the place decoded
+  };
+  std::vector<Prediction> predictions;  ///< by observation
+  Eigen::MatrixXi confusion;            ///< true place × decoded place
+  Interval accuracy;                    ///< share of right ones, with Wilson's 95 % interval
+  double mean_error_m = 0.0;            ///< mean distance between the places
+  double log_score = 0.0;               ///< mean logarithm of the probability given to the true place, at least −700
+};
+
+/// Leaves out one fold after the other (the paper: one repetition of all places), fits on the others and decodes it.
+/// `fold[i]` of observation i. Throws InvalidArgument for fewer than two folds, or when a place is only in one fold.
+template <Decoder D>
+DecodingReport cross_validate(const D& decoder, const LabelledResponses& data, const std::vector<int>& fold) {
+  validate(data);
+  if (fold.size() != data.place.size())
+    throw InvalidArgument(
+        message("cross-validation: ", data.place.size(), " observations and ", fold.size(), " folds"));
+  const std::set<int> folds(fold.begin(), fold.end());
+  if (folds.size() < 2) throw InvalidArgument("cross-validation needs at least 2 folds");
+  DecodingReport report;
+  report.confusion = Eigen::MatrixXi::Zero(data.places(), data.places());
+  report.predictions.resize(data.place.size());
+  int right = 0;
+  for (const int out : folds) {
+    std::vector<Eigen::Index> kept;
+    for (std::size_t i = 0; i < fold.size(); ++i)
+      if (fold[i] != out) kept.push_back(Eigen::Index(i));
+    LabelledResponses training{data.response(Eigen::all, kept), {}, data.place_m};
+    for (const Eigen::Index i : kept) training.place.push_back(data.place[std::size_t(i)]);
+    const auto model = decoder.fit(training);
+    for (std::size_t i = 0; i < fold.size(); ++i) {
+      if (fold[i] != out) continue;
+      const Decoding d = model.decode(data.response.col(Eigen::Index(i)));
+      const int place = data.place[i];
+      report.predictions[i] = {int(i), out, place, d.place, d.probability[d.place]};
+      ++report.confusion(place, d.place);
+      right += d.place == place;
+      report.mean_error_m += std::abs(data.place_m[d.place] - data.place_m[place]) / double(fold.size());
+      report.log_score += std::max(std::log(std::max(d.probability[place], 1e-305)), -700.0) / double(fold.size());
+    }
+  }
+  report.accuracy = wilson_interval(right, int(fold.size()));
+  return report;
+}
+
 }  // namespace lumo::sense
 
 #endif
@@ -7546,8 +7558,8 @@ struct OnsetDetector {
   double threshold = 5.0;     ///< standard deviations of the baseline
   double min_force_N = 0.05;  ///< above the baseline's mean, however quiet it was
   int hold = 3;               ///< samples in a row that must lie above
-  int fit =
-      5;  ///< samples from the crossing on, through which a line goes back to the baseline; 0: take the crossing itself
+  /// Samples from the crossing on, through which a line goes back to the baseline; 0: take the crossing itself
+  int fit = 5;
 
   /// Place of the onset in samples (fractional), and the force's baseline there.
   struct Onset {
@@ -7629,65 +7641,6 @@ inline double progressive_constraint_gain_percent(double displacement_m, double 
   require_positive("baseline's displacement", baseline_m, "m");
   require_in_range("displacement", displacement_m, 0.0, 1e3, "m");
   return 100.0 * (1.0 - displacement_m / baseline_m);
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/decode/cross_validation.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DECODE_CROSS_VALIDATION_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DECODE_CROSS_VALIDATION_HPP
-
-namespace lumo::sense {
-
-/// What a decoder made of observations that it had not seen.
-struct DecodingReport {
-  struct Prediction {
-    int observation = 0, fold = 0, place = 0, decoded = 0;
-    double probability = 0.0;  ///< that the decoder gave to the place decoded
-  };
-  std::vector<Prediction> predictions;  ///< by observation
-  Eigen::MatrixXi confusion;            ///< true place × decoded place
-  Interval accuracy;                    ///< share of right ones, with Wilson's 95 % interval
-  double mean_error_m = 0.0;            ///< mean distance between the places
-  double log_score = 0.0;               ///< mean logarithm of the probability given to the true place, at least −700
-};
-
-/// Leaves out one fold after the other (the paper: one repetition of all places), fits on the others and decodes it.
-/// `fold[i]` of observation i. Throws InvalidArgument for fewer than two folds, or when a place is only in one fold.
-template <Decoder D>
-DecodingReport cross_validate(const D& decoder, const LabelledResponses& data, const std::vector<int>& fold) {
-  validate(data);
-  if (fold.size() != data.place.size())
-    throw InvalidArgument(
-        message("cross-validation: ", data.place.size(), " observations and ", fold.size(), " folds"));
-  const std::set<int> folds(fold.begin(), fold.end());
-  if (folds.size() < 2) throw InvalidArgument("cross-validation needs at least 2 folds");
-  DecodingReport report;
-  report.confusion = Eigen::MatrixXi::Zero(data.places(), data.places());
-  report.predictions.resize(data.place.size());
-  int right = 0;
-  for (const int out : folds) {
-    std::vector<Eigen::Index> kept;
-    for (std::size_t i = 0; i < fold.size(); ++i)
-      if (fold[i] != out) kept.push_back(Eigen::Index(i));
-    LabelledResponses training{data.response(Eigen::all, kept), {}, data.place_m};
-    for (const Eigen::Index i : kept) training.place.push_back(data.place[std::size_t(i)]);
-    const auto model = decoder.fit(training);
-    for (std::size_t i = 0; i < fold.size(); ++i) {
-      if (fold[i] != out) continue;
-      const Decoding d = model.decode(data.response.col(Eigen::Index(i)));
-      const int place = data.place[i];
-      report.predictions[i] = {int(i), out, place, d.place, d.probability[d.place]};
-      ++report.confusion(place, d.place);
-      right += d.place == place;
-      report.mean_error_m += std::abs(data.place_m[d.place] - data.place_m[place]) / double(fold.size());
-      report.log_score += std::max(std::log(std::max(d.probability[place], 1e-305)), -700.0) / double(fold.size());
-    }
-  }
-  report.accuracy = wilson_interval(right, int(fold.size()));
-  return report;
 }
 
 }  // namespace lumo::sense
@@ -7787,8 +7740,8 @@ struct HyperparameterPrior {
 template <CovarianceKernel Kernel> class MarginalLikelihood {
  public:
   struct Value {
-    double log_likelihood =
-        -std::numeric_limits<double>::infinity();  ///< −∞ where the covariance is not positive definite
+    /// −∞ where the covariance is not positive definite
+    double log_likelihood = -std::numeric_limits<double>::infinity();
     double log_prior = 0.0;
     double mean = 0.0;
     Eigen::VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)
@@ -8451,8 +8404,8 @@ inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, co
 /// How far neighbouring places differ, against how well re-contacts repeat (paper Eq. 9).
 struct RecontactMetrics {
   double D_neighbor = 0.0;  ///< median over neighbours of the RMS difference of their median profiles [unit/N]
-  double W_recontact =
-      0.0;  ///< median over places and re-contacts of the RMS deviation from the median profile [unit/N]
+  /// Median over places and re-contacts of the RMS deviation from the median profile [unit/N]
+  double W_recontact = 0.0;
   std::optional<double> Q;  ///< D/W; empty where W is 0
 };
 

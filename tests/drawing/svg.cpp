@@ -1,7 +1,6 @@
 #include "lumo/drawing/svg.hpp"
 
 #include "catch.hpp"
-#include "lumo/drawing/colour.hpp"
 #include "lumo/drawing/plot.hpp"
 
 #include <sstream>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/mesh/mirror.hpp"
+#include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"

@@ -3,7 +3,7 @@
 #include "catch.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
-#include "lumo/mesh/sizing.hpp"
+#include "lumo/mesh/size_field.hpp"
 #include "lumo/morphology/finger.hpp"
 
 /// What must hold for every finger's mesh; `thorough`: node by node, too.

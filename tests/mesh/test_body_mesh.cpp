@@ -1,7 +1,7 @@
 #include "catch.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/sector.hpp"
-#include "lumo/mesh/sizing.hpp"
+#include "lumo/mesh/size_field.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "mesh/finger_laws.hpp"

@@ -3,7 +3,7 @@
 #include "catch.hpp"
 #include "geometry/surfaces.hpp"
 #include "lumo/mesh/body_mesh.hpp"
-#include "lumo/mesh/sizing.hpp"
+#include "lumo/mesh/size_field.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "mesh/finger_laws.hpp"
 #include "mesh/mesher_laws.hpp"

@@ -2,7 +2,6 @@
 
 #include "lumo/model/gaussian_process.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
-#include "lumo/optimize/qlog_nehvi.hpp"
 
 using namespace lumo;
 

@@ -1,5 +1,5 @@
 #include "catch.hpp"
-#include "lumo/mesh/sizing.hpp"
+#include "lumo/mesh/size_field.hpp"
 #include "lumo/morphology/finger.hpp"
 
 #include <map>

@@ -1,8 +1,7 @@
 #pragma once
 
-#include "lumo/morphology/disc_emitter.hpp"
+#include "lumo/morphology/emitter.hpp"
 #include "lumo/morphology/measured_lobe.hpp"
-#include "lumo/morphology/point_emitter.hpp"
 #include "lumo/optics/photodiode.hpp"
 #include "lumo/optics/pinhole_camera.hpp"
 #include "lumo/optics/scattering_medium.hpp"

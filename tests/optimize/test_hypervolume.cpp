@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/core/sobol.hpp"
-#include "lumo/optimize/expected_hypervolume.hpp"
+#include "lumo/optimize/hypervolume.hpp"
 
 #include <limits>
 

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 #include "optimize/reference.hpp"
 
-#include "lumo/optimize/qlog_nehvi.hpp"
+#include "lumo/optimize/log_nehvi.hpp"
 
 using namespace lumo;
 

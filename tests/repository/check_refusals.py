@@ -75,7 +75,7 @@ struct Stubborn {                                // a source that takes no reque
 SENSE = """#include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
 #include "lumo/sense/devices/replay.hpp"
-#include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/recording/mcap/mcap_writer.hpp"
 using namespace lumo;
 using namespace lumo::sense;

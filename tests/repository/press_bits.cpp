@@ -1,6 +1,6 @@
 // Prints the bits of a small press by vertex block descent: once with the compiler's vector types, once with
 // LUMO_PLAIN_SIMD, and both must be the same.
-#include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/indenters/indenter.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"

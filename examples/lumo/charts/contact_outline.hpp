@@ -1,6 +1,6 @@
 #pragma once
 
-#include "charts/svg.hpp"
+#include "charts/chart.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 

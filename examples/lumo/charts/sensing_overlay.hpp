@@ -1,6 +1,6 @@
 #pragma once
 
-#include "charts/svg.hpp"
+#include "charts/chart.hpp"
 #include "lumo/sense/localize/location_estimator.hpp"
 #include "sensing/log.hpp"
 

@@ -7,7 +7,7 @@
 #include "lumo/lab/pad_responses.hpp"
 #include "lumo/morphology/silicone.hpp"
 #include "lumo/sense/force/calibration.hpp"
-#include "lumo/sense/recording/normal_force.hpp"
+#include "lumo/sense/recording/log_truth.hpp"
 
 #include <algorithm>
 #include <vector>

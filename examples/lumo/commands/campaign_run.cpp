@@ -1,5 +1,5 @@
 #include "commands/campaigns.hpp"
-#include "computing/evaluators.hpp"
+#include "computing/evaluation.hpp"
 #include "console/text.hpp"
 #include "store/campaign_problem.hpp"
 #include "store/emptied_store.hpp"

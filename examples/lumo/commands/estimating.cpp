@@ -10,7 +10,33 @@ namespace lumo::program {
 
 using namespace sense;
 
-/// A further column of a table, empty for what is not known.
+void EstimatingCommand::add_localizer(CLI::App& app) {
+  add_word(app, "--localizer", localizer, {"bayes", "peak"}, "bayes (default) or peak (the paper's)");
+}
+
+void EstimatingCommand::declare_live(CLI::App& app, const std::string& camera_help, bool motors) {
+  add_camera(app, camera, camera_help);
+  add_seconds(app, camera, "How long to look through the camera [s], default: until interrupted");
+  add_picture_options(app, camera);
+  if (motors) add_motor_options(app, camera);
+  add_out(app, *this);
+  add_common(app, *this);
+}
+
+void EstimatingCommand::check_torques(const char* command) const {
+  check_camera();
+  if (camera.number && camera.can.empty())
+    throw UsageError(std::string("--can is missing: lumo ") + command +
+                     " needs the motors' samples beside a live camera's pictures");
+  require_log();
+  pictures();
+}
+
+Result EstimatingCommand::run(Output& files, Progress& progress) const {
+  if (!camera.number) return on_log(files, progress);
+  return before_camera(camera, progress, [&](LiveLines& lines) { live(lines, progress); });
+}
+
 std::string field(const std::optional<double>& v, double scale) {
   return ',' + (v ? csv_number(scale * *v) : std::string());
 }

@@ -1,8 +1,6 @@
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
 #include "report/json.hpp"
-#include "sensing/live.hpp"
-#include "sensing/localizers.hpp"
 #include "sensing/log.hpp"
 
 #include "lumo/sense/live/live.hpp"
@@ -21,29 +19,14 @@ struct Force : EstimatingCommand {
   void declare(CLI::App& app) {
     add_log(app);
     add_localizer(app);
-    add_camera(app, camera,
-        "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. "
-        "LOG gives the joints, "
-        "by its part without contact, and describes the finger");
-    add_seconds(app, camera, seconds_help);
-    add_picture_options(app, camera);
-    add_motor_options(app, camera);
-    add_out(app, *this);
-    add_common(app, *this);
+    declare_live(app,
+        "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG "
+        "gives the joints, by its part without contact, and describes the finger",
+        true);
   }
-  void check() const {
-    check_camera();
-    if (camera.number && camera.can.empty())
-      throw UsageError("--can is missing: lumo force needs the motors' samples beside a live camera's pictures");
-    require_log();
-    pictures();
-  }
-  Result run(Output& files, Progress& progress) const {
-    if (!camera.number) return on_log(files, progress);
-    return before_camera(camera, progress, [&](LiveLines& lines) { live(lines, progress); });
-  }
-  Result on_log(Output& files, Progress& progress) const;
-  void live(LiveLines& lines, Progress& progress) const;
+  void check() const { check_torques("force"); }
+  Result on_log(Output& files, Progress& progress) const override;
+  void live(LiveLines& lines, Progress& progress) const override;
 };
 
 struct ForceResult {

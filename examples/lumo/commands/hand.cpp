@@ -2,7 +2,6 @@
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
 #include "report/json.hpp"
-#include "sensing/live.hpp"
 #include "sensing/log.hpp"
 
 #include "lumo/sense/hand/hand_log.hpp"
@@ -26,27 +25,12 @@ namespace {
 struct Hand : EstimatingCommand {
   void declare(CLI::App& app) {
     add_log(app);
-    add_camera(app, camera,
-        "Number of a live camera instead of a log's pictures. LOG shows the unloaded hand, and describes it");
-    add_seconds(app, camera, seconds_help);
-    add_picture_options(app, camera);
-    add_motor_options(app, camera);
-    add_out(app, *this);
-    add_common(app, *this);
+    declare_live(app,
+        "Number of a live camera instead of a log's pictures. LOG shows the unloaded hand, and describes it", true);
   }
-  void check() const {
-    check_camera();
-    if (camera.number && camera.can.empty())
-      throw UsageError("--can is missing: lumo hand needs the motors' samples beside a live camera's pictures");
-    require_log();
-    pictures();
-  }
-  Result run(Output& files, Progress& progress) const {
-    if (!camera.number) return on_log(files, progress);
-    return before_camera(camera, progress, [&](LiveLines& lines) { live(lines, progress); });
-  }
-  Result on_log(Output& files, Progress& progress) const;
-  void live(LiveLines& lines, Progress& progress) const;
+  void check() const { check_torques("hand"); }
+  Result on_log(Output& files, Progress& progress) const override;
+  void live(LiveLines& lines, Progress& progress) const override;
 };
 
 struct Row {

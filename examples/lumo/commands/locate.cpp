@@ -2,8 +2,6 @@
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
 #include "report/json.hpp"
-#include "sensing/live.hpp"
-#include "sensing/localizers.hpp"
 #include "sensing/log.hpp"
 
 #include "lumo/sense/live/live.hpp"
@@ -30,14 +28,10 @@ struct Locate : EstimatingCommand {
           from_N = number_in(
               "--from", typed, {std::numeric_limits<double>::lowest(), std::numeric_limits<double>::max()}, "N");
         });
-    add_camera(app, camera,
-        "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. "
-        "LOG, if given, "
-        "describes the finger");
-    add_seconds(app, camera, seconds_help);
-    add_picture_options(app, camera);
-    add_out(app, *this);
-    add_common(app, *this);
+    declare_live(app,
+        "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG, if "
+        "given, describes the finger",
+        false);
   }
   void check() const {
     check_camera();
@@ -45,12 +39,8 @@ struct Locate : EstimatingCommand {
       throw UsageError("--from chooses frames by their true force, which a live camera does not measure");
     pictures();
   }
-  Result run(Output& files, Progress& progress) const {
-    if (!camera.number) return on_log(files, progress);
-    return before_camera(camera, progress, [&](LiveLines& lines) { live(lines, progress); });
-  }
-  Result on_log(Output& files, Progress& progress) const;
-  void live(LiveLines& lines, Progress& progress) const;
+  Result on_log(Output& files, Progress& progress) const override;
+  void live(LiveLines& lines, Progress& progress) const override;
 };
 
 Result Locate::on_log(Output& files, Progress& progress) const {

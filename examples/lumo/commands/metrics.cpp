@@ -6,7 +6,7 @@
 
 #include "lumo/sense/decode/constraint_gain.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
-#include "lumo/sense/recording/normal_force.hpp"
+#include "lumo/sense/recording/log_truth.hpp"
 
 #include <algorithm>
 #include <vector>

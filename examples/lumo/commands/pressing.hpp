@@ -1,7 +1,7 @@
 #pragma once
 
 #include "commands/commands.hpp"
-#include "report/report.hpp"
+#include "report/records.hpp"
 
 #include <string>
 #include <vector>

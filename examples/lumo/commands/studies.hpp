@@ -2,7 +2,7 @@
 
 #include "commands/commands.hpp"
 #include "computing/contacts.hpp"
-#include "computing/evaluators.hpp"
+#include "computing/evaluation.hpp"
 
 #include <optional>
 #include <string>

@@ -4,7 +4,7 @@
 
 #include "lumo/core/units.hpp"
 #include "lumo/mechanics/contact/scenario.hpp"
-#include "lumo/mesh/sizing.hpp"
+#include "lumo/mesh/size_field.hpp"
 #include "lumo/morphology/finger.hpp"
 
 /// A request as the library wants it.

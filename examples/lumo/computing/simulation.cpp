@@ -1,6 +1,6 @@
 #include "computing/simulation.hpp"
 
-#include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"

@@ -2,7 +2,7 @@
 
 #include "computing/mechanics.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/drawing/short_number.hpp"
+#include "lumo/drawing/svg.hpp"
 
 #include <algorithm>
 #include <cmath>

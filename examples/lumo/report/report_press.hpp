@@ -2,7 +2,7 @@
 
 #include "computing/request.hpp"
 #include "report/json.hpp"
-#include "report/report.hpp"
+#include "report/records.hpp"
 
 namespace lumo::program {
 

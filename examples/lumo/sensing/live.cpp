@@ -9,7 +9,7 @@
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
-#include "lumo/sense/recording/recording_plan.hpp"
+#include "lumo/sense/recording/recording.hpp"
 
 #include <algorithm>
 #include <cmath>

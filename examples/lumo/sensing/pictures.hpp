@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/hand/hand_observer.hpp"
 #include "lumo/sense/recording/tables.hpp"
 

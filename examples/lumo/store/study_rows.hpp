@@ -1,6 +1,6 @@
 #pragma once
 
-#include "computing/evaluators.hpp"
+#include "computing/evaluation.hpp"
 #include "report/records.hpp"
 
 #include "lumo/optimize/problem.hpp"

@@ -1,16 +1,34 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/drawing/short_number.hpp"
 
+#include <algorithm>
 #include <array>
+#include <charconv>
+#include <cmath>
+#include <cstddef>
 #include <ostream>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <utility>
 #include <vector>
 
 namespace lumo {
+
+/// A number with at most `digits` decimals and no trailing zeros; the same in every locale. "?" where that takes more
+/// than 400 characters.
+inline std::string short_number(double v, int digits = 2) {
+  std::array<char, 400> buffer;
+  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
+  if (end.ec != std::errc{}) return "?";
+  std::string s(buffer.data(), end.ptr);
+  if (s.find('.') != std::string::npos) {
+    while (s.back() == '0') s.pop_back();
+    if (s.back() == '.') s.pop_back();
+  }
+  return s == "-0" ? "0" : s;
+}
 
 /// Writes an SVG picture, element by element; coordinates in px or in the page's unit, x to the right, y downwards.
 class Svg {
@@ -149,5 +167,23 @@ class Svg {
   Page page_;
   std::string body_;
 };
+
+/// "#rrggbb" of red, green and blue, each 0 … 255.
+inline std::string hex_colour(const std::array<int, 3>& rgb) {
+  std::string colour = "#";
+  for (const int c : rgb)
+    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
+  return colour;
+}
+
+/// "#rrggbb" at `part`, 0 … 1, of the way through evenly spaced stops: red, green and blue, each 0 … 255.
+template <std::size_t N> std::string colour_between(const std::array<std::array<double, 3>, N>& stops, double part) {
+  const double t = double(N - 1) * std::clamp(part, 0.0, 1.0);
+  const std::size_t low = std::min(N - 2, std::size_t(t));
+  std::array<int, 3> rgb{};
+  for (std::size_t k = 0; k < 3; ++k)
+    rgb[k] = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
+  return hex_colour(rgb);
+}
 
 }  // namespace lumo

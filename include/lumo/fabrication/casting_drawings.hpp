@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/fabrication/core_solid.hpp"
 #include "lumo/fabrication/drawing.hpp"
+#include "lumo/fabrication/solids.hpp"
 
 #include <string>
 #include <vector>

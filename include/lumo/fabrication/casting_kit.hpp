@@ -1,8 +1,7 @@
 #pragma once
 
-#include "lumo/fabrication/carrier_solid.hpp"
-#include "lumo/fabrication/core_solid.hpp"
 #include "lumo/fabrication/mould_half.hpp"
+#include "lumo/fabrication/solids.hpp"
 #include "lumo/fabrication/three_mf.hpp"
 
 #include <string>

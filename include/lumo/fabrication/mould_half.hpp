@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/fabrication/carrier_solid.hpp"
+#include "lumo/fabrication/solids.hpp"
 
 #include <algorithm>
 #include <array>

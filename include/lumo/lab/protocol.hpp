@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/lab/side_painter.hpp"
+#include "lumo/lab/side_camera.hpp"
 #include "lumo/sense/recording/session.hpp"
 
 #include <array>

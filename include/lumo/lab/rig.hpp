@@ -57,8 +57,8 @@ struct LightRig {
 /// The indenter and how well it comes back.
 struct ContactRig {
   double place_sigma_m = 0.25_mm;  ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
-  double tilt_sigma_rad =
-      0.5_deg;  ///< σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
+  /// Σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
+  double tilt_sigma_rad = 0.5_deg;
   double load_sigma = 0.005;     ///< σ of a hold's load, relative; assumed
   double sensor_sigma_N = 0.05;  ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
   double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
@@ -88,10 +88,10 @@ struct MotorRig {
   double joint_to_joint_m = 45.0_mm;       ///< from the first of two to the second; assumed
   double joint_to_origin_m = 65.0_mm;      ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
   double torque_constant_Nm_per_A = 0.35;  ///< gear included; assumed
-  double constant_sigma =
-      0.02;  ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
-  double stiction_Nm =
-      0.079;  ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  /// Σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
+  double constant_sigma = 0.02;
+  /// Σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  double stiction_Nm = 0.079;
   double white_Nm = 0.0685;  ///< σ of one sample; current noise and ripple: set for 1.29 N
   double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
   double weight_Nm = 0.06;                                ///< of the finger, times sin q; assumed
@@ -162,5 +162,39 @@ inline void validate(const Rig& r) {
   }
   require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
 }
+
+/// What load would, in equilibrium, give the deformation that a pad has now: it lags behind the load on it (Prony
+/// series; generalised Maxwell body). With the equilibrium modulus for unit, load = e + Σ w_k h_k, where h_k' = e' −
+/// h_k/τ_k and w_k = part_k/(1 − Σ part).
+class Relaxation {
+ public:
+  explicit Relaxation(const SiliconeRig& rig) : time_s_(rig.time_s) {
+    double rest = 1.0;
+    for (const double g : rig.part) rest -= g;
+    for (std::size_t k = 0; k < weight_.size(); ++k) weight_[k] = rig.part[k] / rest;
+  }
+
+  /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches
+  /// are exact. Returns e, never below 0.
+  double step(double load_N, double dt_s) {
+    double lag = 0.0, whole = 1.0;
+    std::array<double, 3> keep{}, gain{};
+    for (std::size_t k = 0; k < weight_.size(); ++k) {
+      keep[k] = std::exp(-dt_s / time_s_[k]);
+      gain[k] = (1.0 - keep[k]) * time_s_[k] / dt_s;
+      lag += weight_[k] * (keep[k] * branch_[k] - gain[k] * equivalent_N_);
+      whole += weight_[k] * gain[k];
+    }
+    const double next = std::max(0.0, (load_N - lag) / whole);
+    for (std::size_t k = 0; k < weight_.size(); ++k)
+      branch_[k] = keep[k] * branch_[k] + gain[k] * (next - equivalent_N_);
+    return equivalent_N_ = next;
+  }
+  double equivalent_N() const { return equivalent_N_; }
+
+ private:
+  std::array<double, 3> time_s_, weight_{}, branch_{};
+  double equivalent_N_ = 0.0;
+};
 
 }  // namespace lumo

@@ -2,7 +2,7 @@
 
 #include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mesh/body_mesh.hpp"
-#include "lumo/mesh/sizing.hpp"
+#include "lumo/mesh/size_field.hpp"
 
 namespace lumo {
 

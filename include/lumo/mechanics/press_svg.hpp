@@ -1,6 +1,5 @@
 #pragma once
 
-#include "lumo/drawing/colour.hpp"
 #include "lumo/drawing/plot.hpp"
 #include "lumo/drawing/svg.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"

@@ -60,8 +60,8 @@ struct HyperparameterPrior {
 template <CovarianceKernel Kernel> class MarginalLikelihood {
  public:
   struct Value {
-    double log_likelihood =
-        -std::numeric_limits<double>::infinity();  ///< −∞ where the covariance is not positive definite
+    /// −∞ where the covariance is not positive definite
+    double log_likelihood = -std::numeric_limits<double>::infinity();
     double log_prior = 0.0;
     double mean = 0.0;
     Eigen::VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)

@@ -3,8 +3,8 @@
 #include "lumo/core/types.hpp"
 #include "lumo/geometry/closed_surface.hpp"
 #include "lumo/morphology/emitter.hpp"
-#include "lumo/morphology/optical_data.hpp"
 #include "lumo/morphology/shape.hpp"
+#include "lumo/morphology/silicone.hpp"
 
 #include <functional>
 #include <optional>
@@ -56,8 +56,8 @@ struct Body {
 
   Medium medium;        ///< inside
   Medium surroundings;  ///< outside (air)
-  SurfaceOptics touched =
-      Dielectric{};  ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
+  /// What light in the body meets where a tool touches; Dielectric: a film of air is left between
+  SurfaceOptics touched = Dielectric{};
   std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
   int regions = 0;  ///< number of readout regions

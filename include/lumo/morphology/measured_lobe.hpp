@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/morphology/disc_emitter.hpp"
+#include "lumo/morphology/emitter.hpp"
 
 #include <algorithm>
 #include <cmath>

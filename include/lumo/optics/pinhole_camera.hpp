@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/morphology/disc_emitter.hpp"
+#include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/exit_power.hpp"
 
 #include <cmath>

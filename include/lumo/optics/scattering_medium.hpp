@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/morphology/optical_data.hpp"
+#include "lumo/morphology/silicone.hpp"
 #include "lumo/optics/beer_lambert.hpp"
 
 #include <algorithm>

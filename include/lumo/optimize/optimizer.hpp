@@ -1,9 +1,8 @@
 #pragma once
 
-#include "lumo/model/success_model.hpp"
+#include "lumo/model/surrogate.hpp"
 #include "lumo/optimize/candidate_source.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
-#include "lumo/optimize/qlog_nehvi.hpp"
 #include "lumo/optimize/trials.hpp"
 
 #include <optional>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/mechanics/contact/status.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"
 #include "lumo/optics/response.hpp"

@@ -6,8 +6,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/files.hpp"
-#include "lumo/sense/devices/camera.hpp"
-#include "lumo/sense/devices/picture_decoder.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/devices/picture_header.hpp"
 #include "lumo/sense/recording/tables.hpp"
 #include "lumo/support/process/video_process.hpp"
@@ -272,8 +271,8 @@ class V4l2Camera {
     double exposure_s = 0.001;
     double gain = 64.0;
     int settle_frames = 6;
-    double wait_s =
-        0.001;  ///< how long `next` may wait for a frame; OpenCV waits in whole milliseconds, and at least one
+    /// How long `next` may wait for a frame; OpenCV waits in whole milliseconds, and at least one
+    double wait_s = 0.001;
   };
 
   /// Throws InputError when there is no such camera, it is in use, or will not take the size or have its exposure

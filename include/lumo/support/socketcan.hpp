@@ -5,9 +5,9 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/sense/devices/actuator.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/devices/mini_cheetah.hpp"
-#include "lumo/support/process/descriptor.hpp"
+#include "lumo/support/process/process.hpp"
 
 #include <linux/can.h>
 #include <linux/can/raw.h>

@@ -20,13 +20,13 @@ namespace lumo {
 /// Copies share the helper and take turns; for two meshes at once, construct two. The library in a process of its own,
 /// and not TetGen's program: wanted lengths are a function of place, which only the library asks (`tetunsuitable`).
 struct TetgenMesher {
-  double time_limit_s =
-      60.0;  ///< for one run of TetGen [s]; after a crash there are up to three more, in turned frames
+  /// For one run of TetGen [s]; after a crash there are up to three more, in turned frames
+  double time_limit_s = 60.0;
   std::size_t memory_limit_bytes = std::size_t{2} << 30;  ///< for TetGen alone; not applied under AddressSanitizer
   // Beyond 1.2 and 18° refinement need not end: the finger of θ = 5,10,10,6,3 takes 0.9 s at 2 and 14° (8960
   // tetrahedra), 1.6 s at 1.2 (21320) and 1 s at 18° (11804), but is not done after 20 s at 1.1 or at 25°.
-  double radius_edge_ratio =
-      2.0;  ///< circumradius / shortest edge; 1.2 … 100; smaller means better shapes, more elements
+  /// Circumradius / shortest edge; 1.2 … 100; smaller means better shapes, more elements
+  double radius_edge_ratio = 2.0;
   double min_dihedral_deg = 14.0;   ///< [°] refine below, as far as the surface allows; 0 … 18
   double max_dihedral_deg = 140.0;  ///< [°] improve above, without promise; 130 takes four times as long
   double size_factor = 0.8;         ///< longest circumradius / wanted edge length

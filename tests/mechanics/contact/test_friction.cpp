@@ -1,5 +1,5 @@
 #include "catch.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/indenters/box.hpp"
 #include "lumo/mechanics/indenters/cylinder.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"

@@ -1,5 +1,5 @@
 #include "catch.hpp"
-#include "lumo/mechanics/elements/element_points.hpp"
+#include "lumo/mechanics/elements/element.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"

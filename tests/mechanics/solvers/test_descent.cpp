@@ -1,5 +1,5 @@
 #include "catch.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/materials/mooney_rivlin.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"

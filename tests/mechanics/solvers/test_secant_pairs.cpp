@@ -1,5 +1,5 @@
 #include "catch.hpp"
-#include "lumo/mechanics/solvers/secant_pairs.hpp"
+#include "lumo/mechanics/solvers/quasi_static.hpp"
 
 #include <Eigen/Cholesky>
 

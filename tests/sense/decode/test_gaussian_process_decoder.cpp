@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/sense/decode/bayes_decoder.hpp"
-#include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/sense/decode/linear_decoder.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"

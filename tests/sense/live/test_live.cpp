@@ -2,7 +2,7 @@
 
 #include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
-#include "lumo/sense/recording/recording_plan.hpp"
+#include "lumo/sense/recording/recording.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
 #include "sense/synthetic.hpp"

@@ -3,7 +3,7 @@
 #include "lumo/core/units.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
-#include "lumo/sense/profile/longitudinal_bins.hpp"
+#include "lumo/sense/profile/strip.hpp"
 #include "sense/synthetic.hpp"
 
 using namespace lumo;

@@ -2,7 +2,6 @@
 
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
-#include "lumo/sense/recording/normal_force.hpp"
 #include "lumo/sense/recording/tables.hpp"
 #include "sense/synthetic.hpp"
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mechanics/elements/element_points.hpp"
+#include "lumo/mechanics/elements/element.hpp"
 #include "lumo/mechanics/elements/equations.hpp"
 #include "lumo/mechanics/materials/material.hpp"
 #include "lumo/mesh/tet_mesh.hpp"

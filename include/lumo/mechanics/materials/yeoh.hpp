@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mechanics/materials/isochoric.hpp"
+#include "lumo/mechanics/materials/material.hpp"
 
 #include <cmath>
 #include <limits>

@@ -2,10 +2,9 @@
 
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
-#include "lumo/mechanics/elements/element_points.hpp"
+#include "lumo/mechanics/elements/element.hpp"
 #include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mechanics/solvers/vertex_block.hpp"
-#include "lumo/mechanics/solvers/vertex_colors.hpp"
 #include "lumo/mechanics/solvers/vertex_packs.hpp"
 #include "lumo/mesh/sector.hpp"
 

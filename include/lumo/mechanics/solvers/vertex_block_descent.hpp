@@ -4,7 +4,7 @@
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/solvers/descent_model.hpp"
-#include "lumo/mechanics/solvers/step_contacts.hpp"
+#include "lumo/mechanics/solvers/vertex_block.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>

@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/morphology/optical_data.hpp"
+#include "lumo/morphology/silicone.hpp"
 
 #include <algorithm>
 #include <array>

@@ -5,7 +5,6 @@
 #include "lumo/core/units.hpp"
 #include "lumo/optics/beer_lambert.hpp"
 #include "lumo/optics/exit_power.hpp"
-#include "lumo/optics/fresnel.hpp"
 #include "lumo/optics/intersector.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/response.hpp"

@@ -15,8 +15,8 @@ struct OnsetDetector {
   double threshold = 5.0;     ///< standard deviations of the baseline
   double min_force_N = 0.05;  ///< above the baseline's mean, however quiet it was
   int hold = 3;               ///< samples in a row that must lie above
-  int fit =
-      5;  ///< samples from the crossing on, through which a line goes back to the baseline; 0: take the crossing itself
+  /// Samples from the crossing on, through which a line goes back to the baseline; 0: take the crossing itself
+  int fit = 5;
 
   /// Place of the onset in samples (fractional), and the force's baseline there.
   struct Onset {

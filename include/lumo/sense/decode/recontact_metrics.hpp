@@ -26,8 +26,8 @@ inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, co
 /// How far neighbouring places differ, against how well re-contacts repeat (paper Eq. 9).
 struct RecontactMetrics {
   double D_neighbor = 0.0;  ///< median over neighbours of the RMS difference of their median profiles [unit/N]
-  double W_recontact =
-      0.0;  ///< median over places and re-contacts of the RMS deviation from the median profile [unit/N]
+  /// Median over places and re-contacts of the RMS deviation from the median profile [unit/N]
+  double W_recontact = 0.0;
   std::optional<double> Q;  ///< D/W; empty where W is 0
 };
 

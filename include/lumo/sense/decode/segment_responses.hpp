@@ -3,7 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/recontact_metrics.hpp"
-#include "lumo/sense/devices/readout.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/recording/session.hpp"
 
 #include <cmath>

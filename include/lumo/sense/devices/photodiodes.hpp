@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/sense/devices/readout.hpp"
+#include "lumo/sense/devices/device.hpp"
 
 #include <utility>
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/bytes.hpp"
-#include "lumo/sense/devices/frame.hpp"
+#include "lumo/sense/devices/device.hpp"
 
 #include <algorithm>
 #include <array>

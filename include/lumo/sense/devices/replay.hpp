@@ -1,7 +1,6 @@
 #pragma once
 
-#include "lumo/sense/devices/actuator.hpp"
-#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/devices/device.hpp"
 
 #include <cstddef>
 #include <cstdint>

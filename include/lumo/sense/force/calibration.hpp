@@ -2,8 +2,8 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/statistics.hpp"
-#include "lumo/sense/devices/frame.hpp"
-#include "lumo/sense/joints/identification.hpp"
+#include "lumo/sense/devices/device.hpp"
+#include "lumo/sense/joints/torque_model.hpp"
 
 #include <Eigen/Core>
 #include <Eigen/LU>

@@ -1,9 +1,7 @@
 #pragma once
 
-#include "lumo/sense/devices/actuator.hpp"
-#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/force/contact_filter.hpp"
-#include "lumo/sense/force/force_estimate.hpp"
 #include "lumo/sense/force/force_solution.hpp"
 #include "lumo/sense/joints/joint_monitor.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/sense/force/force_baselines.hpp"
-#include "lumo/sense/force/force_estimate.hpp"
+#include "lumo/sense/force/force_solution.hpp"
 #include "lumo/sense/localize/location_estimator.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
 

@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/hand/hand_observer.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/csv.hpp"

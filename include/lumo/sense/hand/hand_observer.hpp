@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/statistics.hpp"
-#include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/hand/link_map.hpp"
 
 #include <Eigen/Core>

@@ -3,7 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/devices/frame.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/recording/session.hpp"
 
 #include <Eigen/Core>

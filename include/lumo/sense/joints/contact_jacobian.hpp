@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
-#include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/devices/device.hpp"
 
 #include <concepts>
 #include <span>

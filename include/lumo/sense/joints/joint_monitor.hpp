@@ -2,8 +2,8 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/devices/faults.hpp"
-#include "lumo/sense/devices/joint_sample.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 
 #include <algorithm>
@@ -20,8 +20,8 @@ class JointMonitor {
     int joints = 1;
     double period_s = 1e-3;
     double max_ahead_s = 0.01;  ///< how far a stamp may lie in the future
-    double stuck_s =
-        0.1;  ///< the very same effort of a joint for this long is stuck; at least 20 samples. Real currents are noisy
+    /// The very same effort of a joint for this long is stuck; at least 20 samples. Real currents are noisy
+    double stuck_s = 0.1;
     /// Step in which efforts come, and standard deviation of their noise before they are rounded to it, both in the
     /// effort's unit. Where there is a step, as many samples more must be the same as noise alone would not make so in
     /// 10⁹ trials; noise far below half a step never changes it. 0: no step.

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/joints/torque_model.hpp"
 
 #include <algorithm>

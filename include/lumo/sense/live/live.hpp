@@ -2,8 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/sense/devices/actuator.hpp"
-#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/force/finger_model.hpp"
 #include "lumo/sense/hand/hand_log.hpp"
 #include "lumo/sense/profile/frame_monitor.hpp"

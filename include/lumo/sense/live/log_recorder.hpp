@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/files.hpp"
-#include "lumo/sense/devices/actuator.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/live/live.hpp"
 #include "lumo/sense/recording/tables.hpp"
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/statistics.hpp"
-#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/profile/green_profile.hpp"
 #include "lumo/sense/profile/led_detector.hpp"
 #include "lumo/sense/profile/unloaded_reference.hpp"

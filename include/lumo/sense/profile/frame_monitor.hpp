@@ -3,8 +3,8 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/devices/faults.hpp"
-#include "lumo/sense/devices/readout.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 
 #include <algorithm>

@@ -1,7 +1,6 @@
 #pragma once
 
-#include "lumo/sense/devices/frame.hpp"
-#include "lumo/sense/devices/readout.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/profile/strip.hpp"
 
 #include <utility>

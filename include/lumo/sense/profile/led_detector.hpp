@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/devices/frame.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/profile/axis_map.hpp"
 
 #include <algorithm>

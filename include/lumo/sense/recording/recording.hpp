@@ -4,8 +4,11 @@
 #include "lumo/sense/recording/session.hpp"
 #include "lumo/sense/recording/tables.hpp"
 
+#include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace lumo::sense {
@@ -29,5 +32,51 @@ inline void validate(const Recording& log) {
     throw InputError(message(log.path, ": has currents of ", joints, " joints, its session ",
         log.session.torque_constant_Nm_per_A.size(), " torque constants"));
 }
+
+/// The segments of a session as the plan of a recording, in the order of time, each announced `notice_s` before it
+/// begins. Times count from the first picture. A plan that begins within the notice, or after `latest_begin_ns` (on
+/// another recording's clock), is moved as a whole to begin right after the notice.
+class RecordingPlan {
+ public:
+  static constexpr double notice_s = 2.0;
+  static constexpr std::int64_t latest_begin_ns = 60'000'000'000;
+
+  explicit RecordingPlan(std::vector<Segment> segments) : segments_(std::move(segments)) {
+    std::stable_sort(
+        segments_.begin(), segments_.end(), [](const Segment& a, const Segment& b) { return a.from_ns < b.from_ns; });
+    if (segments_.empty()) return;
+    constexpr auto notice_ns = std::int64_t(1e9 * notice_s);
+    const std::int64_t begin = segments_.front().from_ns,
+                       shift = begin >= notice_ns && begin <= latest_begin_ns ? 0 : notice_ns - begin;
+    for (Segment& s : segments_) {
+      s.from_ns += shift;
+      s.to_ns += shift;
+    }
+  }
+
+  const std::vector<Segment>& segments() const { return segments_; }
+  /// When the last one ends [s]; 0 without any.
+  double seconds() const {
+    std::int64_t end = 0;
+    for (const Segment& s : segments_) end = std::max(end, s.to_ns);
+    return 1e-9 * double(end);
+  }
+  /// The next segment to be announced by now, each once; null: none.
+  const Segment* announced(double now_s) {
+    return next_ < segments_.size() && 1e-9 * double(segments_[next_].from_ns) - notice_s <= now_s ? &segments_[next_++]
+                                                                                                   : nullptr;
+  }
+  /// The segments that a recording which ended at this time holds whole.
+  std::vector<Segment> done(std::int64_t end_ns) const {
+    std::vector<Segment> list;
+    for (const Segment& s : segments_)
+      if (s.to_ns <= end_ns) list.push_back(s);
+    return list;
+  }
+
+ private:
+  std::vector<Segment> segments_;
+  std::size_t next_ = 0;
+};
 
 }  // namespace lumo::sense

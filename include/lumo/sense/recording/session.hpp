@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 
 #include <Eigen/Core>

@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/devices/photodiodes.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/csv.hpp"

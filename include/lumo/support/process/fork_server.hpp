@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/support/process/fork_server_process.hpp"
-#include "lumo/support/process/socket_io.hpp"
+#include "lumo/support/process/process.hpp"
 
 #include <cstdint>
 #include <mutex>
@@ -11,8 +11,8 @@ namespace lumo {
 
 struct JobLimits {
   double time_s = 60.0;  ///< wall clock, and (rounded up, plus one second) processor time
-  std::uint64_t memory_bytes =
-      0;  ///< address space on top of the helper's own; 0 for no limit; not applied under AddressSanitizer
+  /// Address space on top of the helper's own; 0 for no limit; not applied under AddressSanitizer
+  std::uint64_t memory_bytes = 0;
 };
 
 struct JobResult {

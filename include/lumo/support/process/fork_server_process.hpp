@@ -2,7 +2,7 @@
 
 // The far side of ForkServer: what runs in the helper process and in the process of one job. Linux.
 
-#include "lumo/support/process/socket_io.hpp"
+#include "lumo/support/process/process.hpp"
 
 #include <sys/prctl.h>
 #include <sys/resource.h>

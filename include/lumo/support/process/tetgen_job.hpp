@@ -4,7 +4,7 @@
 
 #include "lumo/mesh/fill_check.hpp"
 #include "lumo/mesh/size_field.hpp"
-#include "lumo/support/process/socket_io.hpp"
+#include "lumo/support/process/process.hpp"
 
 // TetGen's header declares its library interface, which throws where the program would exit, only if TETLIBRARY is
 // defined.

@@ -3,7 +3,7 @@
 // Decodes a video in a process of its own: decoders are large, their input may be anything. Linux.
 
 #include "lumo/core/error.hpp"
-#include "lumo/sense/devices/frame.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/support/process/fork_server_process.hpp"
 
 #include <unistd.h>
@@ -30,8 +30,8 @@ class VideoProcess {
  public:
   struct Limits {
     double open_s = 20.0, frame_s = 20.0;  ///< until it is killed
-    std::uint64_t memory_bytes =
-        std::uint64_t{2} << 30;  ///< address space on top of this process's own; not applied under AddressSanitizer
+    /// Address space on top of this process's own; not applied under AddressSanitizer
+    std::uint64_t memory_bytes = std::uint64_t{2} << 30;
   };
   enum class Got { frame, end, failed };
 

@@ -1,7 +1,6 @@
 #pragma once
 
-#include "lumo/sense/devices/camera.hpp"
-#include "lumo/sense/devices/picture_decoder.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 
 #include <cstddef>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/devices/frame.hpp"
+#include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/recording/mcap/mcap_reader.hpp"
 #include "lumo/sense/recording/mcap/ros_messages.hpp"
 #include "lumo/sense/recording/recording.hpp"
