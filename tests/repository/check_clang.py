@@ -1,6 +1,6 @@
 """Lets clang read every source that a build compiles, with the build's own options and warnings as errors.
 
-usage: check_clang.py --compiler clang++ --commands compile_commands.json [--jobs N]
+usage: check_clang.py --compiler clang++ --commands compile_commands.json [--skip FOLDER] [--jobs N]
 """
 
 import argparse
@@ -38,9 +38,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--compiler", required=True)
     parser.add_argument("--commands", required=True)
+    parser.add_argument("--skip", type=pathlib.Path)
     parser.add_argument("--jobs", type=int, default=1)
     arguments = parser.parse_args()
     entries = json.loads(pathlib.Path(arguments.commands).read_text(encoding="utf-8"))
+    if arguments.skip:
+        entries = [e for e in entries if arguments.skip not in pathlib.Path(e["file"]).parents]
     with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
         faults = [text for text in pool.map(lambda e: complaints(arguments.compiler, e), entries) if text]
     print("\n".join(faults) if faults else f"clang has nothing to say about {len(entries)} sources")
