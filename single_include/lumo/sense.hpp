@@ -6746,8 +6746,8 @@ inline JointReference unloaded_joints(const Recording& recording, std::int64_t u
     throw InputError(recording.path + ": has no joint samples (joint.csv) to estimate a force from");
   const int joints = PlanarFinger(session.joint_to_joint_m, session.joint_to_origin_m).joints();
   if (recording.joints.front().effort.size() != joints)
-    throw InputError(message(recording.path, ": joint_to_joint_mm of the session has ", joints,
-        joints == 1 ? " joint" : " joints", ", the samples have ", recording.joints.front().effort.size()));
+    throw InputError(message(recording.path, ": the session describes ", joints, joints == 1 ? " joint" : " joints",
+        " (joint_to_joint_mm), the samples have ", recording.joints.front().effort.size()));
   JointReference reference = identify_joints(on_frames_clock(recording), session.torque_constant_Nm_per_A, until_ns);
   if (reference.torque.empty())
     throw InputError(recording.path + ": has no joint samples of the finger without contact");

@@ -199,6 +199,24 @@ TEST_CASE("current times constant is force times arm, apart from what the rig ad
   CHECK(loaded > 50);
 }
 
+TEST_CASE("what is known of a finger needs joint samples, unloaded ones, of the session's joints", "[lab]") {
+  const PadLight light(plain_pad());
+  const VirtualRig rig(light, short_plan(), 1);
+  const Recording whole{"lab", rig.session(), rig.frames(), rig.joints(), {}, {}, {}};
+  const auto known = [&](const Recording& r) { return known_finger(r, [&] { return VirtualCamera(rig); }); };
+  const FingerModel<> finger = known(whole);
+  REQUIRE(finger.joints.torque.size() == 1);
+  CHECK(finger.joints.torque[0].torque_constant_Nm_per_A == rig.session().torque_constant_Nm_per_A[0]);
+
+  Recording none = whole, late = whole, two = whole;
+  none.joints.clear();
+  late.joints.erase(late.joints.begin(), late.joints.end() - 10);
+  two.session.joint_to_joint_m = {0.04};
+  CHECK_THROWS_WITH(known(none), "lab: has no joint samples (joint.csv) to estimate a force from");
+  CHECK_THROWS_WITH(known(late), "lab: has no joint samples of the finger without contact");
+  CHECK_THROWS_WITH(known(two), "lab: the session describes 2 joints (joint_to_joint_mm), the samples have 1");
+}
+
 TEST_CASE("LEDs off and no noise: what is left is the room", "[lab]") {
   const PadLight light(plain_pad());
   LabPlan plan = short_plan();
