@@ -46,12 +46,16 @@ static_assert(Camera<LiveScene>);
 
 const FingerModel<> finger = finger_model({});
 
+/// A clock that stands still: pictures' stamps end the rest, however slowly they are painted.
+const LiveWait unhurried{.now_ns = [] { return std::int64_t{0}; }};
+
 }  // namespace
 
 TEST_CASE("a finger before a live camera is located picture by picture, until the camera goes", "[localizer]") {
   LiveScene camera(100);
   int reported = 0;
-  locate_live(camera, finger, peak_localizer,
+  locate_live(
+      camera, finger, peak_localizer,
       [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
         const int k = int(std::lround(double(stamp_ns - LiveScene::stamp(0)) / 33'333'333.0));
         ++reported;
@@ -62,15 +66,17 @@ TEST_CASE("a finger before a live camera is located picture by picture, until th
         if (e) CHECK(e->contacts == (k < 45 ? 0 : 1));
         if (e && k > 48) CHECK(e->contact[0].y_m == Approx(LiveScene::place(k)).margin(1.5e-3));
         return true;
-      });
+      },
+      unhurried);
   CHECK(reported == 100 - 31);  // the first second is rest
 }
 
 TEST_CASE("a report may end the run, and a camera that shows no finger is refused", "[localizer]") {
   LiveScene camera(100), nothing(100, false), none(0), one(1);
   int count = 0;
-  locate_live(camera, finger, peak_localizer,
-      [&](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return ++count < 5; });
+  locate_live(
+      camera, finger, peak_localizer,
+      [&](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return ++count < 5; }, unhurried);
   CHECK(count == 5);
   CHECK(camera.state() == StreamState::open);
   const auto refused = [&](auto& scene) {
