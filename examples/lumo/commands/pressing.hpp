@@ -1,7 +1,7 @@
 #pragma once
 
 #include "commands/commands.hpp"
-#include "report/records.hpp"
+#include "report/report.hpp"
 
 #include <string>
 #include <vector>

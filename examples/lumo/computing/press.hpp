@@ -2,7 +2,7 @@
 
 #include "computing/request.hpp"
 #include "console/progress.hpp"
-#include "report/records.hpp"
+#include "report/report.hpp"
 
 #include <vector>
 

@@ -3,7 +3,7 @@
 #include "computing/request.hpp"
 #include "console/output.hpp"
 #include "console/progress.hpp"
-#include "report/records.hpp"
+#include "report/report.hpp"
 
 #include <string>
 #include <vector>

@@ -4,7 +4,7 @@
 #include "computing/request.hpp"
 #include "console/output.hpp"
 #include "lumo/pipeline/evaluate.hpp"
-#include "report/records.hpp"
+#include "report/report.hpp"
 
 #include <string>
 

@@ -2,7 +2,7 @@
 
 #include "computing/request.hpp"
 #include "report/json.hpp"
-#include "report/records.hpp"
+#include "report/report.hpp"
 
 namespace lumo::program {
 
