@@ -57,7 +57,7 @@ struct LightRig {
 /// The indenter and how well it comes back.
 struct ContactRig {
   double place_sigma_m = 0.25_mm;  ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
-  /// Σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
+  /// σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
   double tilt_sigma_rad = 0.5_deg;
   double load_sigma = 0.005;     ///< σ of a hold's load, relative; assumed
   double sensor_sigma_N = 0.05;  ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
@@ -88,9 +88,9 @@ struct MotorRig {
   double joint_to_joint_m = 45.0_mm;       ///< from the first of two to the second; assumed
   double joint_to_origin_m = 65.0_mm;      ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
   double torque_constant_Nm_per_A = 0.35;  ///< gear included; assumed
-  /// Σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
+  /// σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
   double constant_sigma = 0.02;
-  /// Σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  /// σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
   double stiction_Nm = 0.079;
   double white_Nm = 0.0685;  ///< σ of one sample; current noise and ripple: set for 1.29 N
   double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
