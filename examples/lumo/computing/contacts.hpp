@@ -16,7 +16,7 @@ inline lumo::Ensemble contacts(Ensemble e) { return e == Ensemble::flat ? flat_e
 
 /// Raised whenever an evaluation of the same design gives other numbers than before, or a search asks for other designs
 /// after the same trials: old stores are then of another problem.
-inline constexpr int results_version = 10;
+inline constexpr int results_version = 11;
 
 /// Material with every number that decides a result, and what its contacts are called.
 inline Json conditions(const std::string& material, std::string_view contacts) {

@@ -30,7 +30,7 @@ class OpticalScene {
  public:
   struct Config {
     int sub_facets = 3;  ///< each edge of a quadratic face is cut into this many; linear faces are not cut
-    /// Carrier faces stand back by this, or by as far as the body is pressed into them if that is more.
+    /// Carrier faces stand back by this, or by twice as far as the body is pressed into them if that is more.
     double carrier_gap_m = 20e-6;
     double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
   };
@@ -237,13 +237,20 @@ class OpticalScene {
   // The cells are made on the face where it stands, and moved back as a whole: light that is spread over them sees the
   // same cells in every state.
   void add_carrier(const Config& config) {
+    if (body_->rigid_faces.empty()) return;
     std::vector<Vec3d> soft;
     for (const QuadraticFace& f : faces_)
       if (is_dielectric(body_->patches[std::size_t(f.patch)].optics))
         soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
+    std::vector<FaceFrame> frames;
+    for (const RigidFace& face : body_->rigid_faces) frames.push_back(face_frame(face));
+    // A body and the carrier that it rests on may cross a little, and light in the gap must still meet the carrier.
+    std::vector<double> back = resting_depths(body_->rigid_faces, frames, soft);
+    for (double& b : back) b = std::max(config.carrier_gap_m, 2.0 * b);
+    const double rim = *std::max_element(back.begin(), back.end());
     for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
       const std::vector<Vec3d>& place = body_->rigid_faces[i].corners;
-      const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
+      const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], frames[i], back[i], rim);
       const auto cells = polygon_cells(place, config.carrier_cell_m);
       const auto moved = polygon_cells(corner, place, config.carrier_cell_m);
       for (std::size_t k = 0; k < cells.size(); ++k) {

@@ -12,13 +12,14 @@
 
 namespace lumo {
 
-/// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the
-/// body lie behind it if that is more: a body and the carrier that it rests on may cross a little, and light in the gap
-/// must still meet the carrier. Throws InvalidArgument for a face that is not a polygon of finite corners with an
-/// area.
-inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3d>& soft, double gap_m) {
-  constexpr double reach = 1e-3;     // [m]; points deeper behind the face do not rest on it
-  constexpr double widening = 10.0;  // of the face, in distances that it stands back
+/// Unit normal of a carrier face on its lit side, and in-plane normals of its edges, outwards.
+struct FaceFrame {
+  Vec3d normal;
+  std::vector<Vec3d> out;
+};
+
+/// Throws InvalidArgument for a face that is not a polygon of finite corners with an area.
+inline FaceFrame face_frame(const RigidFace& face) {
   const std::vector<Vec3d>& c = face.corners;
   const std::size_t m = c.size();
   if (m < 3) throw InvalidArgument(message("carrier face '", face.name, "' has ", m, " corners, needs 3"));
@@ -28,22 +29,45 @@ inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3
   for (std::size_t k = 1; k + 1 < m; ++k) n += (c[k] - c[0]).cross(c[k + 1] - c[0]);
   if (!(n.norm() > 0.0)) throw InvalidArgument(message("carrier face '", face.name, "' has no area"));
   n.normalize();
-  std::vector<Vec3d> out(m);  // in-plane outward normals of the edges
-  for (std::size_t k = 0; k < m; ++k) out[k] = (c[(k + 1) % m] - c[k]).cross(n).normalized();
-  double back = gap_m;
+  FaceFrame frame{n, {}};
+  for (std::size_t k = 0; k < m; ++k) frame.out.push_back((c[(k + 1) % m] - c[k]).cross(n).normalized());
+  return frame;
+}
+
+/// How deep the points `soft` of a body lie behind the carrier faces that they rest on [m], per face; 0: none rests
+/// there. A point rests on one face, the one that it is least deep behind: at a carrier's edge it lies behind others,
+/// too.
+inline std::vector<double> resting_depths(
+    const std::vector<RigidFace>& faces, const std::vector<FaceFrame>& frames, const std::vector<Vec3d>& soft) {
+  constexpr double reach = 0.1e-3;  // [m]; contact never lets a point go deeper
+  std::vector<double> depths(faces.size(), 0.0);
   for (const Vec3d& x : soft) {
-    const double depth = n.dot(c[0] - x);
-    if (depth <= 0.5 * back || depth > reach) continue;
-    bool over = true;
-    for (std::size_t k = 0; k < m && over; ++k) over = out[k].dot(x - c[k]) < 0.0;
-    if (over) back = 2.0 * depth;
+    std::size_t rests_on = faces.size();
+    double least = reach;
+    for (std::size_t i = 0; i < faces.size(); ++i) {
+      const std::vector<Vec3d>& c = faces[i].corners;
+      const double depth = frames[i].normal.dot(c[0] - x);
+      if (depth <= 0.0 || depth > least) continue;
+      bool over = true;
+      for (std::size_t k = 0; k < c.size() && over; ++k) over = frames[i].out[k].dot(x - c[k]) < 0.0;
+      if (!over) continue;
+      least = depth;
+      rests_on = i;
+    }
+    if (rests_on < faces.size()) depths[rests_on] = std::max(depths[rests_on], least);
   }
-  // Slits open along the rim of a face that stands back: it is made larger in its plane, so that no light slips
-  // through.
+  return depths;
+}
+
+/// Corners of a carrier face moved back by `back_m`. Slits open where two faces that stand back meet: each is made
+/// larger in its plane by `rim_m`, the most by which any of them stands back, so that no light slips through.
+inline std::vector<Vec3d> set_back(const RigidFace& face, const FaceFrame& frame, double back_m, double rim_m) {
+  const std::vector<Vec3d>& c = face.corners;
+  const std::size_t m = c.size();
   std::vector<Vec3d> corner(m);
   for (std::size_t k = 0; k < m; ++k) {
-    const Vec3d& a = out[(k + m - 1) % m];
-    corner[k] = c[k] - back * n + widening * back * (a + out[k]) / (1.0 + std::max(-0.9, a.dot(out[k])));
+    const Vec3d &a = frame.out[(k + m - 1) % m], &b = frame.out[k];
+    corner[k] = c[k] - back_m * frame.normal + rim_m * (a + b) / (1.0 + std::max(-0.9, a.dot(b)));
   }
   return corner;
 }

@@ -141,7 +141,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is
-  // weight·radiosity of where it comes from, if its directions have a cosine law. False: there is no such light.
+  // weight·radiosity of where in the body it comes from, if its directions have a cosine law. False: no such light.
   bool enter(FaceSet::Sample& x, const Vec3d& n, const Vec3d& out, double& weight) const {
     const FresnelSplit<double> split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
     if (split.reflectance >= 1.0) return false;
@@ -154,7 +154,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
 
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
     path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
-    return path_.accounts().collect([&](std::size_t k) { return sent[k] / body_.nodes.area(k); });
+    // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
+    return path_.accounts().collect(
+        [&](std::size_t k) { return (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k); });
   }
 
   const LitBody<Scene, Medium, Readout> body_;

@@ -56,6 +56,7 @@ class LightNodes {
         if (fresh) {
           albedo_.push_back(surface->albedo);
           area_.push_back(0.0);
+          in_air_.push_back(!scene.on_body(t));
         }
         of_[std::size_t(t)][k] = it->second;
         area_[std::size_t(it->second)] += scene.triangle_area(t) / 3.0;
@@ -71,10 +72,13 @@ class LightNodes {
   double albedo(std::size_t node) const { return albedo_[node]; }
   /// Integral of the node's function, over all its mirror images [m²].
   double area(std::size_t node) const { return area_[node]; }
+  /// Light meets it in the surroundings, not in the body.
+  bool in_air(std::size_t node) const { return in_air_[node]; }
 
  private:
   std::vector<std::array<int, 3>> of_;
   std::vector<double> albedo_, area_;
+  std::vector<bool> in_air_;
 };
 
 /// Form factors of the nodes of Lambertian faces, sampled: the way of one watt from each.
