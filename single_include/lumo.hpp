@@ -1956,6 +1956,28 @@ inline TriangleSurface read_surface(const std::string& path, double unit_m) {
 
 #endif
 
+// ---- lumo/core/golden_section.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
+
+namespace lumo {
+
+/// Where a function of one number is least between a and b, if it has one minimum there: `steps` sections, each of
+/// which leaves 0.618 of the stretch. Source: Kiefer 1953.
+template <class Function> double golden_section(Function function, double a, double b, int steps) {
+  constexpr double golden = 0.61803398874989484820;
+  for (int k = 0; k < steps; ++k) {
+    const double c = b - golden * (b - a), d = a + golden * (b - a);
+    if (function(c) <= function(d)) b = d;
+    else a = c;
+  }
+  return 0.5 * (a + b);
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/design.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_DESIGN_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_DESIGN_HPP
@@ -1979,24 +2001,74 @@ struct FingerDesign {
   bool operator==(const FingerDesign&) const = default;
 };
 
-/// Lengths that the paper leaves open, shared by all designs, in mm.
-struct PadDimensions {
-  double width = 29.5;       ///< W: at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
-  double length = 60.0;      ///< L, centred on y = 0
-  double t_min = 5.0;        ///< smallest silicone thickness
-  bool t_min_beside = true;  ///< it holds beside stem and voids, too, not only above them
+/// What is meant by the smallest thickness of silicone.
+enum class Thickness {
+  euclidean,   ///< least distance between the half ellipse and the cavity's walls and roof
+  along_axes,  ///< above the cavity along z, beside it along x
+  above        ///< above the cavity along z only
+};
 
+/// How the silicone sits on the stem.
+enum class Stem {
+  bonded,  ///< it holds to the stem's top, and to its sides where there is no void
+  free     ///< it lies on the stem, which only pushes
+};
+
+/// What the paper leaves open about the pad, shared by all designs; lengths in mm.
+struct PadDimensions {
+  double width = 29.5;           ///< at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
+  double length = 60.0;          ///< of the part that has a cavity, centred on y = 0
+  double cap_length = 0.0;       ///< of a solid end beyond it, at positive y
+  double shoulder_width = 0.0;   ///< of silicone that hangs down beside the carrier's block; 0: the base is flat
+  double shoulder_height = 0.0;  ///< how far it hangs down below z = 0
+  double carrier_height = 10.0;  ///< of the carrier below z = 0
+  Stem stem = Stem::bonded;
+  double t_min = 5.0;  ///< smallest silicone thickness
+  Thickness thickness = Thickness::along_axes;
+
+  double lip_end() const { return 0.5 * width - shoulder_width; }  ///< |x| up to which the base z = 0 is silicone
+  double proximal_end() const { return -0.5 * length; }            ///< y
+  double distal_end() const { return 0.5 * length + cap_length; }  ///< y
   bool operator==(const PadDimensions&) const = default;
 };
+
+/// A pad on a flat base, free at both ends, as lumo had it before the built one was known.
+inline PadDimensions plain_pad() { return {}; }
+/// The pad that the paper's authors cast: a stair-shaped carrier, bonded shoulders beside its block, a solid distal
+/// cap. Source: the first author's public code (dokkev/fingertip-design-framework, August 2026), lumo/fingertip/.
+inline PadDimensions built_pad() {
+  return {.width = 30.0,
+      .length = 55.0,
+      .cap_length = 5.0,
+      .shoulder_width = 5.0,
+      .shoulder_height = 8.0,
+      .stem = Stem::free,
+      .thickness = Thickness::euclidean};
+}
 
 /// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
 double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 /// Silicone beside the voids: min over 0 ≤ z ≤ h_s of x_outer(z) − (w_s/2 + w_v), in mm.
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
+/// Least distance between the half ellipse, its ends included, and the cavity's walls and roof, or between cavity and
+/// side if that is less, in mm. 0 if the cavity's corner is not under the dome.
+double euclidean_thickness(const FingerDesign& d, const PadDimensions& pad);
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the
-/// lattice.
+/// lattice where it is counted along the axes, to 1e-9 mm where it is a distance.
 inline DesignSpace finger_space(const PadDimensions& pad = {});
+
+/// The hand-designed finger of the paper's authors, off the lattice. Source: as built_pad().
+inline FingerDesign built_baseline() { return {5.0, 9.0, 7.6, 6.0, 2.0}; }
+/// The designs that started the authors' campaigns of inclined contacts. Source: as built_pad().
+inline std::vector<FingerDesign> built_references() {
+  return {{14.5, 4.0, 5.0, 12.5, 5.0}, {13.5, 1.5, 7.0, 9.5, 5.5}, {5.5, 2.0, 9.0, 2.0, 0.5},
+      {13.0, 7.0, 7.5, 14.5, 0.0}, {2.5, 17.5, 7.0, 2.0, 3.5}};
+}
+
+/// Throws InfeasibleDesign unless the design lies in finger_space(pad); designs that are known by name may lie off its
+/// lattice.
+inline void require_feasible(const FingerDesign& d, const PadDimensions& pad);
 
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
@@ -2016,6 +2088,26 @@ inline FingerDesign FingerDesign::from(std::span<const double> x) {
 inline double vertical_thickness(const FingerDesign& d, const PadDimensions& pad) {
   const double r = (d.w_s + 2.0 * d.w_v) / pad.width;
   return d.h_fp + d.h_ep * std::sqrt(std::max(0.0, 1.0 - r * r)) - d.h_s;
+}
+
+inline double euclidean_thickness(const FingerDesign& d, const PadDimensions& pad) {
+  // The corner is the point of the cavity that comes nearest: above the roof the ellipse falls towards it, beside the
+  // wall it leans towards it.
+  const double a = 0.5 * pad.width, c = 0.5 * d.w_s + d.w_v, up = d.h_s - d.h_fp;
+  const double under = d.h_ep * d.h_ep * (1.0 - c * c / (a * a));
+  if (c >= a || (up > 0.0 && up * up >= under)) return 0.0;
+  const auto squared = [&](double t) {
+    const double x = a * std::cos(t) - c, z = d.h_ep * std::sin(t) - up;
+    return x * x + z * z;
+  };
+  constexpr int pieces = 64;
+  const double step = 0.5 * pi / pieces;
+  int nearest = 0;
+  for (int k = 1; k <= pieces; ++k)
+    if (squared(k * step) < squared(nearest * step)) nearest = k;
+  const double low = std::max(0, nearest - 1) * step, high = std::min(pieces, nearest + 1) * step;
+  const double least = std::min({squared(0.0), squared(golden_section(squared, low, high, 60))});
+  return std::min(a - c, std::sqrt(least));
 }
 
 inline double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad) {
@@ -2055,16 +2147,33 @@ inline DesignSpace finger_space(const PadDimensions& pad) {
         message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
             " mm is below its limit ", pad.t_min, " mm"));
   };
+  if (pad.thickness == Thickness::euclidean) {
+    constexpr double rounding_mm = 1e-9;
+    space.rules = {{[pad](std::span<const double> x) {
+                      return euclidean_thickness(FingerDesign::from(x), pad) >= pad.t_min - rounding_mm;
+                    },
+        [pad, refusal](std::span<const double> x) {
+          return refusal("distance", euclidean_thickness(FingerDesign::from(x), pad));
+        }}};
+    return space;
+  }
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
       [pad, refusal](
           std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
-  if (pad.t_min_beside)
+  if (pad.thickness == Thickness::along_axes)
     space.rules.push_back(
         {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
             [pad, refusal](std::span<const double> x) {
               return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
             }});
   return space;
+}
+
+inline void require_feasible(const FingerDesign& d, const PadDimensions& pad) {
+  DesignSpace space = finger_space(pad);
+  if (d == built_baseline())
+    for (Variable& v : space.variables) v.step = 0.0;
+  space.check(d.values());
 }
 
 }  // namespace lumo
@@ -2510,10 +2619,24 @@ struct RigidBox {
   Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
 };
 
+/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
+/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
+/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
+/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
+/// does.
+struct Support {
+  std::string patch;            ///< name of the patch that rests here; others pass through
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
+};
+
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
 struct Sizing {
   std::function<double(const Vec3d&)> edge;  ///< across y [m]
   double stretch_y = 1.0;                    ///< edges along y are this much longer
+  /// Finer edges [m] at a place when a tool touches the body at another; empty: none are wanted.
+  std::function<double(const Vec3d& place, const Vec3d& touch)> edge_under_touch;
 };
 
 /// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
@@ -2531,7 +2654,8 @@ struct Body {
   Sizing sizing;
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;  ///< union of boxes for mechanical contact
+  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
+  std::vector<Support> supports;  ///< what patches rest on
   Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;        ///< inside
@@ -2567,10 +2691,11 @@ namespace lumo {
 
 /// Matched variants of a design. The twins without a carrier are for mechanics only (paper §IV-A).
 enum class Twin {
-  none,             ///< the finger itself
-  no_void,          ///< the same θ with w_v = 0
-  bonded_base,      ///< the stem's volume is silicone, voids stay, base bonded under the stem too
-  unsupported_base  ///< the same, but bonded at the two end faces only: a soft finger that can bend
+  none,              ///< the finger itself
+  no_void,           ///< the same θ with w_v = 0
+  bonded_base,       ///< the stem's volume is silicone, voids stay, base bonded under the stem too
+  unsupported_base,  ///< the same, but bonded at the two end faces only: a soft finger that can bend
+  held_top           ///< silicone alone in the outline of pad and carrier, held on all of the carrier's back
 };
 
 constexpr std::string_view to_string(Twin twin) {
@@ -2578,12 +2703,25 @@ constexpr std::string_view to_string(Twin twin) {
     case Twin::no_void: return "no_void";
     case Twin::bonded_base: return "bonded_base";
     case Twin::unsupported_base: return "unsupported_base";
+    case Twin::held_top: return "held_top";
     default: return "design";
   }
 }
 
 /// What a boundary edge of the section is.
-enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };
+enum class SectionTag {
+  mirror,
+  stem_top,
+  stem_side,
+  void_inner,
+  void_roof,
+  void_wall,
+  base,
+  shoulder_wall,
+  shoulder_top,
+  side,
+  dome
+};
 
 /// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to
 /// i + 1, the last point is the dome's apex.
@@ -2596,7 +2734,7 @@ struct HalfSection {
 
   double half_width_m() const { return 0.5e-3 * pad.width; }
   double height_m() const { return z.back(); }  ///< of the dome's apex over the base
-  double length_m() const { return 1e-3 * pad.length; }
+  double length_m() const { return 1e-3 * (pad.length + pad.cap_length); }
   /// Exact area of the half section [m²].
   double exact_area_m2() const;
 };
@@ -2611,6 +2749,13 @@ struct Chords {
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
 inline HalfSection half_section(
     const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+
+/// The same of the solid distal cap. Throws likewise, and InvalidArgument for a pad without one.
+inline HalfSection cap_section(
+    const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+
+/// Half x ≥ 0 of the carrier under the cavity, counter-clockwise from the middle of its back, (x, z) in m.
+inline std::vector<std::array<double, 2>> carrier_outline(const FingerDesign& design, const PadDimensions& pad = {});
 
 namespace detail {
 
@@ -2642,62 +2787,125 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
 
 }  // namespace detail
 
-inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
-  finger_space(pad).check(given.values());
-  FingerDesign d = given;
-  if (twin == Twin::no_void) d.w_v = 0.0;
-  HalfSection s{d, pad, twin, {}, {}, {}};
-  const double w = 0.5e-3 * pad.width, fp = 1e-3 * d.h_fp, ep = 1e-3 * d.h_ep;
+namespace detail {
+
+// The polygon of a section, point by point.
+struct SectionPen {
+  HalfSection& section;
+  void add(double x, double z, SectionTag tag) const {
+    section.x.push_back(x);
+    section.z.push_back(z);
+    section.tag.push_back(tag);
+  }
+  // From the lower end of the side to the apex.
+  void add_outside(double low, const Chords& chords) const {
+    const double w = section.half_width_m(), fp = 1e-3 * section.design.h_fp, ep = 1e-3 * section.design.h_ep;
+    add(w, low, SectionTag::side);
+    const std::vector<double> angles = ellipse_angles(w, ep, chords);
+    for (std::size_t k = 0; k + 1 < angles.size(); ++k)
+      add(k == 0 ? w : w * std::cos(angles[k]), fp + ep * std::sin(angles[k]), SectionTag::dome);
+    add(0.0, fp + ep, SectionTag::mirror);
+  }
+};
+
+inline bool has_soft_stem(Twin twin) { return twin == Twin::bonded_base || twin == Twin::unsupported_base; }
+
+// Edges from the middle of the cavity to the base beside it.
+inline void add_cavity(const SectionPen& pen, const HalfSection& s) {
+  const FingerDesign& d = s.design;
   const double stem = 0.5e-3 * d.w_s, hs = 1e-3 * d.h_s, outer = stem + 1e-3 * d.w_v;
-  const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base, has_void = d.w_v > 0.0;
-  const auto add = [&](double px, double pz, SectionTag tag) {
-    s.x.push_back(px);
-    s.z.push_back(pz);
-    s.tag.push_back(tag);
-  };
-  if (soft_stem) {
-    if (has_void) {
-      add(0.0, 0.0, SectionTag::base);
-      add(stem, 0.0, SectionTag::void_inner);
+  const bool has_void = d.w_v > 0.0;
+  if (has_soft_stem(s.twin)) {
+    pen.add(0.0, 0.0, SectionTag::base);
+    if (!has_void) return;
+    pen.add(stem, 0.0, SectionTag::void_inner);
+  } else if (s.pad.stem == Stem::bonded) {
+    pen.add(0.0, hs, SectionTag::stem_top);
+    if (!has_void) {
+      pen.add(stem, hs, SectionTag::stem_side);
+      pen.add(stem, 0.0, SectionTag::base);
+      return;
     }
-  } else {
-    add(0.0, hs, SectionTag::stem_top);
   }
-  if (has_void) {
-    add(stem, hs, SectionTag::void_roof);
-    add(outer, hs, SectionTag::void_wall);
-    add(outer, 0.0, SectionTag::base);
-  } else if (soft_stem) {
-    add(0.0, 0.0, SectionTag::base);
-  } else {
-    add(stem, hs, SectionTag::stem_side);
-    add(stem, 0.0, SectionTag::base);
-  }
-  add(w, 0.0, SectionTag::side);
-  const std::vector<double> angles = detail::ellipse_angles(w, ep, chords);
-  for (std::size_t k = 0; k + 1 < angles.size(); ++k)
-    add(k == 0 ? w : w * std::cos(angles[k]), fp + ep * std::sin(angles[k]), SectionTag::dome);
-  add(0.0, fp + ep, SectionTag::mirror);
+  const bool lies = !has_soft_stem(s.twin) && s.pad.stem == Stem::free;
+  pen.add(lies ? 0.0 : stem, hs, SectionTag::void_roof);
+  pen.add(outer, hs, SectionTag::void_wall);
+  pen.add(outer, 0.0, SectionTag::base);
+}
+
+inline HalfSection empty_section(const FingerDesign& given, Twin twin, const PadDimensions& pad) {
+  require_feasible(given, pad);
+  HalfSection s{given, pad, twin, {}, {}, {}};
+  if (twin == Twin::no_void) s.design.w_v = 0.0;
   return s;
 }
 
+}  // namespace detail
+
+inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+  HalfSection s = detail::empty_section(given, twin, pad);
+  const detail::SectionPen pen{s};
+  if (twin == Twin::held_top) {
+    const double low = -1e-3 * pad.carrier_height;
+    pen.add(0.0, low, SectionTag::base);
+    pen.add_outside(low, chords);
+    return s;
+  }
+  detail::add_cavity(pen, s);
+  const double low = -1e-3 * pad.shoulder_height;
+  if (low < 0.0) {
+    pen.add(1e-3 * pad.lip_end(), 0.0, SectionTag::shoulder_wall);
+    pen.add(1e-3 * pad.lip_end(), low, SectionTag::shoulder_top);
+  }
+  pen.add_outside(low, chords);
+  return s;
+}
+
+inline HalfSection cap_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+  require_positive("length of the cap", pad.cap_length, "mm");
+  HalfSection s = detail::empty_section(given, twin, pad);
+  const detail::SectionPen pen{s};
+  const double low = twin == Twin::held_top ? -1e-3 * pad.carrier_height : -1e-3 * pad.shoulder_height;
+  pen.add(0.0, low, twin == Twin::held_top ? SectionTag::base : SectionTag::shoulder_top);
+  pen.add_outside(low, chords);
+  return s;
+}
+
+inline std::vector<std::array<double, 2>> carrier_outline(const FingerDesign& d, const PadDimensions& pad) {
+  const double w = 0.5e-3 * pad.width, lip = 1e-3 * pad.lip_end(), shoulder = -1e-3 * pad.shoulder_height,
+               back = -1e-3 * pad.carrier_height, stem = 0.5e-3 * d.w_s, top = 1e-3 * d.h_s;
+  std::vector<std::array<double, 2>> outline = {{0.0, back}, {w, back}};
+  if (shoulder < 0.0) outline.insert(outline.end(), {{w, shoulder}, {lip, shoulder}});
+  outline.insert(outline.end(), {{lip, 0.0}, {stem, 0.0}, {stem, top}, {0.0, top}});
+  return outline;
+}
+
 inline double HalfSection::exact_area_m2() const {
-  const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base;
-  const double w = 0.5e-3 * pad.width, cut = (soft_stem ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
-  return w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep - cut * 1e-3 * design.h_s;
+  const double w = 0.5e-3 * pad.width;
+  const double outside = w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep;
+  if (x.front() == 0.0 && z.front() < 0.0) return outside - w * z.front();  // solid: a cap, or a held twin
+  const double cut = (detail::has_soft_stem(twin) ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
+  return outside + 1e-6 * pad.shoulder_width * pad.shoulder_height - cut * 1e-3 * design.h_s;
 }
 
 }  // namespace lumo
 
 #endif
 
-// ---- lumo/morphology/finger.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+// ---- lumo/morphology/finger_options.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_OPTIONS_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_OPTIONS_HPP
 
 namespace lumo {
 
-/// What may be chosen about a finger besides θ. Defaults are our assumptions where the paper leaves a choice open.
+/// About which point of the section an approach is tilted.
+enum class TiltPivot {
+  flat_top,  ///< x = 0, z = h_fp: where the flat sides end
+  base       ///< x = 0, z = 0
+};
+
+/// What may be chosen about a finger besides θ, where the paper leaves a choice open: see plain_finger() and
+/// built_finger().
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
@@ -2707,11 +2915,13 @@ struct FingerOptions {
     double stretch_y = 1.0;          ///< edges along y are this much longer
     double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
+    double support_edge = 2.5e-3;    ///< on the surface that lies free on the carrier
+    double seam_edge = 1.0e-3;       ///< there, at the carrier's edges, below a tool
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
-          factor * shortest_chord};
+          factor * shortest_chord, factor * support_edge, factor * seam_edge};
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -2728,6 +2938,14 @@ struct FingerOptions {
 
     bool operator==(const Leds&) const = default;
   };
+  /// Hollows in the top of a stem on which the silicone lies free, one for each LED on the top, across the stem's whole
+  /// width: the LED lies on the floor and shines into the film of air above it.
+  struct Recess {
+    double depth = 0.0;  ///< 0: there are none, and LEDs touch the silicone
+    double length_y = 5.1e-3;
+
+    bool operator==(const Recess&) const = default;
+  };
   /// Readout regions on the outer surface.
   struct Readout {
     int bins = 11;
@@ -2743,7 +2961,9 @@ struct FingerOptions {
   PadDimensions pad = {};
   Mesh mesh = {};
   Leds leds = {};
+  Recess recess = {};
   Readout readout = {};
+  TiltPivot pivot = TiltPivot::flat_top;
   double carrier_albedo = 0.8;
   bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};  ///< Body::touched
@@ -2751,23 +2971,264 @@ struct FingerOptions {
   bool operator==(const FingerOptions&) const = default;
 };
 
+/// A pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone: lumo's own reading of the
+/// paper.
+inline FingerOptions plain_finger() { return {}; }
+
+/// The finger that the paper's authors built. Source: as built_pad(); lengths of LEDs and recesses, albedo and pivot
+/// are of the same code. Ours: the rounding of the carrier's edges (with sharp ones equilibria depend on the steps that
+/// lead to them), and that a side is seen by its normals.
+inline FingerOptions built_finger() {
+  FingerOptions o;
+  o.pad = built_pad();
+  o.leds.width_x = 1.8e-3;
+  o.recess.depth = 0.19e-3;
+  o.readout.one_side = true;
+  o.pivot = TiltPivot::base;
+  o.carrier_albedo = 0.7;
+  return o;
+}
+
 /// Throws InvalidArgument for an option that is out of range.
 inline void validate(const FingerOptions& options);
 
-/// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
-/// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
+inline void validate(const FingerOptions& o) {
+  require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
+  require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
+  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
+  require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
+  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
+  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
+  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
+  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
+  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
+  if ((o.pad.shoulder_width > 0.0) != (o.pad.shoulder_height > 0.0))
+    throw InvalidArgument(message("shoulders are ", o.pad.shoulder_width, " mm wide and ", o.pad.shoulder_height,
+        " mm high, must be 0 both or neither"));
+  require_in_range("length of the pad's cap", o.pad.cap_length, 0.0, 1000.0, "mm");
+  require_in_range("width of the shoulders", o.pad.shoulder_width, 0.0, 0.5 * o.pad.width - 1e-3, "mm");
+  require_in_range("height of the shoulders", o.pad.shoulder_height, 0.0, 100.0, "mm");
+  require_in_range(
+      "height of the carrier below the base", o.pad.carrier_height, o.pad.shoulder_height + 1e-3, 200.0, "mm");
+  require_in_range("depth of the LEDs' recesses", o.recess.depth * 1e3, 0.0, 1.0, "mm");
+  if (o.recess.depth > 0.0)  // walls are left between them
+    require_in_range(
+        "length of the LEDs' recesses", o.recess.length_y * 1e3, o.leds.length_y * 1e3, o.leds.pitch * 1e3 - 1.0, "mm");
+  require_in_range("mesh edge on the carrier", o.mesh.support_edge * 1e3, 0.1, 30.0, "mm");
+  require_in_range("mesh edge at the carrier's edges", o.mesh.seam_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
+  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
+  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
+  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
+  require_positive("LED power", o.leds.power_W, "W");
+  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
+  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
+  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
+  require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+  if (const auto* white = std::get_if<Lambertian>(&o.touched))
+    require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
+  if (const auto* mirror = std::get_if<Mirror>(&o.touched))
+    require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/finger_carrier.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_CARRIER_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_CARRIER_HPP
+
+namespace lumo {
+
+/// Where the LEDs lie along the finger [m].
+inline std::vector<double> led_places(const FingerOptions::Leds& leds) {
+  std::vector<double> y;
+  for (int k = 0; k < leds.count; ++k) y.push_back((k - 0.5 * (leds.count - 1)) * leds.pitch);
+  return y;
+}
+
+/// A stretch along y of the top of a stem on which the silicone lies, between two recesses or the stem's ends [m].
+struct Ridge {
+  double low, high;
+};
+
+/// Ridges of a stem; one if it has no recesses.
+inline std::vector<Ridge> stem_ridges(const FingerOptions& o) {
+  const double half = 0.5e-3 * o.pad.length;
+  std::vector<Ridge> ridges{{-half, half}};
+  if (o.recess.depth > 0.0)
+    for (const double y : led_places(o.leds)) {
+      ridges.back().high = y - 0.5 * o.recess.length_y;
+      ridges.push_back({y + 0.5 * o.recess.length_y, half});
+    }
+  return ridges;
+}
+
+/// Lengths of a finger's carrier [m].
+struct StemLengths {
+  double stem, outer, lip, height, half_length;
+  double floor;  ///< height of the recesses' floors
+
+  StemLengths(const HalfSection& s, const FingerOptions& o)
+      : stem(0.5e-3 * s.design.w_s),
+        outer(stem + 1e-3 * s.design.w_v),
+        lip(1e-3 * s.pad.lip_end()),
+        height(1e-3 * s.design.h_s),
+        half_length(0.5e-3 * s.pad.length),
+        floor(height - o.recess.depth) {}
+};
+
+/// The carrier's boxes.
+inline std::vector<RigidBox> carrier_boxes(const HalfSection& s, const FingerOptions& o) {
+  if (s.twin == Twin::unsupported_base || s.twin == Twin::held_top) return {};
+  const StemLengths at(s, o);
+  const double back = -1e-3 * s.pad.carrier_height;
+  const auto box = [&](double x, double y0, double y1, double z0, double z1) {
+    return RigidBox{{0, 0.5 * (y0 + y1), 0.5 * (z0 + z1)}, {x, 0.5 * (y1 - y0), 0.5 * (z1 - z0)}};
+  };
+  std::vector<RigidBox> boxes{box(at.lip, -at.half_length, at.half_length, back, 0.0)};
+  if (s.twin == Twin::bonded_base) return boxes;
+  const double low = s.pad.stem == Stem::bonded ? 0.5 * back : back;  // inside the block
+  if (s.pad.stem == Stem::bonded || o.recess.depth == 0.0) {
+    boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.height));
+    return boxes;
+  }
+  boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.floor));
+  for (const Ridge& ridge : stem_ridges(o)) boxes.push_back(box(at.stem, ridge.low, ridge.high, low, at.height));
+  return boxes;
+}
+
+/// Stretches of the recesses' floors between ridges, low and high end along y [m].
+inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>& ridges) {
+  std::vector<std::array<double, 2>> floors;
+  for (std::size_t k = 0; k + 1 < ridges.size(); ++k) floors.push_back({ridges[k].high, ridges[k + 1].low});
+  return floors;
+}
+
+/// What the patches of a finger on a free stem rest on: the cavity's roof on the stem's top, its walls on the stem's
+/// sides, both on the block between them, and the cap's wall on the stem's end.
+inline std::vector<Support> carrier_supports(const HalfSection& s, const FingerOptions& o) {
+  if (s.pad.stem == Stem::bonded || (s.twin != Twin::none && s.twin != Twin::no_void)) return {};
+  const StemLengths at(s, o);
+  const double l = at.half_length, h = at.height;
+  std::vector<Support> supports;
+  const auto add = [&](const char* patch, const Vec3d& center, const Vec3d& half_u, const Vec3d& half_v) {
+    supports.push_back({patch, center, half_u, half_v});
+  };
+  const auto add_top = [&](double from, double to, double z) {
+    add("void_roof", {0, 0.5 * (from + to), z}, {at.stem, 0, 0}, {0, 0.5 * (to - from), 0});
+  };
+  const std::vector<Ridge> ridges = stem_ridges(o);
+  for (const Ridge& r : ridges) add_top(r.low, r.high, h);
+  for (const auto& [from, to] : recess_floors(ridges)) add_top(from, to, at.floor);
+  for (const double side : {1.0, -1.0}) {
+    add("void_wall", {side * at.stem, 0, 0.5 * h}, {0, side * l, 0}, {0, 0, 0.5 * h});
+    if (at.outer <= at.stem) continue;
+    for (const char* patch : {"void_roof", "void_wall"})
+      add(patch, {0.5 * side * (at.stem + at.outer), 0, 0}, {0.5 * (at.outer - at.stem), 0, 0}, {0, l, 0});
+  }
+  if (s.pad.cap_length > 0.0) add("cap_wall", {0, l, 0.5 * h}, {0, 0, 0.5 * h}, {at.stem, 0, 0});
+  return supports;
+}
+
+namespace detail {
+
+/// Collects carrier faces; those without area are left out.
+struct FaceList {
+  std::vector<RigidFace>& faces;
+  SurfaceOptics optics;
+
+  void add(std::string name, std::vector<Vec3d> corners) const {
+    Vec3d area = Vec3d::Zero();
+    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
+      area += (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
+    if (area.norm() > 1e-12) faces.push_back({std::move(name), std::move(corners), optics});  // [m²]
+  }
+  /// The face and its image at negative x.
+  void add_pair(const std::string& name, std::vector<Vec3d> corners) const {
+    std::vector<Vec3d> image(corners);
+    std::reverse(image.begin() + 1, image.end());
+    for (Vec3d& p : image) p.x() = -p.x();
+    add(name + " +x", std::move(corners));
+    add(name + " -x", std::move(image));
+  }
+};
+
+// Faces of a stem on which silicone lies: its ridges, and the floors between them.
+inline void add_free_stem(const FaceList& list, const StemLengths& at, const FingerOptions& o) {
+  const double w = at.stem, h = at.height, l = at.half_length, floor = at.floor;
+  const std::vector<Ridge> ridges = stem_ridges(o);
+  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, floor}, {w, -l, floor}});
+  for (const Ridge& r : ridges) {
+    list.add("ridge", {{-w, r.low, h}, {w, r.low, h}, {w, r.high, h}, {-w, r.high, h}});
+    list.add_pair("ridge side", {{w, r.low, floor}, {w, r.high, floor}, {w, r.high, h}, {w, r.low, h}});
+  }
+  for (const auto& [from, to] : recess_floors(ridges)) {
+    list.add("recess floor", {{-w, from, floor}, {w, from, floor}, {w, to, floor}, {-w, to, floor}});
+    list.add("recess wall", {{w, from, floor}, {-w, from, floor}, {-w, from, h}, {w, from, h}});
+    list.add("recess wall", {{-w, to, floor}, {w, to, floor}, {w, to, h}, {-w, to, h}});
+  }
+}
+
+// Faces that a solid cap looks at: the ends of stem and block.
+inline void add_carrier_end(const FaceList& list, const StemLengths& at, double shoulder) {
+  const double w = at.stem, y = at.half_length, h = at.height;
+  list.add("stem end", {{w, y, 0}, {-w, y, 0}, {-w, y, h}, {w, y, h}});
+  list.add("block end", {{at.lip, y, shoulder}, {-at.lip, y, shoulder}, {-at.lip, y, 0}, {at.lip, y, 0}});
+}
+
+}  // namespace detail
+
+/// Faces of the carrier that light meets through air.
+inline std::vector<RigidFace> carrier_faces(const HalfSection& s, const FingerOptions& o) {
+  const StemLengths at(s, o);
+  std::vector<RigidFace> faces;
+  const detail::FaceList list{faces, Lambertian{o.carrier_albedo}};
+  const double l = at.half_length;
+  if (s.twin != Twin::none && s.twin != Twin::no_void) return faces;
+  const bool lies = s.pad.stem == Stem::free;
+  if (!lies && s.design.w_v <= 0.0) return faces;
+  if (lies) detail::add_free_stem(list, at, o);
+  else list.add_pair("stem", {{at.stem, -l, 0}, {at.stem, l, 0}, {at.stem, l, at.height}, {at.stem, -l, at.height}});
+  list.add_pair("base", {{at.stem, -l, 0}, {at.outer, -l, 0}, {at.outer, l, 0}, {at.stem, l, 0}});
+  if (s.pad.cap_length > 0.0) detail::add_carrier_end(list, at, -1e-3 * s.pad.shoulder_height);
+  return faces;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/finger.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+
+namespace lumo {
+
+/// The whole finger of a feasible design as a body. The quarter x ≥ 0, y ≥ 0 of a pad without a cap is described, the
+/// half x ≥ 0 of one with a cap; the rest is mirrored. Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A
+/// and Table I.
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
 
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
-  const bool supported = s.twin != Twin::unsupported_base;
+  const bool supported = s.twin != Twin::unsupported_base && s.twin != Twin::held_top,
+             held = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::base: {
+      const double low = s.z[0] < 0.0 ? s.z[0] : 0.0;
+      return {"base", Plane{{0, 0, low}, -Vec3d::UnitZ()}, held, false, false, wall};
+    }
+    case SectionTag::shoulder_wall:
+      return {"shoulder_wall", Plane{{1e-3 * s.pad.lip_end(), 0, 0}, -Vec3d::UnitX()}, held, false, false, wall};
+    case SectionTag::shoulder_top:
+      return {"shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, held, false, false, wall};
     case SectionTag::void_inner:
       return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
     case SectionTag::void_roof:
@@ -2782,36 +3243,17 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   }
 }
 
-inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
-  const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
-  const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
-  if (s.twin == Twin::unsupported_base) return;
-  body.carrier.push_back({{0, 0, -thick}, {w, half_length, thick}});
-  if (s.twin == Twin::bonded_base) return;
-  body.carrier.push_back({{0, 0, 0.5 * (hs - thick)}, {stem, half_length, 0.5 * (hs + thick)}});
-  if (s.design.w_v <= 0.0) return;
-  const SurfaceOptics wall = Lambertian{o.carrier_albedo};
-  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) {
-    body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall});
-  };
-  const double l = half_length;
-  face("stem +x", {stem, -l, 0}, {stem, l, 0}, {stem, l, hs}, {stem, -l, hs});
-  face("stem -x", {-stem, -l, 0}, {-stem, -l, hs}, {-stem, l, hs}, {-stem, l, 0});
-  face("base +x", {stem, -l, 0}, {outer, -l, 0}, {outer, l, 0}, {stem, l, 0});
-  face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
-}
-
 inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
-  if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
+  if (s.twin != Twin::none && s.twin != Twin::no_void) return;
   const auto& led = o.leds;
   const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
   const Vec3d along(0, 0.5 * led.length_y, 0);
-  for (int k = 0; k < led.count; ++k) {
-    const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
+  const double recess = s.pad.stem == Stem::free ? o.recess.depth : 0.0;
+  for (const double y : led_places(led)) {
     if (led.place == FingerOptions::Leds::Place::top) {
-      body.emitters.push_back(
-          RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
+      body.emitters.push_back(RectangleEmitter{
+          {0, y, height - recess}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0, recess > 0.0});
       continue;
     }
     const bool air = s.design.w_v > 0.0;
@@ -2838,83 +3280,251 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
 
 }  // namespace detail
 
-inline void validate(const FingerOptions& o) {
-  require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
-  require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
-  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
-  require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
-  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
-  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
-  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
-  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
-  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
-  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
-  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
-  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
-  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
-  require_positive("LED power", o.leds.power_W, "W");
-  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
-  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
-  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
-  require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
-  if (const auto* white = std::get_if<Lambertian>(&o.touched))
-    require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
-  if (const auto* mirror = std::get_if<Mirror>(&o.touched))
-    require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+namespace detail {
+
+// Boundary of a sector that is swept along y, and its patches by what the section's edges are.
+class SweptBoundary {
+ public:
+  SweptBoundary(Body& body, const HalfSection& section, const FingerOptions& options)
+      : body_(body), section_(section), options_(options) {}
+
+  int vertex(double x, double y, double z) {
+    body_.vertices.emplace_back(x, y, z);
+    return int(body_.vertices.size()) - 1;
+  }
+  void facet(std::vector<int> loop, int patch) { body_.facets.push_back({std::move(loop), patch}); }
+  int patch(SectionTag tag) {
+    if (tag == SectionTag::mirror) return Body::mirror_patch;
+    int& patch = patch_of_[std::size_t(tag)];
+    if (patch < 0) patch = add(finger_patch(tag, section_, options_));
+    return patch;
+  }
+  int add(Patch p) {
+    body_.patches.push_back(std::move(p));
+    return int(body_.patches.size()) - 1;
+  }
+
+ private:
+  Body& body_;
+  const HalfSection& section_;
+  const FingerOptions& options_;
+  std::vector<int> patch_of_ = std::vector<int>(std::size_t(SectionTag::dome) + 1, -1);
+};
+
+inline Patch end_face(const char* name, double y, double outwards, const FingerOptions& o) {
+  return {name, Plane{{0, y, 0}, outwards * Vec3d::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false,
+      false, Dielectric{}};
 }
+
+// The quarter of a pad whose section is the same all along.
+inline void sweep_quarter(Body& body, const HalfSection& s, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double end_y = 0.5e-3 * o.pad.length;
+  const int n = int(s.x.size());
+  for (std::size_t k = 0; k < std::size_t(n); ++k)
+    for (const double y : {0.0, end_y}) boundary.vertex(s.x[k], y, s.z[k]);
+  for (int k = 0; k < n; ++k) {
+    const int next = (k + 1) % n;
+    boundary.facet({2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, boundary.patch(s.tag[std::size_t(k)]));
+  }
+  const int end = boundary.add(end_face("end", end_y, 1.0, o));
+  std::vector<int> middle_loop, end_loop;
+  for (int k = 0; k < n; ++k) {
+    middle_loop.push_back(2 * k);
+    end_loop.push_back(2 * (n - 1 - k) + 1);
+  }
+  boundary.facet(middle_loop, Body::mirror_patch);
+  boundary.facet(end_loop, end);
+}
+
+// Lines of vertices on a cavity's roof, from its proximal end to its distal one, broken at the edges of ridges; empty
+// on a stem that holds the silicone.
+struct RoofSeams {
+  std::vector<int> axis, stem;  // x = 0, and above the stem's edge
+  bool at_wall(int first_of_wall) const { return stem.front() == first_of_wall; }
+};
+
+// `axis` and `wall`: vertices at both ends of the roof's edges.
+inline RoofSeams add_seams(SweptBoundary& boundary, const HalfSection& s, const FingerOptions& o,
+    const std::array<int, 2>& axis, const std::array<int, 2>& wall) {
+  if (s.pad.stem == Stem::bonded || has_soft_stem(s.twin)) return {};
+  const StemLengths at(s, o);
+  const bool ends_at_wall = at.outer <= at.stem;
+  std::vector<double> breaks;
+  for (const auto& [low, high] : recess_floors(stem_ridges(o))) breaks.insert(breaks.end(), {low, high});
+  RoofSeams seams{{axis[0]}, {ends_at_wall ? wall[0] : boundary.vertex(at.stem, -at.half_length, at.height)}};
+  for (const double y : breaks) {
+    seams.axis.push_back(boundary.vertex(0.0, y, at.height));
+    seams.stem.push_back(boundary.vertex(at.stem, y, at.height));
+  }
+  seams.axis.push_back(axis[1]);
+  seams.stem.push_back(ends_at_wall ? wall[1] : boundary.vertex(at.stem, at.half_length, at.height));
+  return seams;
+}
+
+// A roof cut along its seams; `loop` is that of the whole: near and far end at the axis, far and near end at the wall.
+inline void add_roof(SweptBoundary& boundary, const RoofSeams& seams, const std::vector<int>& loop, int patch) {
+  for (std::size_t i = 0; i + 1 < seams.axis.size(); ++i)
+    boundary.facet({seams.axis[i], seams.axis[i + 1], seams.stem[i + 1], seams.stem[i]}, patch);
+  if (seams.at_wall(loop[3])) return;
+  std::vector<int> beside(seams.stem);
+  beside.insert(beside.end(), {loop[2], loop[3]});
+  boundary.facet(beside, patch);
+}
+
+// The half of a pad with a solid cap. Points of the section inside its outline end where the cap begins, those of the
+// outline go on.
+inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSection& cap, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double from = 1e-3 * o.pad.proximal_end(), joint = 0.5e-3 * o.pad.length, to = 1e-3 * o.pad.distal_end();
+  const int n = int(s.x.size());
+  const auto place = [&](SectionTag tag) { return int(std::find(s.tag.begin(), s.tag.end(), tag) - s.tag.begin()); };
+  const int side = place(SectionTag::side);
+  std::vector<int> near, far;  // vertices of each point
+  for (int k = 0; k < n; ++k) {
+    const double x = s.x[std::size_t(k)], z = s.z[std::size_t(k)];
+    near.push_back(boundary.vertex(x, from, z));
+    far.push_back(boundary.vertex(x, k < side ? joint : to, z));
+  }
+  const int low_joint = boundary.vertex(0.0, joint, cap.z[0]), low_end = boundary.vertex(0.0, to, cap.z[0]);
+  const RoofSeams seams = add_seams(boundary, s, o, {near[0], far[0]}, {near[1], far[1]});
+  for (int k = 0; k + 1 < n; ++k) {
+    const std::size_t i = std::size_t(k);
+    std::vector<int> loop{near[i], far[i]};
+    if (k + 1 == side) loop.insert(loop.end(), {low_joint, low_end});  // this plane goes on under the cap
+    loop.insert(loop.end(), {far[i + 1], near[i + 1]});
+    if (!seams.stem.empty() && k == 0) add_roof(boundary, seams, loop, boundary.patch(s.tag[i]));
+    else if (!seams.stem.empty() && k == 1 && seams.at_wall(near[1])) {
+      loop.insert(loop.begin() + 1, seams.stem.begin() + 1, seams.stem.end() - 1);
+      boundary.facet(loop, boundary.patch(s.tag[i]));
+    } else boundary.facet(loop, boundary.patch(s.tag[i]));
+  }
+
+  // The cap's wall: against cavity and stem, and, where the carrier is a stair, against its block.
+  const int base = place(SectionTag::base), wall = boundary.add({"cap_wall", Plane{{0, joint, 0}, -Vec3d::UnitY()},
+                                                false, false, s.twin != Twin::unsupported_base, Dielectric{}, false});
+  const bool stair = cap.z[0] < 0.0;
+  const int corner = stair ? boundary.vertex(0.0, joint, 0.0) : low_joint;
+  std::vector<int> upper{corner};
+  for (int k = base; k >= 0; --k) {
+    if (k == 0 && !seams.stem.empty() && !seams.at_wall(near[1])) upper.push_back(seams.stem.back());
+    upper.push_back(far[std::size_t(k)]);
+  }
+  boundary.facet(upper, wall);
+  std::vector<int> mirror{near[std::size_t(n - 1)], far[std::size_t(n - 1)], low_end, low_joint};
+  if (stair) {
+    const int block =
+        boundary.add({"cap_block", Plane{{0, joint, 0}, -Vec3d::UnitY()}, false, false, false, Dielectric{}, false});
+    std::vector<int> lower{low_joint};
+    for (int k = side - 1; k >= base; --k) lower.push_back(far[std::size_t(k)]);
+    lower.push_back(corner);
+    boundary.facet(lower, block);
+    mirror.push_back(corner);
+  }
+  mirror.push_back(far[0]);
+  if (!seams.axis.empty()) mirror.insert(mirror.end(), seams.axis.rbegin() + 1, seams.axis.rend() - 1);
+  mirror.push_back(near[0]);
+  boundary.facet(mirror, Body::mirror_patch);
+
+  if (!seams.stem.empty() && !seams.at_wall(near[1])) near.insert(near.begin() + 1, seams.stem.front());
+  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
+  std::vector<int> distal;
+  for (int k = n - 1; k >= side; --k) distal.push_back(far[std::size_t(k)]);
+  distal.push_back(low_end);
+  boundary.facet(distal, boundary.add(end_face("distal_end", to, 1.0, o)));
+}
+
+// A solid pad of one section from end to end.
+inline void sweep_solid_half(Body& body, const HalfSection& s, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double from = 1e-3 * o.pad.proximal_end(), to = 1e-3 * o.pad.distal_end();
+  const int n = int(s.x.size());
+  std::vector<int> near, far;
+  for (std::size_t k = 0; k < std::size_t(n); ++k) {
+    near.push_back(boundary.vertex(s.x[k], from, s.z[k]));
+    far.push_back(boundary.vertex(s.x[k], to, s.z[k]));
+  }
+  for (std::size_t k = 0; k < std::size_t(n); ++k) {
+    const std::size_t next = (k + 1) % std::size_t(n);
+    boundary.facet({near[k], far[k], far[next], near[next]}, boundary.patch(s.tag[k]));
+  }
+  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
+  boundary.facet({far.rbegin(), far.rend()}, boundary.add(end_face("distal_end", to, 1.0, o)));
+}
+
+// Distance from p to the nearest edge of the stem's top and of its recesses [m].
+inline double distance_to_stem_edges(const Vec3d& p, const StemLengths& at, const std::vector<Ridge>& ridges) {
+  const double x = std::abs(p.x()), beyond = std::max(0.0, x - at.stem);
+  double least = std::numeric_limits<double>::infinity();
+  const auto add = [&](double dx, double dy, double dz) {
+    least = std::min(least, std::sqrt(dx * dx + dy * dy + dz * dz));
+  };
+  const double dz = p.z() - at.height;
+  add(x - at.stem, std::max(0.0, std::abs(p.y()) - at.half_length), dz);
+  for (const Ridge& r : ridges) {
+    add(beyond, p.y() - r.low, dz);
+    add(beyond, p.y() - r.high, dz);
+  }
+  return least;
+}
+
+inline Sizing finger_sizing(const Body& body, const HalfSection& s, const FingerOptions& o) {
+  const auto mesh = o.mesh;
+  std::vector<Shape> touchable;
+  for (const Patch& p : body.patches)
+    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
+  Sizing sizing;
+  sizing.stretch_y = mesh.stretch_y;
+  const auto below_the_dome = [mesh, touchable](const Vec3d& p) {
+    double depth = std::numeric_limits<double>::infinity();
+    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
+    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
+  };
+  sizing.edge = below_the_dome;
+  if (s.pad.stem == Stem::bonded || s.twin == Twin::held_top) return sizing;
+
+  const StemLengths at(s, o);
+  const std::vector<Ridge> ridges = stem_ridges(o);
+  sizing.edge = [mesh, below_the_dome, at](const Vec3d& p) {
+    const double dx = std::max(0.0, std::abs(p.x()) - at.stem), dz = p.z() - at.height;
+    return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
+  };
+  // The edges' pressure has to be resolved where it is high: below the tool.
+  sizing.edge_under_touch = [mesh, at, ridges](const Vec3d& p, const Vec3d& touch) {
+    const double growth_along = 0.25 * mesh.growth;  // the load spreads along the finger
+    const double along = std::max(0.0, std::abs(p.y() - touch.y()) - at.height);
+    return mesh.seam_edge + mesh.growth * distance_to_stem_edges(p, at, ridges) + growth_along * along;
+  };
+  return sizing;
+}
+
+}  // namespace detail
 
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
   require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
-  const HalfSection s =
-      half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
-  const double half_length = 0.5e-3 * o.pad.length;
+  const Chords chords{o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord};
+  const HalfSection s = half_section(design, o.twin, chords, o.pad);
+  const bool capped = o.pad.cap_length > 0.0;
   Body body;
   body.name = "finger";
-  body.symmetry = {true, true};
-  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * half_length;
-  body.pivot = {0, 0, 1e-3 * s.design.h_fp};
-  detail::add_carrier(body, s, o);
+  body.symmetry = {true, !capped};
+  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * (0.5e-3 * o.pad.length);
+  body.pivot = {0, 0, o.pivot == TiltPivot::flat_top ? 1e-3 * s.design.h_fp : 0.0};
+  body.carrier = carrier_boxes(s, o);
+  body.supports = carrier_supports(s, o);
+  body.rigid_faces = carrier_faces(s, o);
   detail::add_light(body, s, silicone, o);
-
-  const int n = int(s.x.size());
-  for (int k = 0; k < n; ++k) {
-    body.vertices.emplace_back(s.x[std::size_t(k)], 0.0, s.z[std::size_t(k)]);
-    body.vertices.emplace_back(s.x[std::size_t(k)], half_length, s.z[std::size_t(k)]);
+  if (!capped) {
+    detail::sweep_quarter(body, s, o);
+  } else {
+    const HalfSection cap = cap_section(design, o.twin, chords, o.pad);
+    body.exact_volume_m3 += 2.0 * cap.exact_area_m2() * 1e-3 * o.pad.cap_length;
+    if (o.twin == Twin::held_top) detail::sweep_solid_half(body, s, o);
+    else detail::sweep_capped_half(body, s, cap, o);
   }
-  std::vector<int> patch_of(std::size_t(SectionTag::dome) + 1, -2);
-  for (int k = 0; k < n; ++k) {
-    const SectionTag tag = s.tag[std::size_t(k)];
-    int& patch = patch_of[std::size_t(tag)];
-    if (tag == SectionTag::mirror) patch = Body::mirror_patch;
-    if (patch == -2) {
-      patch = int(body.patches.size());
-      body.patches.push_back(detail::finger_patch(tag, s, o));
-    }
-    const int next = (k + 1) % n;
-    body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
-  }
-  Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
-  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()},
-      o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
-  for (int k = 0; k < n; ++k) {
-    middle.loop.push_back(2 * k);
-    end.loop.push_back(2 * (n - 1 - k) + 1);
-  }
-  body.facets.push_back(middle);
-  body.facets.push_back(end);
-
-  const auto mesh = o.mesh;
-  std::vector<Shape> touchable;
-  for (const Patch& p : body.patches)
-    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
-  body.sizing.stretch_y = mesh.stretch_y;
-  body.sizing.edge = [mesh, touchable](const Vec3d& p) {
-    double depth = std::numeric_limits<double>::infinity();
-    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
-    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
-  };
+  body.sizing = detail::finger_sizing(body, s, o);
   return body;
 }
 
@@ -3472,13 +4082,15 @@ inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& fo
   require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
   const Symmetry symmetry = body.symmetry;
-  body.sizing.edge = [coarse = body.sizing.edge, points, focus, symmetry](const Vec3d& p) {
+  body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, points, focus, symmetry](
+                         const Vec3d& p) {
     double edge = coarse(p);
     for (Vec3d at : points) {
       if (symmetry.x) at.x() = std::abs(at.x());
       if (symmetry.y) at.y() = std::abs(at.y());
       const double depth = std::max(0.0, (at - p).z());
       edge = std::min(edge, focus.finest + focus.growth * (p - at).norm() + focus.depth_growth * depth);
+      if (under_touch) edge = std::min(edge, under_touch(p, at));
     }
     return edge;
   };
@@ -5677,8 +6289,8 @@ static_assert(ContactHandler<VertexContact>);
 
 namespace lumo {
 
-/// Signed distance to the union of a body's rigid boxes. The origin of its frame is the finger's.
-struct Carrier {
+/// Signed distance to a union of rigid boxes. The origin of its frame is the finger's.
+struct BoxUnion {
   std::vector<RigidBox> boxes;
 
   double distance(const Vec3d& p) const {
@@ -5692,6 +6304,72 @@ struct Carrier {
       if (const DistanceSample d = distance_to_box(b.half, p - b.center); d.distance < nearest.distance) nearest = d;
     return nearest;
   }
+};
+
+/// A point of a body's surface: where it is while the body is undeformed [m], and the number of its patch.
+struct MaterialPoint {
+  Vec3d reference;
+  int patch;
+};
+
+/// What a body rests on, as a gap of its points: the signed distance to the union of its rigid boxes or, if it has
+/// supports, the height over the one that the point belongs to. The origin of its frame is the finger's.
+class Carrier {
+ public:
+  explicit Carrier(const Body& body) : supported_(!body.supports.empty()), boxes_{body.carrier} {
+    rests_.resize(body.patches.size());
+    for (std::size_t k = 0; k < body.patches.size(); ++k)
+      for (const Support& s : body.supports)
+        if (s.patch == body.patches[k].name) rests_[k].push_back({s, s.half_u.cross(s.half_v).normalized()});
+  }
+
+  /// Gap of a point that is at p now [m]; infinite if it belongs to no support.
+  double distance(const Vec3d& p, const MaterialPoint& point) const {
+    if (!supported_) return boxes_.distance(p);
+    const Rest* rest = under(point);
+    return rest ? rest->height(p) : std::numeric_limits<double>::infinity();
+  }
+  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
+    if (!supported_) return boxes_.sample(p);
+    const Rest* rest = under(point);
+    return rest ? DistanceSample{rest->height(p), rest->normal, Mat3d::Zero()}
+                : DistanceSample{std::numeric_limits<double>::infinity(), Vec3d::Zero(), Mat3d::Zero()};
+  }
+  /// May points of a patch that are within `radius` of p be in contact?
+  bool reaches(const Vec3d& p, double radius, int patch) const {
+    if (!supported_) return boxes_.distance(p) <= radius;
+    const std::vector<Rest>& rests = rests_[std::size_t(patch)];
+    return std::any_of(rests.begin(), rests.end(), [&](const Rest& r) { return r.height(p) <= radius; });
+  }
+
+ private:
+  struct Rest {
+    Support support;
+    Vec3d normal;
+
+    double height(const Vec3d& p) const { return normal.dot(p - support.center); }
+    bool is_under(const Vec3d& p) const {
+      constexpr double slack = 1e-9;  // [m]
+      const Vec3d d = p - support.center;
+      const auto within = [&](const Vec3d& half) {
+        const double length = half.norm();
+        return std::abs(half.dot(d)) <= length * (length + slack);
+      };
+      return height(p) >= -slack && within(support.half_u) && within(support.half_v);
+    }
+  };
+  // The one that the undeformed point is nearest to of those that it lies over; null: none.
+  const Rest* under(const MaterialPoint& point) const {
+    const Rest* nearest = nullptr;
+    for (const Rest& r : rests_[std::size_t(point.patch)])
+      if (r.is_under(point.reference) && (!nearest || r.height(point.reference) < nearest->height(point.reference)))
+        nearest = &r;
+    return nearest;
+  }
+
+  bool supported_;
+  BoxUnion boxes_;
+  std::vector<std::vector<Rest>> rests_;  ///< per patch
 };
 
 }  // namespace lumo
@@ -6354,6 +7032,7 @@ struct SurfacePoint {
   double weight_m2;           ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
   int part;                   ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
   std::array<double, 3> hat;  ///< barycentric coordinates in that sub-triangle
+  Vec3d reference;            ///< its place while the body is undeformed [m]
 };
 
 /// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
@@ -6388,6 +7067,8 @@ class ContactSurface {
       at += p.shape[k] * Vec3d(x.col(faces_[f].nodes[k]));
     return at;
   }
+
+  MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
   std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
@@ -6443,6 +7124,9 @@ inline void ContactSurface::add(const BoundaryFace& face) {
           v += p.hat[m] * uv[std::size_t(corner[m])][1];
         }
         p.shape = face_shape(u, v, order);
+        p.reference = Vec3d::Zero();
+        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k)
+          p.reference += p.shape[k] * mesh_->nodes[std::size_t(face.nodes[k])];
         const auto d = face_shape_derivatives(u, v, order);
         Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
         for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
@@ -6475,7 +7159,8 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
         if (std::exchange(done[node], char(1))) continue;
-        SurfacePoint p{{}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}};
+        SurfacePoint p{
+            {}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}, mesh_->nodes[node]};
         p.shape[local] = 1.0;
         p.hat[k] = 1.0;
         points_[f].push_back(p);
@@ -6483,14 +7168,33 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   }
 }
 
-/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame,
+/// or, where they depend on the point of the body, with distance(p, point), sample(p, point) and reaches(p, radius,
+/// patch).
 template <class Tool> struct Moving {
   const Tool* tool;
   Vec3d origin;     ///< of the tool's frame, now [m]
   Vec3d direction;  ///< of its advance, unit
 
   double distance(const Vec3d& p) const { return tool->distance(p - origin); }
-  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
+  double distance(const Vec3d& p, const MaterialPoint& point) const {
+    if constexpr (by_point) return tool->distance(p - origin, point);
+    else return tool->distance(p - origin);
+  }
+  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
+    if constexpr (by_point) return tool->sample(p - origin, point);
+    else return tool->sample(p - origin);
+  }
+  /// May points of a patch that are within `radius` of p be in contact?
+  bool reaches(const Vec3d& p, double radius, int patch) const {
+    if constexpr (by_point) return tool->reaches(p - origin, radius, patch);
+    else return tool->distance(p - origin) <= radius;
+  }
+
+ private:
+  static constexpr bool by_point = requires(const Tool& t, const Vec3d& p, const MaterialPoint& point) {
+    t.distance(p, point);
+  };
 };
 
 /// Gaps [m] at each surface point, face by face.
@@ -6515,7 +7219,7 @@ template <class Tool, class Visit> void for_contact_points(const ContactSurface&
     const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.distance(middle) <= radius;
+    const bool near = rigid.reaches(middle, radius, surface.face(f).patch);
     if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
       continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
@@ -6540,13 +7244,14 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const double gap = rigid.distance(at), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
+        const MaterialPoint point = surface.material(f, p);
+        const double gap = rigid.distance(at, point), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
         if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
         if (gamma >= 0.0) return;
         const ContactResponse<double> r = contact.respond(gamma);
         sums.energy += p.weight_m2 * r.energy;
         const double pressure = r.pressure + r.stiffness * (gamma - gap);
-        const Vec3d normal = rigid.sample(at).gradient;
+        const Vec3d normal = rigid.sample(at, point).gradient;
         Vec3d traction = p.weight_m2 * pressure * normal;
         if (history.friction)
           traction += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
@@ -6585,14 +7290,15 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   };
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at);
+        const MaterialPoint point = surface.material(f, p);
+        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at, point);
         if (gamma >= 0.0) return;
         if (f != open) {
           flush();
           open = f;
           K.setZero();
         }
-        const DistanceSample d = rigid.sample(at);
+        const DistanceSample d = rigid.sample(at, point);
         const ContactResponse<double> r = contact.respond(gamma);
         Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
         if (history.friction) {
@@ -6627,8 +7333,8 @@ template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, 
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
-                        linear.rigid.sample(surface.position(f, p, linear.x))
+      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x), surface.material(f, p)) +
+                        linear.rigid.sample(surface.position(f, p, linear.x), surface.material(f, p))
                             .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
   return gaps;
 }
@@ -7143,7 +7849,7 @@ template <ContactHandler Contact, class Tool> class StepContacts {
     if constexpr (frozen) {
       return {p.normal.dot(at - p.foot), p.normal};
     } else {
-      const DistanceSample d = rigid_.sample(at);
+      const DistanceSample d = rigid_.sample(at, surface_->material(p.face, surface_->points(p.face)[p.number]));
       return {d.distance, d.gradient};
     }
   }
@@ -7190,11 +7896,11 @@ template <ContactHandler Contact, class Tool> void StepContacts<Contact, Tool>::
   std::vector<std::vector<Corner>> of_node(std::size_t(start.cols()));
   for (std::size_t f = 0; f < surface_->size(); ++f) {
     const auto [middle, radius] = surface_->ball(f, start);
-    if (rigid.distance(middle) > radius + reach_m) continue;
+    if (!rigid.reaches(middle, radius + reach_m, surface_->face(f).patch)) continue;
     const std::vector<SurfacePoint>& points = surface_->points(f);
     for (std::size_t k = 0; k < points.size(); ++k) {
       const Vec3d at = surface_->position(f, points[k], start);
-      const DistanceSample d = rigid.sample(at);
+      const DistanceSample d = rigid.sample(at, surface_->material(f, points[k]));
       if (d.distance > reach_m) continue;
       for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
         if (points[k].shape[a] != 0.0)
@@ -7703,7 +8409,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
             sector.mesh, body, [](const Patch& p) { return p.contactable; }, contact),
         resting(
             sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, contact),
-        carrier{body.carrier},
+        carrier(body),
         mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)),
         moves(sector.mesh.nodes.size(), 1),
         resists_inversion(!std::isfinite(energy_density(physics.material, Mat3d(-Mat3d::Identity())))) {
@@ -8562,7 +9268,7 @@ struct FrictionHistory {
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const Vec3d at = surface.position(f, surface.points(f)[k], x);
-        const DistanceSample d = rigid.sample(at);
+        const DistanceSample d = rigid.sample(at, surface.material(f, surface.points(f)[k]));
         stretch[f][k] = d.distance < 0.0
                             ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
                             : Vec3d(Vec3d::Zero());
@@ -8582,7 +9288,7 @@ struct FrictionHistory {
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const SurfacePoint& p = surface.points(f)[k];
         const Vec3d at = surface.position(f, p, x);
-        const DistanceSample d = rigid.sample(at);
+        const DistanceSample d = rigid.sample(at, surface.material(f, p));
         if (d.distance >= 0.0) continue;
         const Vec3d force =
             p.weight_m2 * answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).traction;
@@ -8691,7 +9397,7 @@ template <class Contact, class Tool> void add_pressure(const ContactSurface& sur
     const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3d>& force, double* push) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const DistanceSample d = rigid.sample(surface.position(f, p, x));
+      const DistanceSample d = rigid.sample(surface.position(f, p, x), surface.material(f, p));
       const Vec3d traction = contact.respond(d.distance).pressure * d.gradient;
       if (push) *push += p.weight_m2 * traction.dot(rigid.direction);
       for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
@@ -8710,7 +9416,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + state.displacement[k];
   double push = state.friction.push_N;
   for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
-  const Carrier carrier{body.carrier};
+  const Carrier carrier(body);
   const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
   detail::add_pressure(
       surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force, &push);
@@ -9023,7 +9729,7 @@ struct SectorModel {
             sector.mesh, b, [](const Patch& p) { return p.contactable; }, contact),
         resting(
             sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, contact),
-        carrier{b.carrier} {
+        carrier(b) {
     blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
@@ -10397,13 +11103,14 @@ static_assert(RayScene<BvhScene> && Intersector<Bvh>);
 
 namespace lumo {
 
-/// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the
-/// body lie behind it if that is more: a body and the carrier that it rests on may cross a little, and light in the gap
-/// must still meet the carrier. Throws InvalidArgument for a face that is not a polygon of finite corners with an
-/// area.
-inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3d>& soft, double gap_m) {
-  constexpr double reach = 1e-3;     // [m]; points deeper behind the face do not rest on it
-  constexpr double widening = 10.0;  // of the face, in distances that it stands back
+/// Unit normal of a carrier face on its lit side, and in-plane normals of its edges, outwards.
+struct FaceFrame {
+  Vec3d normal;
+  std::vector<Vec3d> out;
+};
+
+/// Throws InvalidArgument for a face that is not a polygon of finite corners with an area.
+inline FaceFrame face_frame(const RigidFace& face) {
   const std::vector<Vec3d>& c = face.corners;
   const std::size_t m = c.size();
   if (m < 3) throw InvalidArgument(message("carrier face '", face.name, "' has ", m, " corners, needs 3"));
@@ -10413,22 +11120,45 @@ inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3
   for (std::size_t k = 1; k + 1 < m; ++k) n += (c[k] - c[0]).cross(c[k + 1] - c[0]);
   if (!(n.norm() > 0.0)) throw InvalidArgument(message("carrier face '", face.name, "' has no area"));
   n.normalize();
-  std::vector<Vec3d> out(m);  // in-plane outward normals of the edges
-  for (std::size_t k = 0; k < m; ++k) out[k] = (c[(k + 1) % m] - c[k]).cross(n).normalized();
-  double back = gap_m;
+  FaceFrame frame{n, {}};
+  for (std::size_t k = 0; k < m; ++k) frame.out.push_back((c[(k + 1) % m] - c[k]).cross(n).normalized());
+  return frame;
+}
+
+/// How deep the points `soft` of a body lie behind the carrier faces that they rest on [m], per face; 0: none rests
+/// there. A point rests on one face, the one that it is least deep behind: at a carrier's edge it lies behind others,
+/// too.
+inline std::vector<double> resting_depths(
+    const std::vector<RigidFace>& faces, const std::vector<FaceFrame>& frames, const std::vector<Vec3d>& soft) {
+  constexpr double reach = 0.1e-3;  // [m]; contact never lets a point go deeper
+  std::vector<double> depths(faces.size(), 0.0);
   for (const Vec3d& x : soft) {
-    const double depth = n.dot(c[0] - x);
-    if (depth <= 0.5 * back || depth > reach) continue;
-    bool over = true;
-    for (std::size_t k = 0; k < m && over; ++k) over = out[k].dot(x - c[k]) < 0.0;
-    if (over) back = 2.0 * depth;
+    std::size_t rests_on = faces.size();
+    double least = reach;
+    for (std::size_t i = 0; i < faces.size(); ++i) {
+      const std::vector<Vec3d>& c = faces[i].corners;
+      const double depth = frames[i].normal.dot(c[0] - x);
+      if (depth <= 0.0 || depth > least) continue;
+      bool over = true;
+      for (std::size_t k = 0; k < c.size() && over; ++k) over = frames[i].out[k].dot(x - c[k]) < 0.0;
+      if (!over) continue;
+      least = depth;
+      rests_on = i;
+    }
+    if (rests_on < faces.size()) depths[rests_on] = std::max(depths[rests_on], least);
   }
-  // Slits open along the rim of a face that stands back: it is made larger in its plane, so that no light slips
-  // through.
+  return depths;
+}
+
+/// Corners of a carrier face moved back by `back_m`. Slits open where two faces that stand back meet: each is made
+/// larger in its plane by `rim_m`, the most by which any of them stands back, so that no light slips through.
+inline std::vector<Vec3d> set_back(const RigidFace& face, const FaceFrame& frame, double back_m, double rim_m) {
+  const std::vector<Vec3d>& c = face.corners;
+  const std::size_t m = c.size();
   std::vector<Vec3d> corner(m);
   for (std::size_t k = 0; k < m; ++k) {
-    const Vec3d& a = out[(k + m - 1) % m];
-    corner[k] = c[k] - back * n + widening * back * (a + out[k]) / (1.0 + std::max(-0.9, a.dot(out[k])));
+    const Vec3d &a = frame.out[(k + m - 1) % m], &b = frame.out[k];
+    corner[k] = c[k] - back_m * frame.normal + rim_m * (a + b) / (1.0 + std::max(-0.9, a.dot(b)));
   }
   return corner;
 }
@@ -10742,7 +11472,7 @@ class OpticalScene {
  public:
   struct Config {
     int sub_facets = 3;  ///< each edge of a quadratic face is cut into this many; linear faces are not cut
-    /// Carrier faces stand back by this, or by as far as the body is pressed into them if that is more.
+    /// Carrier faces stand back by this, or by twice as far as the body is pressed into them if that is more.
     double carrier_gap_m = 20e-6;
     double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
   };
@@ -10949,13 +11679,20 @@ class OpticalScene {
   // The cells are made on the face where it stands, and moved back as a whole: light that is spread over them sees the
   // same cells in every state.
   void add_carrier(const Config& config) {
+    if (body_->rigid_faces.empty()) return;
     std::vector<Vec3d> soft;
     for (const QuadraticFace& f : faces_)
       if (is_dielectric(body_->patches[std::size_t(f.patch)].optics))
         soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
+    std::vector<FaceFrame> frames;
+    for (const RigidFace& face : body_->rigid_faces) frames.push_back(face_frame(face));
+    // A body and the carrier that it rests on may cross a little, and light in the gap must still meet the carrier.
+    std::vector<double> back = resting_depths(body_->rigid_faces, frames, soft);
+    for (double& b : back) b = std::max(config.carrier_gap_m, 2.0 * b);
+    const double rim = *std::max_element(back.begin(), back.end());
     for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
       const std::vector<Vec3d>& place = body_->rigid_faces[i].corners;
-      const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
+      const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], frames[i], back[i], rim);
       const auto cells = polygon_cells(place, config.carrier_cell_m);
       const auto moved = polygon_cells(corner, place, config.carrier_cell_m);
       for (std::size_t k = 0; k < cells.size(); ++k) {
@@ -11576,6 +12313,7 @@ class LightNodes {
         if (fresh) {
           albedo_.push_back(surface->albedo);
           area_.push_back(0.0);
+          in_air_.push_back(!scene.on_body(t));
         }
         of_[std::size_t(t)][k] = it->second;
         area_[std::size_t(it->second)] += scene.triangle_area(t) / 3.0;
@@ -11591,10 +12329,13 @@ class LightNodes {
   double albedo(std::size_t node) const { return albedo_[node]; }
   /// Integral of the node's function, over all its mirror images [m²].
   double area(std::size_t node) const { return area_[node]; }
+  /// Light meets it in the surroundings, not in the body.
+  bool in_air(std::size_t node) const { return in_air_[node]; }
 
  private:
   std::vector<std::array<int, 3>> of_;
   std::vector<double> albedo_, area_;
+  std::vector<bool> in_air_;
 };
 
 /// Form factors of the nodes of Lambertian faces, sampled: the way of one watt from each.
@@ -12111,7 +12852,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is
-  // weight·radiosity of where it comes from, if its directions have a cosine law. False: there is no such light.
+  // weight·radiosity of where in the body it comes from, if its directions have a cosine law. False: no such light.
   bool enter(FaceSet::Sample& x, const Vec3d& n, const Vec3d& out, double& weight) const {
     const FresnelSplit<double> split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
     if (split.reflectance >= 1.0) return false;
@@ -12124,7 +12865,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
 
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
     path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
-    return path_.accounts().collect([&](std::size_t k) { return sent[k] / body_.nodes.area(k); });
+    // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
+    return path_.accounts().collect(
+        [&](std::size_t k) { return (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k); });
   }
 
   const LitBody<Scene, Medium, Readout> body_;

@@ -159,7 +159,7 @@ class TaylorHood {
 
   TetMesh mesh_;
   Constants constants_;
-  Carrier carrier_;
+  BoxUnion carrier_;
   std::array<Surface, 2> surfaces_;
   std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradient_;
   std::vector<double> weight_;

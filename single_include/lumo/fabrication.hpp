@@ -1123,10 +1123,24 @@ struct RigidBox {
   Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
 };
 
+/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
+/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
+/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
+/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
+/// does.
+struct Support {
+  std::string patch;            ///< name of the patch that rests here; others pass through
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
+};
+
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
 struct Sizing {
   std::function<double(const Vec3d&)> edge;  ///< across y [m]
   double stretch_y = 1.0;                    ///< edges along y are this much longer
+  /// Finer edges [m] at a place when a tool touches the body at another; empty: none are wanted.
+  std::function<double(const Vec3d& place, const Vec3d& touch)> edge_under_touch;
 };
 
 /// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
@@ -1144,7 +1158,8 @@ struct Body {
   Sizing sizing;
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;  ///< union of boxes for mechanical contact
+  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
+  std::vector<Support> supports;  ///< what patches rest on
   Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;        ///< inside
@@ -1291,6 +1306,28 @@ inline bool DesignSpace::contains(std::span<const double> x) const {
 
 #endif
 
+// ---- lumo/core/golden_section.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_GOLDEN_SECTION_HPP
+
+namespace lumo {
+
+/// Where a function of one number is least between a and b, if it has one minimum there: `steps` sections, each of
+/// which leaves 0.618 of the stretch. Source: Kiefer 1953.
+template <class Function> double golden_section(Function function, double a, double b, int steps) {
+  constexpr double golden = 0.61803398874989484820;
+  for (int k = 0; k < steps; ++k) {
+    const double c = b - golden * (b - a), d = a + golden * (b - a);
+    if (function(c) <= function(d)) b = d;
+    else a = c;
+  }
+  return 0.5 * (a + b);
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/design.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_DESIGN_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_DESIGN_HPP
@@ -1314,24 +1351,74 @@ struct FingerDesign {
   bool operator==(const FingerDesign&) const = default;
 };
 
-/// Lengths that the paper leaves open, shared by all designs, in mm.
-struct PadDimensions {
-  double width = 29.5;       ///< W: at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
-  double length = 60.0;      ///< L, centred on y = 0
-  double t_min = 5.0;        ///< smallest silicone thickness
-  bool t_min_beside = true;  ///< it holds beside stem and voids, too, not only above them
+/// What is meant by the smallest thickness of silicone.
+enum class Thickness {
+  euclidean,   ///< least distance between the half ellipse and the cavity's walls and roof
+  along_axes,  ///< above the cavity along z, beside it along x
+  above        ///< above the cavity along z only
+};
 
+/// How the silicone sits on the stem.
+enum class Stem {
+  bonded,  ///< it holds to the stem's top, and to its sides where there is no void
+  free     ///< it lies on the stem, which only pushes
+};
+
+/// What the paper leaves open about the pad, shared by all designs; lengths in mm.
+struct PadDimensions {
+  double width = 29.5;           ///< at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
+  double length = 60.0;          ///< of the part that has a cavity, centred on y = 0
+  double cap_length = 0.0;       ///< of a solid end beyond it, at positive y
+  double shoulder_width = 0.0;   ///< of silicone that hangs down beside the carrier's block; 0: the base is flat
+  double shoulder_height = 0.0;  ///< how far it hangs down below z = 0
+  double carrier_height = 10.0;  ///< of the carrier below z = 0
+  Stem stem = Stem::bonded;
+  double t_min = 5.0;  ///< smallest silicone thickness
+  Thickness thickness = Thickness::along_axes;
+
+  double lip_end() const { return 0.5 * width - shoulder_width; }  ///< |x| up to which the base z = 0 is silicone
+  double proximal_end() const { return -0.5 * length; }            ///< y
+  double distal_end() const { return 0.5 * length + cap_length; }  ///< y
   bool operator==(const PadDimensions&) const = default;
 };
+
+/// A pad on a flat base, free at both ends, as lumo had it before the built one was known.
+inline PadDimensions plain_pad() { return {}; }
+/// The pad that the paper's authors cast: a stair-shaped carrier, bonded shoulders beside its block, a solid distal
+/// cap. Source: the first author's public code (dokkev/fingertip-design-framework, August 2026), lumo/fingertip/.
+inline PadDimensions built_pad() {
+  return {.width = 30.0,
+      .length = 55.0,
+      .cap_length = 5.0,
+      .shoulder_width = 5.0,
+      .shoulder_height = 8.0,
+      .stem = Stem::free,
+      .thickness = Thickness::euclidean};
+}
 
 /// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
 double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 /// Silicone beside the voids: min over 0 ≤ z ≤ h_s of x_outer(z) − (w_s/2 + w_v), in mm.
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
+/// Least distance between the half ellipse, its ends included, and the cavity's walls and roof, or between cavity and
+/// side if that is less, in mm. 0 if the cavity's corner is not under the dome.
+double euclidean_thickness(const FingerDesign& d, const PadDimensions& pad);
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the
-/// lattice.
+/// lattice where it is counted along the axes, to 1e-9 mm where it is a distance.
 inline DesignSpace finger_space(const PadDimensions& pad = {});
+
+/// The hand-designed finger of the paper's authors, off the lattice. Source: as built_pad().
+inline FingerDesign built_baseline() { return {5.0, 9.0, 7.6, 6.0, 2.0}; }
+/// The designs that started the authors' campaigns of inclined contacts. Source: as built_pad().
+inline std::vector<FingerDesign> built_references() {
+  return {{14.5, 4.0, 5.0, 12.5, 5.0}, {13.5, 1.5, 7.0, 9.5, 5.5}, {5.5, 2.0, 9.0, 2.0, 0.5},
+      {13.0, 7.0, 7.5, 14.5, 0.0}, {2.5, 17.5, 7.0, 2.0, 3.5}};
+}
+
+/// Throws InfeasibleDesign unless the design lies in finger_space(pad); designs that are known by name may lie off its
+/// lattice.
+inline void require_feasible(const FingerDesign& d, const PadDimensions& pad);
 
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
@@ -1351,6 +1438,26 @@ inline FingerDesign FingerDesign::from(std::span<const double> x) {
 inline double vertical_thickness(const FingerDesign& d, const PadDimensions& pad) {
   const double r = (d.w_s + 2.0 * d.w_v) / pad.width;
   return d.h_fp + d.h_ep * std::sqrt(std::max(0.0, 1.0 - r * r)) - d.h_s;
+}
+
+inline double euclidean_thickness(const FingerDesign& d, const PadDimensions& pad) {
+  // The corner is the point of the cavity that comes nearest: above the roof the ellipse falls towards it, beside the
+  // wall it leans towards it.
+  const double a = 0.5 * pad.width, c = 0.5 * d.w_s + d.w_v, up = d.h_s - d.h_fp;
+  const double under = d.h_ep * d.h_ep * (1.0 - c * c / (a * a));
+  if (c >= a || (up > 0.0 && up * up >= under)) return 0.0;
+  const auto squared = [&](double t) {
+    const double x = a * std::cos(t) - c, z = d.h_ep * std::sin(t) - up;
+    return x * x + z * z;
+  };
+  constexpr int pieces = 64;
+  const double step = 0.5 * pi / pieces;
+  int nearest = 0;
+  for (int k = 1; k <= pieces; ++k)
+    if (squared(k * step) < squared(nearest * step)) nearest = k;
+  const double low = std::max(0, nearest - 1) * step, high = std::min(pieces, nearest + 1) * step;
+  const double least = std::min({squared(0.0), squared(golden_section(squared, low, high, 60))});
+  return std::min(a - c, std::sqrt(least));
 }
 
 inline double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad) {
@@ -1390,16 +1497,33 @@ inline DesignSpace finger_space(const PadDimensions& pad) {
         message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value,
             " mm is below its limit ", pad.t_min, " mm"));
   };
+  if (pad.thickness == Thickness::euclidean) {
+    constexpr double rounding_mm = 1e-9;
+    space.rules = {{[pad](std::span<const double> x) {
+                      return euclidean_thickness(FingerDesign::from(x), pad) >= pad.t_min - rounding_mm;
+                    },
+        [pad, refusal](std::span<const double> x) {
+          return refusal("distance", euclidean_thickness(FingerDesign::from(x), pad));
+        }}};
+    return space;
+  }
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
       [pad, refusal](
           std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
-  if (pad.t_min_beside)
+  if (pad.thickness == Thickness::along_axes)
     space.rules.push_back(
         {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
             [pad, refusal](std::span<const double> x) {
               return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad));
             }});
   return space;
+}
+
+inline void require_feasible(const FingerDesign& d, const PadDimensions& pad) {
+  DesignSpace space = finger_space(pad);
+  if (d == built_baseline())
+    for (Variable& v : space.variables) v.step = 0.0;
+  space.check(d.values());
 }
 
 }  // namespace lumo
@@ -1414,10 +1538,11 @@ namespace lumo {
 
 /// Matched variants of a design. The twins without a carrier are for mechanics only (paper §IV-A).
 enum class Twin {
-  none,             ///< the finger itself
-  no_void,          ///< the same θ with w_v = 0
-  bonded_base,      ///< the stem's volume is silicone, voids stay, base bonded under the stem too
-  unsupported_base  ///< the same, but bonded at the two end faces only: a soft finger that can bend
+  none,              ///< the finger itself
+  no_void,           ///< the same θ with w_v = 0
+  bonded_base,       ///< the stem's volume is silicone, voids stay, base bonded under the stem too
+  unsupported_base,  ///< the same, but bonded at the two end faces only: a soft finger that can bend
+  held_top           ///< silicone alone in the outline of pad and carrier, held on all of the carrier's back
 };
 
 constexpr std::string_view to_string(Twin twin) {
@@ -1425,12 +1550,25 @@ constexpr std::string_view to_string(Twin twin) {
     case Twin::no_void: return "no_void";
     case Twin::bonded_base: return "bonded_base";
     case Twin::unsupported_base: return "unsupported_base";
+    case Twin::held_top: return "held_top";
     default: return "design";
   }
 }
 
 /// What a boundary edge of the section is.
-enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };
+enum class SectionTag {
+  mirror,
+  stem_top,
+  stem_side,
+  void_inner,
+  void_roof,
+  void_wall,
+  base,
+  shoulder_wall,
+  shoulder_top,
+  side,
+  dome
+};
 
 /// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to
 /// i + 1, the last point is the dome's apex.
@@ -1443,7 +1581,7 @@ struct HalfSection {
 
   double half_width_m() const { return 0.5e-3 * pad.width; }
   double height_m() const { return z.back(); }  ///< of the dome's apex over the base
-  double length_m() const { return 1e-3 * pad.length; }
+  double length_m() const { return 1e-3 * (pad.length + pad.cap_length); }
   /// Exact area of the half section [m²].
   double exact_area_m2() const;
 };
@@ -1458,6 +1596,13 @@ struct Chords {
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
 inline HalfSection half_section(
     const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+
+/// The same of the solid distal cap. Throws likewise, and InvalidArgument for a pad without one.
+inline HalfSection cap_section(
+    const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+
+/// Half x ≥ 0 of the carrier under the cavity, counter-clockwise from the middle of its back, (x, z) in m.
+inline std::vector<std::array<double, 2>> carrier_outline(const FingerDesign& design, const PadDimensions& pad = {});
 
 namespace detail {
 
@@ -1489,62 +1634,125 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
 
 }  // namespace detail
 
-inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
-  finger_space(pad).check(given.values());
-  FingerDesign d = given;
-  if (twin == Twin::no_void) d.w_v = 0.0;
-  HalfSection s{d, pad, twin, {}, {}, {}};
-  const double w = 0.5e-3 * pad.width, fp = 1e-3 * d.h_fp, ep = 1e-3 * d.h_ep;
+namespace detail {
+
+// The polygon of a section, point by point.
+struct SectionPen {
+  HalfSection& section;
+  void add(double x, double z, SectionTag tag) const {
+    section.x.push_back(x);
+    section.z.push_back(z);
+    section.tag.push_back(tag);
+  }
+  // From the lower end of the side to the apex.
+  void add_outside(double low, const Chords& chords) const {
+    const double w = section.half_width_m(), fp = 1e-3 * section.design.h_fp, ep = 1e-3 * section.design.h_ep;
+    add(w, low, SectionTag::side);
+    const std::vector<double> angles = ellipse_angles(w, ep, chords);
+    for (std::size_t k = 0; k + 1 < angles.size(); ++k)
+      add(k == 0 ? w : w * std::cos(angles[k]), fp + ep * std::sin(angles[k]), SectionTag::dome);
+    add(0.0, fp + ep, SectionTag::mirror);
+  }
+};
+
+inline bool has_soft_stem(Twin twin) { return twin == Twin::bonded_base || twin == Twin::unsupported_base; }
+
+// Edges from the middle of the cavity to the base beside it.
+inline void add_cavity(const SectionPen& pen, const HalfSection& s) {
+  const FingerDesign& d = s.design;
   const double stem = 0.5e-3 * d.w_s, hs = 1e-3 * d.h_s, outer = stem + 1e-3 * d.w_v;
-  const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base, has_void = d.w_v > 0.0;
-  const auto add = [&](double px, double pz, SectionTag tag) {
-    s.x.push_back(px);
-    s.z.push_back(pz);
-    s.tag.push_back(tag);
-  };
-  if (soft_stem) {
-    if (has_void) {
-      add(0.0, 0.0, SectionTag::base);
-      add(stem, 0.0, SectionTag::void_inner);
+  const bool has_void = d.w_v > 0.0;
+  if (has_soft_stem(s.twin)) {
+    pen.add(0.0, 0.0, SectionTag::base);
+    if (!has_void) return;
+    pen.add(stem, 0.0, SectionTag::void_inner);
+  } else if (s.pad.stem == Stem::bonded) {
+    pen.add(0.0, hs, SectionTag::stem_top);
+    if (!has_void) {
+      pen.add(stem, hs, SectionTag::stem_side);
+      pen.add(stem, 0.0, SectionTag::base);
+      return;
     }
-  } else {
-    add(0.0, hs, SectionTag::stem_top);
   }
-  if (has_void) {
-    add(stem, hs, SectionTag::void_roof);
-    add(outer, hs, SectionTag::void_wall);
-    add(outer, 0.0, SectionTag::base);
-  } else if (soft_stem) {
-    add(0.0, 0.0, SectionTag::base);
-  } else {
-    add(stem, hs, SectionTag::stem_side);
-    add(stem, 0.0, SectionTag::base);
-  }
-  add(w, 0.0, SectionTag::side);
-  const std::vector<double> angles = detail::ellipse_angles(w, ep, chords);
-  for (std::size_t k = 0; k + 1 < angles.size(); ++k)
-    add(k == 0 ? w : w * std::cos(angles[k]), fp + ep * std::sin(angles[k]), SectionTag::dome);
-  add(0.0, fp + ep, SectionTag::mirror);
+  const bool lies = !has_soft_stem(s.twin) && s.pad.stem == Stem::free;
+  pen.add(lies ? 0.0 : stem, hs, SectionTag::void_roof);
+  pen.add(outer, hs, SectionTag::void_wall);
+  pen.add(outer, 0.0, SectionTag::base);
+}
+
+inline HalfSection empty_section(const FingerDesign& given, Twin twin, const PadDimensions& pad) {
+  require_feasible(given, pad);
+  HalfSection s{given, pad, twin, {}, {}, {}};
+  if (twin == Twin::no_void) s.design.w_v = 0.0;
   return s;
 }
 
+}  // namespace detail
+
+inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+  HalfSection s = detail::empty_section(given, twin, pad);
+  const detail::SectionPen pen{s};
+  if (twin == Twin::held_top) {
+    const double low = -1e-3 * pad.carrier_height;
+    pen.add(0.0, low, SectionTag::base);
+    pen.add_outside(low, chords);
+    return s;
+  }
+  detail::add_cavity(pen, s);
+  const double low = -1e-3 * pad.shoulder_height;
+  if (low < 0.0) {
+    pen.add(1e-3 * pad.lip_end(), 0.0, SectionTag::shoulder_wall);
+    pen.add(1e-3 * pad.lip_end(), low, SectionTag::shoulder_top);
+  }
+  pen.add_outside(low, chords);
+  return s;
+}
+
+inline HalfSection cap_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+  require_positive("length of the cap", pad.cap_length, "mm");
+  HalfSection s = detail::empty_section(given, twin, pad);
+  const detail::SectionPen pen{s};
+  const double low = twin == Twin::held_top ? -1e-3 * pad.carrier_height : -1e-3 * pad.shoulder_height;
+  pen.add(0.0, low, twin == Twin::held_top ? SectionTag::base : SectionTag::shoulder_top);
+  pen.add_outside(low, chords);
+  return s;
+}
+
+inline std::vector<std::array<double, 2>> carrier_outline(const FingerDesign& d, const PadDimensions& pad) {
+  const double w = 0.5e-3 * pad.width, lip = 1e-3 * pad.lip_end(), shoulder = -1e-3 * pad.shoulder_height,
+               back = -1e-3 * pad.carrier_height, stem = 0.5e-3 * d.w_s, top = 1e-3 * d.h_s;
+  std::vector<std::array<double, 2>> outline = {{0.0, back}, {w, back}};
+  if (shoulder < 0.0) outline.insert(outline.end(), {{w, shoulder}, {lip, shoulder}});
+  outline.insert(outline.end(), {{lip, 0.0}, {stem, 0.0}, {stem, top}, {0.0, top}});
+  return outline;
+}
+
 inline double HalfSection::exact_area_m2() const {
-  const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base;
-  const double w = 0.5e-3 * pad.width, cut = (soft_stem ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
-  return w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep - cut * 1e-3 * design.h_s;
+  const double w = 0.5e-3 * pad.width;
+  const double outside = w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep;
+  if (x.front() == 0.0 && z.front() < 0.0) return outside - w * z.front();  // solid: a cap, or a held twin
+  const double cut = (detail::has_soft_stem(twin) ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
+  return outside + 1e-6 * pad.shoulder_width * pad.shoulder_height - cut * 1e-3 * design.h_s;
 }
 
 }  // namespace lumo
 
 #endif
 
-// ---- lumo/morphology/finger.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+// ---- lumo/morphology/finger_options.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_OPTIONS_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_OPTIONS_HPP
 
 namespace lumo {
 
-/// What may be chosen about a finger besides θ. Defaults are our assumptions where the paper leaves a choice open.
+/// About which point of the section an approach is tilted.
+enum class TiltPivot {
+  flat_top,  ///< x = 0, z = h_fp: where the flat sides end
+  base       ///< x = 0, z = 0
+};
+
+/// What may be chosen about a finger besides θ, where the paper leaves a choice open: see plain_finger() and
+/// built_finger().
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
@@ -1554,11 +1762,13 @@ struct FingerOptions {
     double stretch_y = 1.0;          ///< edges along y are this much longer
     double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
+    double support_edge = 2.5e-3;    ///< on the surface that lies free on the carrier
+    double seam_edge = 1.0e-3;       ///< there, at the carrier's edges, below a tool
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
-          factor * shortest_chord};
+          factor * shortest_chord, factor * support_edge, factor * seam_edge};
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -1575,6 +1785,14 @@ struct FingerOptions {
 
     bool operator==(const Leds&) const = default;
   };
+  /// Hollows in the top of a stem on which the silicone lies free, one for each LED on the top, across the stem's whole
+  /// width: the LED lies on the floor and shines into the film of air above it.
+  struct Recess {
+    double depth = 0.0;  ///< 0: there are none, and LEDs touch the silicone
+    double length_y = 5.1e-3;
+
+    bool operator==(const Recess&) const = default;
+  };
   /// Readout regions on the outer surface.
   struct Readout {
     int bins = 11;
@@ -1590,7 +1808,9 @@ struct FingerOptions {
   PadDimensions pad = {};
   Mesh mesh = {};
   Leds leds = {};
+  Recess recess = {};
   Readout readout = {};
+  TiltPivot pivot = TiltPivot::flat_top;
   double carrier_albedo = 0.8;
   bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};  ///< Body::touched
@@ -1598,23 +1818,264 @@ struct FingerOptions {
   bool operator==(const FingerOptions&) const = default;
 };
 
+/// A pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone: lumo's own reading of the
+/// paper.
+inline FingerOptions plain_finger() { return {}; }
+
+/// The finger that the paper's authors built. Source: as built_pad(); lengths of LEDs and recesses, albedo and pivot
+/// are of the same code. Ours: the rounding of the carrier's edges (with sharp ones equilibria depend on the steps that
+/// lead to them), and that a side is seen by its normals.
+inline FingerOptions built_finger() {
+  FingerOptions o;
+  o.pad = built_pad();
+  o.leds.width_x = 1.8e-3;
+  o.recess.depth = 0.19e-3;
+  o.readout.one_side = true;
+  o.pivot = TiltPivot::base;
+  o.carrier_albedo = 0.7;
+  return o;
+}
+
 /// Throws InvalidArgument for an option that is out of range.
 inline void validate(const FingerOptions& options);
 
-/// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
-/// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
+inline void validate(const FingerOptions& o) {
+  require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
+  require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
+  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
+  require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
+  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
+  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
+  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
+  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
+  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
+  if ((o.pad.shoulder_width > 0.0) != (o.pad.shoulder_height > 0.0))
+    throw InvalidArgument(message("shoulders are ", o.pad.shoulder_width, " mm wide and ", o.pad.shoulder_height,
+        " mm high, must be 0 both or neither"));
+  require_in_range("length of the pad's cap", o.pad.cap_length, 0.0, 1000.0, "mm");
+  require_in_range("width of the shoulders", o.pad.shoulder_width, 0.0, 0.5 * o.pad.width - 1e-3, "mm");
+  require_in_range("height of the shoulders", o.pad.shoulder_height, 0.0, 100.0, "mm");
+  require_in_range(
+      "height of the carrier below the base", o.pad.carrier_height, o.pad.shoulder_height + 1e-3, 200.0, "mm");
+  require_in_range("depth of the LEDs' recesses", o.recess.depth * 1e3, 0.0, 1.0, "mm");
+  if (o.recess.depth > 0.0)  // walls are left between them
+    require_in_range(
+        "length of the LEDs' recesses", o.recess.length_y * 1e3, o.leds.length_y * 1e3, o.leds.pitch * 1e3 - 1.0, "mm");
+  require_in_range("mesh edge on the carrier", o.mesh.support_edge * 1e3, 0.1, 30.0, "mm");
+  require_in_range("mesh edge at the carrier's edges", o.mesh.seam_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
+  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
+  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
+  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
+  require_positive("LED power", o.leds.power_W, "W");
+  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
+  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
+  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
+  require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+  if (const auto* white = std::get_if<Lambertian>(&o.touched))
+    require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
+  if (const auto* mirror = std::get_if<Mirror>(&o.touched))
+    require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/finger_carrier.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_CARRIER_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_CARRIER_HPP
+
+namespace lumo {
+
+/// Where the LEDs lie along the finger [m].
+inline std::vector<double> led_places(const FingerOptions::Leds& leds) {
+  std::vector<double> y;
+  for (int k = 0; k < leds.count; ++k) y.push_back((k - 0.5 * (leds.count - 1)) * leds.pitch);
+  return y;
+}
+
+/// A stretch along y of the top of a stem on which the silicone lies, between two recesses or the stem's ends [m].
+struct Ridge {
+  double low, high;
+};
+
+/// Ridges of a stem; one if it has no recesses.
+inline std::vector<Ridge> stem_ridges(const FingerOptions& o) {
+  const double half = 0.5e-3 * o.pad.length;
+  std::vector<Ridge> ridges{{-half, half}};
+  if (o.recess.depth > 0.0)
+    for (const double y : led_places(o.leds)) {
+      ridges.back().high = y - 0.5 * o.recess.length_y;
+      ridges.push_back({y + 0.5 * o.recess.length_y, half});
+    }
+  return ridges;
+}
+
+/// Lengths of a finger's carrier [m].
+struct StemLengths {
+  double stem, outer, lip, height, half_length;
+  double floor;  ///< height of the recesses' floors
+
+  StemLengths(const HalfSection& s, const FingerOptions& o)
+      : stem(0.5e-3 * s.design.w_s),
+        outer(stem + 1e-3 * s.design.w_v),
+        lip(1e-3 * s.pad.lip_end()),
+        height(1e-3 * s.design.h_s),
+        half_length(0.5e-3 * s.pad.length),
+        floor(height - o.recess.depth) {}
+};
+
+/// The carrier's boxes.
+inline std::vector<RigidBox> carrier_boxes(const HalfSection& s, const FingerOptions& o) {
+  if (s.twin == Twin::unsupported_base || s.twin == Twin::held_top) return {};
+  const StemLengths at(s, o);
+  const double back = -1e-3 * s.pad.carrier_height;
+  const auto box = [&](double x, double y0, double y1, double z0, double z1) {
+    return RigidBox{{0, 0.5 * (y0 + y1), 0.5 * (z0 + z1)}, {x, 0.5 * (y1 - y0), 0.5 * (z1 - z0)}};
+  };
+  std::vector<RigidBox> boxes{box(at.lip, -at.half_length, at.half_length, back, 0.0)};
+  if (s.twin == Twin::bonded_base) return boxes;
+  const double low = s.pad.stem == Stem::bonded ? 0.5 * back : back;  // inside the block
+  if (s.pad.stem == Stem::bonded || o.recess.depth == 0.0) {
+    boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.height));
+    return boxes;
+  }
+  boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.floor));
+  for (const Ridge& ridge : stem_ridges(o)) boxes.push_back(box(at.stem, ridge.low, ridge.high, low, at.height));
+  return boxes;
+}
+
+/// Stretches of the recesses' floors between ridges, low and high end along y [m].
+inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>& ridges) {
+  std::vector<std::array<double, 2>> floors;
+  for (std::size_t k = 0; k + 1 < ridges.size(); ++k) floors.push_back({ridges[k].high, ridges[k + 1].low});
+  return floors;
+}
+
+/// What the patches of a finger on a free stem rest on: the cavity's roof on the stem's top, its walls on the stem's
+/// sides, both on the block between them, and the cap's wall on the stem's end.
+inline std::vector<Support> carrier_supports(const HalfSection& s, const FingerOptions& o) {
+  if (s.pad.stem == Stem::bonded || (s.twin != Twin::none && s.twin != Twin::no_void)) return {};
+  const StemLengths at(s, o);
+  const double l = at.half_length, h = at.height;
+  std::vector<Support> supports;
+  const auto add = [&](const char* patch, const Vec3d& center, const Vec3d& half_u, const Vec3d& half_v) {
+    supports.push_back({patch, center, half_u, half_v});
+  };
+  const auto add_top = [&](double from, double to, double z) {
+    add("void_roof", {0, 0.5 * (from + to), z}, {at.stem, 0, 0}, {0, 0.5 * (to - from), 0});
+  };
+  const std::vector<Ridge> ridges = stem_ridges(o);
+  for (const Ridge& r : ridges) add_top(r.low, r.high, h);
+  for (const auto& [from, to] : recess_floors(ridges)) add_top(from, to, at.floor);
+  for (const double side : {1.0, -1.0}) {
+    add("void_wall", {side * at.stem, 0, 0.5 * h}, {0, side * l, 0}, {0, 0, 0.5 * h});
+    if (at.outer <= at.stem) continue;
+    for (const char* patch : {"void_roof", "void_wall"})
+      add(patch, {0.5 * side * (at.stem + at.outer), 0, 0}, {0.5 * (at.outer - at.stem), 0, 0}, {0, l, 0});
+  }
+  if (s.pad.cap_length > 0.0) add("cap_wall", {0, l, 0.5 * h}, {0, 0, 0.5 * h}, {at.stem, 0, 0});
+  return supports;
+}
+
+namespace detail {
+
+/// Collects carrier faces; those without area are left out.
+struct FaceList {
+  std::vector<RigidFace>& faces;
+  SurfaceOptics optics;
+
+  void add(std::string name, std::vector<Vec3d> corners) const {
+    Vec3d area = Vec3d::Zero();
+    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
+      area += (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
+    if (area.norm() > 1e-12) faces.push_back({std::move(name), std::move(corners), optics});  // [m²]
+  }
+  /// The face and its image at negative x.
+  void add_pair(const std::string& name, std::vector<Vec3d> corners) const {
+    std::vector<Vec3d> image(corners);
+    std::reverse(image.begin() + 1, image.end());
+    for (Vec3d& p : image) p.x() = -p.x();
+    add(name + " +x", std::move(corners));
+    add(name + " -x", std::move(image));
+  }
+};
+
+// Faces of a stem on which silicone lies: its ridges, and the floors between them.
+inline void add_free_stem(const FaceList& list, const StemLengths& at, const FingerOptions& o) {
+  const double w = at.stem, h = at.height, l = at.half_length, floor = at.floor;
+  const std::vector<Ridge> ridges = stem_ridges(o);
+  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, floor}, {w, -l, floor}});
+  for (const Ridge& r : ridges) {
+    list.add("ridge", {{-w, r.low, h}, {w, r.low, h}, {w, r.high, h}, {-w, r.high, h}});
+    list.add_pair("ridge side", {{w, r.low, floor}, {w, r.high, floor}, {w, r.high, h}, {w, r.low, h}});
+  }
+  for (const auto& [from, to] : recess_floors(ridges)) {
+    list.add("recess floor", {{-w, from, floor}, {w, from, floor}, {w, to, floor}, {-w, to, floor}});
+    list.add("recess wall", {{w, from, floor}, {-w, from, floor}, {-w, from, h}, {w, from, h}});
+    list.add("recess wall", {{-w, to, floor}, {w, to, floor}, {w, to, h}, {-w, to, h}});
+  }
+}
+
+// Faces that a solid cap looks at: the ends of stem and block.
+inline void add_carrier_end(const FaceList& list, const StemLengths& at, double shoulder) {
+  const double w = at.stem, y = at.half_length, h = at.height;
+  list.add("stem end", {{w, y, 0}, {-w, y, 0}, {-w, y, h}, {w, y, h}});
+  list.add("block end", {{at.lip, y, shoulder}, {-at.lip, y, shoulder}, {-at.lip, y, 0}, {at.lip, y, 0}});
+}
+
+}  // namespace detail
+
+/// Faces of the carrier that light meets through air.
+inline std::vector<RigidFace> carrier_faces(const HalfSection& s, const FingerOptions& o) {
+  const StemLengths at(s, o);
+  std::vector<RigidFace> faces;
+  const detail::FaceList list{faces, Lambertian{o.carrier_albedo}};
+  const double l = at.half_length;
+  if (s.twin != Twin::none && s.twin != Twin::no_void) return faces;
+  const bool lies = s.pad.stem == Stem::free;
+  if (!lies && s.design.w_v <= 0.0) return faces;
+  if (lies) detail::add_free_stem(list, at, o);
+  else list.add_pair("stem", {{at.stem, -l, 0}, {at.stem, l, 0}, {at.stem, l, at.height}, {at.stem, -l, at.height}});
+  list.add_pair("base", {{at.stem, -l, 0}, {at.outer, -l, 0}, {at.outer, l, 0}, {at.stem, l, 0}});
+  if (s.pad.cap_length > 0.0) detail::add_carrier_end(list, at, -1e-3 * s.pad.shoulder_height);
+  return faces;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/finger.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+
+namespace lumo {
+
+/// The whole finger of a feasible design as a body. The quarter x ≥ 0, y ≥ 0 of a pad without a cap is described, the
+/// half x ≥ 0 of one with a cap; the rest is mirrored. Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A
+/// and Table I.
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
 
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
-  const bool supported = s.twin != Twin::unsupported_base;
+  const bool supported = s.twin != Twin::unsupported_base && s.twin != Twin::held_top,
+             held = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::base: {
+      const double low = s.z[0] < 0.0 ? s.z[0] : 0.0;
+      return {"base", Plane{{0, 0, low}, -Vec3d::UnitZ()}, held, false, false, wall};
+    }
+    case SectionTag::shoulder_wall:
+      return {"shoulder_wall", Plane{{1e-3 * s.pad.lip_end(), 0, 0}, -Vec3d::UnitX()}, held, false, false, wall};
+    case SectionTag::shoulder_top:
+      return {"shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, held, false, false, wall};
     case SectionTag::void_inner:
       return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
     case SectionTag::void_roof:
@@ -1629,36 +2090,17 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   }
 }
 
-inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
-  const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
-  const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
-  if (s.twin == Twin::unsupported_base) return;
-  body.carrier.push_back({{0, 0, -thick}, {w, half_length, thick}});
-  if (s.twin == Twin::bonded_base) return;
-  body.carrier.push_back({{0, 0, 0.5 * (hs - thick)}, {stem, half_length, 0.5 * (hs + thick)}});
-  if (s.design.w_v <= 0.0) return;
-  const SurfaceOptics wall = Lambertian{o.carrier_albedo};
-  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) {
-    body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall});
-  };
-  const double l = half_length;
-  face("stem +x", {stem, -l, 0}, {stem, l, 0}, {stem, l, hs}, {stem, -l, hs});
-  face("stem -x", {-stem, -l, 0}, {-stem, -l, hs}, {-stem, l, hs}, {-stem, l, 0});
-  face("base +x", {stem, -l, 0}, {outer, -l, 0}, {outer, l, 0}, {stem, l, 0});
-  face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
-}
-
 inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
-  if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
+  if (s.twin != Twin::none && s.twin != Twin::no_void) return;
   const auto& led = o.leds;
   const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
   const Vec3d along(0, 0.5 * led.length_y, 0);
-  for (int k = 0; k < led.count; ++k) {
-    const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
+  const double recess = s.pad.stem == Stem::free ? o.recess.depth : 0.0;
+  for (const double y : led_places(led)) {
     if (led.place == FingerOptions::Leds::Place::top) {
-      body.emitters.push_back(
-          RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
+      body.emitters.push_back(RectangleEmitter{
+          {0, y, height - recess}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0, recess > 0.0});
       continue;
     }
     const bool air = s.design.w_v > 0.0;
@@ -1685,83 +2127,251 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
 
 }  // namespace detail
 
-inline void validate(const FingerOptions& o) {
-  require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
-  require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
-  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
-  require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
-  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
-  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
-  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
-  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
-  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
-  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
-  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
-  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
-  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
-  require_positive("LED power", o.leds.power_W, "W");
-  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
-  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
-  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
-  require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
-  if (const auto* white = std::get_if<Lambertian>(&o.touched))
-    require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
-  if (const auto* mirror = std::get_if<Mirror>(&o.touched))
-    require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+namespace detail {
+
+// Boundary of a sector that is swept along y, and its patches by what the section's edges are.
+class SweptBoundary {
+ public:
+  SweptBoundary(Body& body, const HalfSection& section, const FingerOptions& options)
+      : body_(body), section_(section), options_(options) {}
+
+  int vertex(double x, double y, double z) {
+    body_.vertices.emplace_back(x, y, z);
+    return int(body_.vertices.size()) - 1;
+  }
+  void facet(std::vector<int> loop, int patch) { body_.facets.push_back({std::move(loop), patch}); }
+  int patch(SectionTag tag) {
+    if (tag == SectionTag::mirror) return Body::mirror_patch;
+    int& patch = patch_of_[std::size_t(tag)];
+    if (patch < 0) patch = add(finger_patch(tag, section_, options_));
+    return patch;
+  }
+  int add(Patch p) {
+    body_.patches.push_back(std::move(p));
+    return int(body_.patches.size()) - 1;
+  }
+
+ private:
+  Body& body_;
+  const HalfSection& section_;
+  const FingerOptions& options_;
+  std::vector<int> patch_of_ = std::vector<int>(std::size_t(SectionTag::dome) + 1, -1);
+};
+
+inline Patch end_face(const char* name, double y, double outwards, const FingerOptions& o) {
+  return {name, Plane{{0, y, 0}, outwards * Vec3d::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false,
+      false, Dielectric{}};
 }
+
+// The quarter of a pad whose section is the same all along.
+inline void sweep_quarter(Body& body, const HalfSection& s, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double end_y = 0.5e-3 * o.pad.length;
+  const int n = int(s.x.size());
+  for (std::size_t k = 0; k < std::size_t(n); ++k)
+    for (const double y : {0.0, end_y}) boundary.vertex(s.x[k], y, s.z[k]);
+  for (int k = 0; k < n; ++k) {
+    const int next = (k + 1) % n;
+    boundary.facet({2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, boundary.patch(s.tag[std::size_t(k)]));
+  }
+  const int end = boundary.add(end_face("end", end_y, 1.0, o));
+  std::vector<int> middle_loop, end_loop;
+  for (int k = 0; k < n; ++k) {
+    middle_loop.push_back(2 * k);
+    end_loop.push_back(2 * (n - 1 - k) + 1);
+  }
+  boundary.facet(middle_loop, Body::mirror_patch);
+  boundary.facet(end_loop, end);
+}
+
+// Lines of vertices on a cavity's roof, from its proximal end to its distal one, broken at the edges of ridges; empty
+// on a stem that holds the silicone.
+struct RoofSeams {
+  std::vector<int> axis, stem;  // x = 0, and above the stem's edge
+  bool at_wall(int first_of_wall) const { return stem.front() == first_of_wall; }
+};
+
+// `axis` and `wall`: vertices at both ends of the roof's edges.
+inline RoofSeams add_seams(SweptBoundary& boundary, const HalfSection& s, const FingerOptions& o,
+    const std::array<int, 2>& axis, const std::array<int, 2>& wall) {
+  if (s.pad.stem == Stem::bonded || has_soft_stem(s.twin)) return {};
+  const StemLengths at(s, o);
+  const bool ends_at_wall = at.outer <= at.stem;
+  std::vector<double> breaks;
+  for (const auto& [low, high] : recess_floors(stem_ridges(o))) breaks.insert(breaks.end(), {low, high});
+  RoofSeams seams{{axis[0]}, {ends_at_wall ? wall[0] : boundary.vertex(at.stem, -at.half_length, at.height)}};
+  for (const double y : breaks) {
+    seams.axis.push_back(boundary.vertex(0.0, y, at.height));
+    seams.stem.push_back(boundary.vertex(at.stem, y, at.height));
+  }
+  seams.axis.push_back(axis[1]);
+  seams.stem.push_back(ends_at_wall ? wall[1] : boundary.vertex(at.stem, at.half_length, at.height));
+  return seams;
+}
+
+// A roof cut along its seams; `loop` is that of the whole: near and far end at the axis, far and near end at the wall.
+inline void add_roof(SweptBoundary& boundary, const RoofSeams& seams, const std::vector<int>& loop, int patch) {
+  for (std::size_t i = 0; i + 1 < seams.axis.size(); ++i)
+    boundary.facet({seams.axis[i], seams.axis[i + 1], seams.stem[i + 1], seams.stem[i]}, patch);
+  if (seams.at_wall(loop[3])) return;
+  std::vector<int> beside(seams.stem);
+  beside.insert(beside.end(), {loop[2], loop[3]});
+  boundary.facet(beside, patch);
+}
+
+// The half of a pad with a solid cap. Points of the section inside its outline end where the cap begins, those of the
+// outline go on.
+inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSection& cap, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double from = 1e-3 * o.pad.proximal_end(), joint = 0.5e-3 * o.pad.length, to = 1e-3 * o.pad.distal_end();
+  const int n = int(s.x.size());
+  const auto place = [&](SectionTag tag) { return int(std::find(s.tag.begin(), s.tag.end(), tag) - s.tag.begin()); };
+  const int side = place(SectionTag::side);
+  std::vector<int> near, far;  // vertices of each point
+  for (int k = 0; k < n; ++k) {
+    const double x = s.x[std::size_t(k)], z = s.z[std::size_t(k)];
+    near.push_back(boundary.vertex(x, from, z));
+    far.push_back(boundary.vertex(x, k < side ? joint : to, z));
+  }
+  const int low_joint = boundary.vertex(0.0, joint, cap.z[0]), low_end = boundary.vertex(0.0, to, cap.z[0]);
+  const RoofSeams seams = add_seams(boundary, s, o, {near[0], far[0]}, {near[1], far[1]});
+  for (int k = 0; k + 1 < n; ++k) {
+    const std::size_t i = std::size_t(k);
+    std::vector<int> loop{near[i], far[i]};
+    if (k + 1 == side) loop.insert(loop.end(), {low_joint, low_end});  // this plane goes on under the cap
+    loop.insert(loop.end(), {far[i + 1], near[i + 1]});
+    if (!seams.stem.empty() && k == 0) add_roof(boundary, seams, loop, boundary.patch(s.tag[i]));
+    else if (!seams.stem.empty() && k == 1 && seams.at_wall(near[1])) {
+      loop.insert(loop.begin() + 1, seams.stem.begin() + 1, seams.stem.end() - 1);
+      boundary.facet(loop, boundary.patch(s.tag[i]));
+    } else boundary.facet(loop, boundary.patch(s.tag[i]));
+  }
+
+  // The cap's wall: against cavity and stem, and, where the carrier is a stair, against its block.
+  const int base = place(SectionTag::base), wall = boundary.add({"cap_wall", Plane{{0, joint, 0}, -Vec3d::UnitY()},
+                                                false, false, s.twin != Twin::unsupported_base, Dielectric{}, false});
+  const bool stair = cap.z[0] < 0.0;
+  const int corner = stair ? boundary.vertex(0.0, joint, 0.0) : low_joint;
+  std::vector<int> upper{corner};
+  for (int k = base; k >= 0; --k) {
+    if (k == 0 && !seams.stem.empty() && !seams.at_wall(near[1])) upper.push_back(seams.stem.back());
+    upper.push_back(far[std::size_t(k)]);
+  }
+  boundary.facet(upper, wall);
+  std::vector<int> mirror{near[std::size_t(n - 1)], far[std::size_t(n - 1)], low_end, low_joint};
+  if (stair) {
+    const int block =
+        boundary.add({"cap_block", Plane{{0, joint, 0}, -Vec3d::UnitY()}, false, false, false, Dielectric{}, false});
+    std::vector<int> lower{low_joint};
+    for (int k = side - 1; k >= base; --k) lower.push_back(far[std::size_t(k)]);
+    lower.push_back(corner);
+    boundary.facet(lower, block);
+    mirror.push_back(corner);
+  }
+  mirror.push_back(far[0]);
+  if (!seams.axis.empty()) mirror.insert(mirror.end(), seams.axis.rbegin() + 1, seams.axis.rend() - 1);
+  mirror.push_back(near[0]);
+  boundary.facet(mirror, Body::mirror_patch);
+
+  if (!seams.stem.empty() && !seams.at_wall(near[1])) near.insert(near.begin() + 1, seams.stem.front());
+  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
+  std::vector<int> distal;
+  for (int k = n - 1; k >= side; --k) distal.push_back(far[std::size_t(k)]);
+  distal.push_back(low_end);
+  boundary.facet(distal, boundary.add(end_face("distal_end", to, 1.0, o)));
+}
+
+// A solid pad of one section from end to end.
+inline void sweep_solid_half(Body& body, const HalfSection& s, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double from = 1e-3 * o.pad.proximal_end(), to = 1e-3 * o.pad.distal_end();
+  const int n = int(s.x.size());
+  std::vector<int> near, far;
+  for (std::size_t k = 0; k < std::size_t(n); ++k) {
+    near.push_back(boundary.vertex(s.x[k], from, s.z[k]));
+    far.push_back(boundary.vertex(s.x[k], to, s.z[k]));
+  }
+  for (std::size_t k = 0; k < std::size_t(n); ++k) {
+    const std::size_t next = (k + 1) % std::size_t(n);
+    boundary.facet({near[k], far[k], far[next], near[next]}, boundary.patch(s.tag[k]));
+  }
+  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
+  boundary.facet({far.rbegin(), far.rend()}, boundary.add(end_face("distal_end", to, 1.0, o)));
+}
+
+// Distance from p to the nearest edge of the stem's top and of its recesses [m].
+inline double distance_to_stem_edges(const Vec3d& p, const StemLengths& at, const std::vector<Ridge>& ridges) {
+  const double x = std::abs(p.x()), beyond = std::max(0.0, x - at.stem);
+  double least = std::numeric_limits<double>::infinity();
+  const auto add = [&](double dx, double dy, double dz) {
+    least = std::min(least, std::sqrt(dx * dx + dy * dy + dz * dz));
+  };
+  const double dz = p.z() - at.height;
+  add(x - at.stem, std::max(0.0, std::abs(p.y()) - at.half_length), dz);
+  for (const Ridge& r : ridges) {
+    add(beyond, p.y() - r.low, dz);
+    add(beyond, p.y() - r.high, dz);
+  }
+  return least;
+}
+
+inline Sizing finger_sizing(const Body& body, const HalfSection& s, const FingerOptions& o) {
+  const auto mesh = o.mesh;
+  std::vector<Shape> touchable;
+  for (const Patch& p : body.patches)
+    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
+  Sizing sizing;
+  sizing.stretch_y = mesh.stretch_y;
+  const auto below_the_dome = [mesh, touchable](const Vec3d& p) {
+    double depth = std::numeric_limits<double>::infinity();
+    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
+    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
+  };
+  sizing.edge = below_the_dome;
+  if (s.pad.stem == Stem::bonded || s.twin == Twin::held_top) return sizing;
+
+  const StemLengths at(s, o);
+  const std::vector<Ridge> ridges = stem_ridges(o);
+  sizing.edge = [mesh, below_the_dome, at](const Vec3d& p) {
+    const double dx = std::max(0.0, std::abs(p.x()) - at.stem), dz = p.z() - at.height;
+    return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
+  };
+  // The edges' pressure has to be resolved where it is high: below the tool.
+  sizing.edge_under_touch = [mesh, at, ridges](const Vec3d& p, const Vec3d& touch) {
+    const double growth_along = 0.25 * mesh.growth;  // the load spreads along the finger
+    const double along = std::max(0.0, std::abs(p.y() - touch.y()) - at.height);
+    return mesh.seam_edge + mesh.growth * distance_to_stem_edges(p, at, ridges) + growth_along * along;
+  };
+  return sizing;
+}
+
+}  // namespace detail
 
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
   require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
-  const HalfSection s =
-      half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
-  const double half_length = 0.5e-3 * o.pad.length;
+  const Chords chords{o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord};
+  const HalfSection s = half_section(design, o.twin, chords, o.pad);
+  const bool capped = o.pad.cap_length > 0.0;
   Body body;
   body.name = "finger";
-  body.symmetry = {true, true};
-  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * half_length;
-  body.pivot = {0, 0, 1e-3 * s.design.h_fp};
-  detail::add_carrier(body, s, o);
+  body.symmetry = {true, !capped};
+  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * (0.5e-3 * o.pad.length);
+  body.pivot = {0, 0, o.pivot == TiltPivot::flat_top ? 1e-3 * s.design.h_fp : 0.0};
+  body.carrier = carrier_boxes(s, o);
+  body.supports = carrier_supports(s, o);
+  body.rigid_faces = carrier_faces(s, o);
   detail::add_light(body, s, silicone, o);
-
-  const int n = int(s.x.size());
-  for (int k = 0; k < n; ++k) {
-    body.vertices.emplace_back(s.x[std::size_t(k)], 0.0, s.z[std::size_t(k)]);
-    body.vertices.emplace_back(s.x[std::size_t(k)], half_length, s.z[std::size_t(k)]);
+  if (!capped) {
+    detail::sweep_quarter(body, s, o);
+  } else {
+    const HalfSection cap = cap_section(design, o.twin, chords, o.pad);
+    body.exact_volume_m3 += 2.0 * cap.exact_area_m2() * 1e-3 * o.pad.cap_length;
+    if (o.twin == Twin::held_top) detail::sweep_solid_half(body, s, o);
+    else detail::sweep_capped_half(body, s, cap, o);
   }
-  std::vector<int> patch_of(std::size_t(SectionTag::dome) + 1, -2);
-  for (int k = 0; k < n; ++k) {
-    const SectionTag tag = s.tag[std::size_t(k)];
-    int& patch = patch_of[std::size_t(tag)];
-    if (tag == SectionTag::mirror) patch = Body::mirror_patch;
-    if (patch == -2) {
-      patch = int(body.patches.size());
-      body.patches.push_back(detail::finger_patch(tag, s, o));
-    }
-    const int next = (k + 1) % n;
-    body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
-  }
-  Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
-  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()},
-      o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
-  for (int k = 0; k < n; ++k) {
-    middle.loop.push_back(2 * k);
-    end.loop.push_back(2 * (n - 1 - k) + 1);
-  }
-  body.facets.push_back(middle);
-  body.facets.push_back(end);
-
-  const auto mesh = o.mesh;
-  std::vector<Shape> touchable;
-  for (const Patch& p : body.patches)
-    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
-  body.sizing.stretch_y = mesh.stretch_y;
-  body.sizing.edge = [mesh, touchable](const Vec3d& p) {
-    double depth = std::numeric_limits<double>::infinity();
-    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
-    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
-  };
+  body.sizing = detail::finger_sizing(body, s, o);
   return body;
 }
 

@@ -1421,10 +1421,24 @@ struct RigidBox {
   Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
 };
 
+/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
+/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
+/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
+/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
+/// does.
+struct Support {
+  std::string patch;            ///< name of the patch that rests here; others pass through
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
+};
+
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
 struct Sizing {
   std::function<double(const Vec3d&)> edge;  ///< across y [m]
   double stretch_y = 1.0;                    ///< edges along y are this much longer
+  /// Finer edges [m] at a place when a tool touches the body at another; empty: none are wanted.
+  std::function<double(const Vec3d& place, const Vec3d& touch)> edge_under_touch;
 };
 
 /// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
@@ -1442,7 +1456,8 @@ struct Body {
   Sizing sizing;
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;  ///< union of boxes for mechanical contact
+  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
+  std::vector<Support> supports;  ///< what patches rest on
   Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;        ///< inside
@@ -4175,13 +4190,15 @@ inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& fo
   require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
   const Symmetry symmetry = body.symmetry;
-  body.sizing.edge = [coarse = body.sizing.edge, points, focus, symmetry](const Vec3d& p) {
+  body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, points, focus, symmetry](
+                         const Vec3d& p) {
     double edge = coarse(p);
     for (Vec3d at : points) {
       if (symmetry.x) at.x() = std::abs(at.x());
       if (symmetry.y) at.y() = std::abs(at.y());
       const double depth = std::max(0.0, (at - p).z());
       edge = std::min(edge, focus.finest + focus.growth * (p - at).norm() + focus.depth_growth * depth);
+      if (under_touch) edge = std::min(edge, under_touch(p, at));
     }
     return edge;
   };
@@ -4296,8 +4313,8 @@ static_assert(Indenter<Box>);
 
 namespace lumo {
 
-/// Signed distance to the union of a body's rigid boxes. The origin of its frame is the finger's.
-struct Carrier {
+/// Signed distance to a union of rigid boxes. The origin of its frame is the finger's.
+struct BoxUnion {
   std::vector<RigidBox> boxes;
 
   double distance(const Vec3d& p) const {
@@ -4311,6 +4328,72 @@ struct Carrier {
       if (const DistanceSample d = distance_to_box(b.half, p - b.center); d.distance < nearest.distance) nearest = d;
     return nearest;
   }
+};
+
+/// A point of a body's surface: where it is while the body is undeformed [m], and the number of its patch.
+struct MaterialPoint {
+  Vec3d reference;
+  int patch;
+};
+
+/// What a body rests on, as a gap of its points: the signed distance to the union of its rigid boxes or, if it has
+/// supports, the height over the one that the point belongs to. The origin of its frame is the finger's.
+class Carrier {
+ public:
+  explicit Carrier(const Body& body) : supported_(!body.supports.empty()), boxes_{body.carrier} {
+    rests_.resize(body.patches.size());
+    for (std::size_t k = 0; k < body.patches.size(); ++k)
+      for (const Support& s : body.supports)
+        if (s.patch == body.patches[k].name) rests_[k].push_back({s, s.half_u.cross(s.half_v).normalized()});
+  }
+
+  /// Gap of a point that is at p now [m]; infinite if it belongs to no support.
+  double distance(const Vec3d& p, const MaterialPoint& point) const {
+    if (!supported_) return boxes_.distance(p);
+    const Rest* rest = under(point);
+    return rest ? rest->height(p) : std::numeric_limits<double>::infinity();
+  }
+  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
+    if (!supported_) return boxes_.sample(p);
+    const Rest* rest = under(point);
+    return rest ? DistanceSample{rest->height(p), rest->normal, Mat3d::Zero()}
+                : DistanceSample{std::numeric_limits<double>::infinity(), Vec3d::Zero(), Mat3d::Zero()};
+  }
+  /// May points of a patch that are within `radius` of p be in contact?
+  bool reaches(const Vec3d& p, double radius, int patch) const {
+    if (!supported_) return boxes_.distance(p) <= radius;
+    const std::vector<Rest>& rests = rests_[std::size_t(patch)];
+    return std::any_of(rests.begin(), rests.end(), [&](const Rest& r) { return r.height(p) <= radius; });
+  }
+
+ private:
+  struct Rest {
+    Support support;
+    Vec3d normal;
+
+    double height(const Vec3d& p) const { return normal.dot(p - support.center); }
+    bool is_under(const Vec3d& p) const {
+      constexpr double slack = 1e-9;  // [m]
+      const Vec3d d = p - support.center;
+      const auto within = [&](const Vec3d& half) {
+        const double length = half.norm();
+        return std::abs(half.dot(d)) <= length * (length + slack);
+      };
+      return height(p) >= -slack && within(support.half_u) && within(support.half_v);
+    }
+  };
+  // The one that the undeformed point is nearest to of those that it lies over; null: none.
+  const Rest* under(const MaterialPoint& point) const {
+    const Rest* nearest = nullptr;
+    for (const Rest& r : rests_[std::size_t(point.patch)])
+      if (r.is_under(point.reference) && (!nearest || r.height(point.reference) < nearest->height(point.reference)))
+        nearest = &r;
+    return nearest;
+  }
+
+  bool supported_;
+  BoxUnion boxes_;
+  std::vector<std::vector<Rest>> rests_;  ///< per patch
 };
 
 }  // namespace lumo
@@ -5250,6 +5333,7 @@ struct SurfacePoint {
   double weight_m2;           ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
   int part;                   ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
   std::array<double, 3> hat;  ///< barycentric coordinates in that sub-triangle
+  Vec3d reference;            ///< its place while the body is undeformed [m]
 };
 
 /// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
@@ -5284,6 +5368,8 @@ class ContactSurface {
       at += p.shape[k] * Vec3d(x.col(faces_[f].nodes[k]));
     return at;
   }
+
+  MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
   std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
@@ -5339,6 +5425,9 @@ inline void ContactSurface::add(const BoundaryFace& face) {
           v += p.hat[m] * uv[std::size_t(corner[m])][1];
         }
         p.shape = face_shape(u, v, order);
+        p.reference = Vec3d::Zero();
+        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k)
+          p.reference += p.shape[k] * mesh_->nodes[std::size_t(face.nodes[k])];
         const auto d = face_shape_derivatives(u, v, order);
         Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
         for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
@@ -5371,7 +5460,8 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
         if (std::exchange(done[node], char(1))) continue;
-        SurfacePoint p{{}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}};
+        SurfacePoint p{
+            {}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}, mesh_->nodes[node]};
         p.shape[local] = 1.0;
         p.hat[k] = 1.0;
         points_[f].push_back(p);
@@ -5379,14 +5469,33 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   }
 }
 
-/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame,
+/// or, where they depend on the point of the body, with distance(p, point), sample(p, point) and reaches(p, radius,
+/// patch).
 template <class Tool> struct Moving {
   const Tool* tool;
   Vec3d origin;     ///< of the tool's frame, now [m]
   Vec3d direction;  ///< of its advance, unit
 
   double distance(const Vec3d& p) const { return tool->distance(p - origin); }
-  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
+  double distance(const Vec3d& p, const MaterialPoint& point) const {
+    if constexpr (by_point) return tool->distance(p - origin, point);
+    else return tool->distance(p - origin);
+  }
+  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
+    if constexpr (by_point) return tool->sample(p - origin, point);
+    else return tool->sample(p - origin);
+  }
+  /// May points of a patch that are within `radius` of p be in contact?
+  bool reaches(const Vec3d& p, double radius, int patch) const {
+    if constexpr (by_point) return tool->reaches(p - origin, radius, patch);
+    else return tool->distance(p - origin) <= radius;
+  }
+
+ private:
+  static constexpr bool by_point = requires(const Tool& t, const Vec3d& p, const MaterialPoint& point) {
+    t.distance(p, point);
+  };
 };
 
 /// Gaps [m] at each surface point, face by face.
@@ -5411,7 +5520,7 @@ template <class Tool, class Visit> void for_contact_points(const ContactSurface&
     const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.distance(middle) <= radius;
+    const bool near = rigid.reaches(middle, radius, surface.face(f).patch);
     if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
       continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
@@ -5436,13 +5545,14 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const double gap = rigid.distance(at), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
+        const MaterialPoint point = surface.material(f, p);
+        const double gap = rigid.distance(at, point), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
         if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
         if (gamma >= 0.0) return;
         const ContactResponse<double> r = contact.respond(gamma);
         sums.energy += p.weight_m2 * r.energy;
         const double pressure = r.pressure + r.stiffness * (gamma - gap);
-        const Vec3d normal = rigid.sample(at).gradient;
+        const Vec3d normal = rigid.sample(at, point).gradient;
         Vec3d traction = p.weight_m2 * pressure * normal;
         if (history.friction)
           traction += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
@@ -5481,14 +5591,15 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   };
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at);
+        const MaterialPoint point = surface.material(f, p);
+        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at, point);
         if (gamma >= 0.0) return;
         if (f != open) {
           flush();
           open = f;
           K.setZero();
         }
-        const DistanceSample d = rigid.sample(at);
+        const DistanceSample d = rigid.sample(at, point);
         const ContactResponse<double> r = contact.respond(gamma);
         Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
         if (history.friction) {
@@ -5523,8 +5634,8 @@ template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, 
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
-                        linear.rigid.sample(surface.position(f, p, linear.x))
+      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x), surface.material(f, p)) +
+                        linear.rigid.sample(surface.position(f, p, linear.x), surface.material(f, p))
                             .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
   return gaps;
 }
@@ -5599,7 +5710,7 @@ struct FrictionHistory {
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const Vec3d at = surface.position(f, surface.points(f)[k], x);
-        const DistanceSample d = rigid.sample(at);
+        const DistanceSample d = rigid.sample(at, surface.material(f, surface.points(f)[k]));
         stretch[f][k] = d.distance < 0.0
                             ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
                             : Vec3d(Vec3d::Zero());
@@ -5619,7 +5730,7 @@ struct FrictionHistory {
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const SurfacePoint& p = surface.points(f)[k];
         const Vec3d at = surface.position(f, p, x);
-        const DistanceSample d = rigid.sample(at);
+        const DistanceSample d = rigid.sample(at, surface.material(f, p));
         if (d.distance >= 0.0) continue;
         const Vec3d force =
             p.weight_m2 * answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).traction;
@@ -5822,7 +5933,7 @@ template <class Contact, class Tool> void add_pressure(const ContactSurface& sur
     const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3d>& force, double* push) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const DistanceSample d = rigid.sample(surface.position(f, p, x));
+      const DistanceSample d = rigid.sample(surface.position(f, p, x), surface.material(f, p));
       const Vec3d traction = contact.respond(d.distance).pressure * d.gradient;
       if (push) *push += p.weight_m2 * traction.dot(rigid.direction);
       for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
@@ -5841,7 +5952,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + state.displacement[k];
   double push = state.friction.push_N;
   for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
-  const Carrier carrier{body.carrier};
+  const Carrier carrier(body);
   const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
   detail::add_pressure(
       surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force, &push);
@@ -6154,7 +6265,7 @@ struct SectorModel {
             sector.mesh, b, [](const Patch& p) { return p.contactable; }, contact),
         resting(
             sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, contact),
-        carrier{b.carrier} {
+        carrier(b) {
     blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
@@ -7270,13 +7381,14 @@ static_assert(RayScene<BvhScene> && Intersector<Bvh>);
 
 namespace lumo {
 
-/// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the
-/// body lie behind it if that is more: a body and the carrier that it rests on may cross a little, and light in the gap
-/// must still meet the carrier. Throws InvalidArgument for a face that is not a polygon of finite corners with an
-/// area.
-inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3d>& soft, double gap_m) {
-  constexpr double reach = 1e-3;     // [m]; points deeper behind the face do not rest on it
-  constexpr double widening = 10.0;  // of the face, in distances that it stands back
+/// Unit normal of a carrier face on its lit side, and in-plane normals of its edges, outwards.
+struct FaceFrame {
+  Vec3d normal;
+  std::vector<Vec3d> out;
+};
+
+/// Throws InvalidArgument for a face that is not a polygon of finite corners with an area.
+inline FaceFrame face_frame(const RigidFace& face) {
   const std::vector<Vec3d>& c = face.corners;
   const std::size_t m = c.size();
   if (m < 3) throw InvalidArgument(message("carrier face '", face.name, "' has ", m, " corners, needs 3"));
@@ -7286,22 +7398,45 @@ inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3
   for (std::size_t k = 1; k + 1 < m; ++k) n += (c[k] - c[0]).cross(c[k + 1] - c[0]);
   if (!(n.norm() > 0.0)) throw InvalidArgument(message("carrier face '", face.name, "' has no area"));
   n.normalize();
-  std::vector<Vec3d> out(m);  // in-plane outward normals of the edges
-  for (std::size_t k = 0; k < m; ++k) out[k] = (c[(k + 1) % m] - c[k]).cross(n).normalized();
-  double back = gap_m;
+  FaceFrame frame{n, {}};
+  for (std::size_t k = 0; k < m; ++k) frame.out.push_back((c[(k + 1) % m] - c[k]).cross(n).normalized());
+  return frame;
+}
+
+/// How deep the points `soft` of a body lie behind the carrier faces that they rest on [m], per face; 0: none rests
+/// there. A point rests on one face, the one that it is least deep behind: at a carrier's edge it lies behind others,
+/// too.
+inline std::vector<double> resting_depths(
+    const std::vector<RigidFace>& faces, const std::vector<FaceFrame>& frames, const std::vector<Vec3d>& soft) {
+  constexpr double reach = 0.1e-3;  // [m]; contact never lets a point go deeper
+  std::vector<double> depths(faces.size(), 0.0);
   for (const Vec3d& x : soft) {
-    const double depth = n.dot(c[0] - x);
-    if (depth <= 0.5 * back || depth > reach) continue;
-    bool over = true;
-    for (std::size_t k = 0; k < m && over; ++k) over = out[k].dot(x - c[k]) < 0.0;
-    if (over) back = 2.0 * depth;
+    std::size_t rests_on = faces.size();
+    double least = reach;
+    for (std::size_t i = 0; i < faces.size(); ++i) {
+      const std::vector<Vec3d>& c = faces[i].corners;
+      const double depth = frames[i].normal.dot(c[0] - x);
+      if (depth <= 0.0 || depth > least) continue;
+      bool over = true;
+      for (std::size_t k = 0; k < c.size() && over; ++k) over = frames[i].out[k].dot(x - c[k]) < 0.0;
+      if (!over) continue;
+      least = depth;
+      rests_on = i;
+    }
+    if (rests_on < faces.size()) depths[rests_on] = std::max(depths[rests_on], least);
   }
-  // Slits open along the rim of a face that stands back: it is made larger in its plane, so that no light slips
-  // through.
+  return depths;
+}
+
+/// Corners of a carrier face moved back by `back_m`. Slits open where two faces that stand back meet: each is made
+/// larger in its plane by `rim_m`, the most by which any of them stands back, so that no light slips through.
+inline std::vector<Vec3d> set_back(const RigidFace& face, const FaceFrame& frame, double back_m, double rim_m) {
+  const std::vector<Vec3d>& c = face.corners;
+  const std::size_t m = c.size();
   std::vector<Vec3d> corner(m);
   for (std::size_t k = 0; k < m; ++k) {
-    const Vec3d& a = out[(k + m - 1) % m];
-    corner[k] = c[k] - back * n + widening * back * (a + out[k]) / (1.0 + std::max(-0.9, a.dot(out[k])));
+    const Vec3d &a = frame.out[(k + m - 1) % m], &b = frame.out[k];
+    corner[k] = c[k] - back_m * frame.normal + rim_m * (a + b) / (1.0 + std::max(-0.9, a.dot(b)));
   }
   return corner;
 }
@@ -7615,7 +7750,7 @@ class OpticalScene {
  public:
   struct Config {
     int sub_facets = 3;  ///< each edge of a quadratic face is cut into this many; linear faces are not cut
-    /// Carrier faces stand back by this, or by as far as the body is pressed into them if that is more.
+    /// Carrier faces stand back by this, or by twice as far as the body is pressed into them if that is more.
     double carrier_gap_m = 20e-6;
     double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
   };
@@ -7822,13 +7957,20 @@ class OpticalScene {
   // The cells are made on the face where it stands, and moved back as a whole: light that is spread over them sees the
   // same cells in every state.
   void add_carrier(const Config& config) {
+    if (body_->rigid_faces.empty()) return;
     std::vector<Vec3d> soft;
     for (const QuadraticFace& f : faces_)
       if (is_dielectric(body_->patches[std::size_t(f.patch)].optics))
         soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
+    std::vector<FaceFrame> frames;
+    for (const RigidFace& face : body_->rigid_faces) frames.push_back(face_frame(face));
+    // A body and the carrier that it rests on may cross a little, and light in the gap must still meet the carrier.
+    std::vector<double> back = resting_depths(body_->rigid_faces, frames, soft);
+    for (double& b : back) b = std::max(config.carrier_gap_m, 2.0 * b);
+    const double rim = *std::max_element(back.begin(), back.end());
     for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
       const std::vector<Vec3d>& place = body_->rigid_faces[i].corners;
-      const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
+      const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], frames[i], back[i], rim);
       const auto cells = polygon_cells(place, config.carrier_cell_m);
       const auto moved = polygon_cells(corner, place, config.carrier_cell_m);
       for (std::size_t k = 0; k < cells.size(); ++k) {
@@ -8439,6 +8581,7 @@ class LightNodes {
         if (fresh) {
           albedo_.push_back(surface->albedo);
           area_.push_back(0.0);
+          in_air_.push_back(!scene.on_body(t));
         }
         of_[std::size_t(t)][k] = it->second;
         area_[std::size_t(it->second)] += scene.triangle_area(t) / 3.0;
@@ -8454,10 +8597,13 @@ class LightNodes {
   double albedo(std::size_t node) const { return albedo_[node]; }
   /// Integral of the node's function, over all its mirror images [m²].
   double area(std::size_t node) const { return area_[node]; }
+  /// Light meets it in the surroundings, not in the body.
+  bool in_air(std::size_t node) const { return in_air_[node]; }
 
  private:
   std::vector<std::array<int, 3>> of_;
   std::vector<double> albedo_, area_;
+  std::vector<bool> in_air_;
 };
 
 /// Form factors of the nodes of Lambertian faces, sampled: the way of one watt from each.
@@ -8974,7 +9120,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is
-  // weight·radiosity of where it comes from, if its directions have a cosine law. False: there is no such light.
+  // weight·radiosity of where in the body it comes from, if its directions have a cosine law. False: no such light.
   bool enter(FaceSet::Sample& x, const Vec3d& n, const Vec3d& out, double& weight) const {
     const FresnelSplit<double> split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
     if (split.reflectance >= 1.0) return false;
@@ -8987,7 +9133,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
 
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
     path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
-    return path_.accounts().collect([&](std::size_t k) { return sent[k] / body_.nodes.area(k); });
+    // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
+    return path_.accounts().collect(
+        [&](std::size_t k) { return (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k); });
   }
 
   const LitBody<Scene, Medium, Readout> body_;

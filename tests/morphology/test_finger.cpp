@@ -201,7 +201,7 @@ TEST_CASE("other assumptions on the finger: held ends, LEDs at the sides, one si
   PadDimensions narrow;
   narrow.width = 20.0;
   CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{8, 4, 8, 4, 2}));  // 4 mm beside the voids
-  narrow.t_min_beside = false;
+  narrow.thickness = Thickness::above;
   CHECK(finger_space(narrow).contains(std::vector<double>{8, 4, 8, 4, 2}));
   CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{4, 2, 8, 5, 0}));  // still 5 mm above
 }

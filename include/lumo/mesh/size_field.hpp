@@ -133,13 +133,15 @@ inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& fo
   require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
   const Symmetry symmetry = body.symmetry;
-  body.sizing.edge = [coarse = body.sizing.edge, points, focus, symmetry](const Vec3d& p) {
+  body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, points, focus, symmetry](
+                         const Vec3d& p) {
     double edge = coarse(p);
     for (Vec3d at : points) {
       if (symmetry.x) at.x() = std::abs(at.x());
       if (symmetry.y) at.y() = std::abs(at.y());
       const double depth = std::max(0.0, (at - p).z());
       edge = std::min(edge, focus.finest + focus.growth * (p - at).norm() + focus.depth_growth * depth);
+      if (under_touch) edge = std::min(edge, under_touch(p, at));
     }
     return edge;
   };

@@ -1,84 +1,43 @@
 #pragma once
 
 #include "lumo/morphology/body.hpp"
+#include "lumo/morphology/finger_carrier.hpp"
+#include "lumo/morphology/finger_options.hpp"
 #include "lumo/morphology/section.hpp"
 #include "lumo/morphology/silicone.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
 #include <variant>
+#include <vector>
 
 namespace lumo {
 
-/// What may be chosen about a finger besides θ. Defaults are our assumptions where the paper leaves a choice open.
-struct FingerOptions {
-  /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
-  struct Mesh {
-    double contact_edge = 2.0e-3;    ///< on the surface that an indenter can touch, away from where it does
-    double coarsest_edge = 5.0e-3;   ///< at depth
-    double growth = 0.35;            ///< edge length gained per length of depth
-    double stretch_y = 1.0;          ///< edges along y are this much longer
-    double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
-    double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
-
-    /// All edges `factor` times as long; the stretch stays.
-    constexpr Mesh scaled(double factor) const {
-      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
-          factor * shortest_chord};
-    }
-    bool operator==(const Mesh&) const = default;
-  };
-  /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the
-  /// power; beside a void they shine into its air.
-  struct Leds {
-    enum class Place { top, sides };
-    Place place = Place::top;
-    int count = 5;
-    double pitch = 11.0e-3;
-    double length_y = 1.6e-3;
-    double width_x = 0.8e-3;  ///< on the sides, their height
-    double power_W = 1.0;     ///< of all together
-
-    bool operator==(const Leds&) const = default;
-  };
-  /// Readout regions on the outer surface.
-  struct Readout {
-    int bins = 11;
-    double half_range = 27.5e-3;  ///< |y| beyond it is not seen [m]
-    double min_abs_nx = 0.5;      ///< the undeformed normal must point this much sideways
-    bool one_side = false;        ///< only x > 0 is seen
-    bool in_space = false;        ///< bins stay where they are; otherwise they move with the material
-
-    bool operator==(const Readout&) const = default;
-  };
-
-  Twin twin = Twin::none;
-  PadDimensions pad = {};
-  Mesh mesh = {};
-  Leds leds = {};
-  Readout readout = {};
-  double carrier_albedo = 0.8;
-  bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
-  SurfaceOptics touched = Dielectric{};  ///< Body::touched
-
-  bool operator==(const FingerOptions&) const = default;
-};
-
-/// Throws InvalidArgument for an option that is out of range.
-inline void validate(const FingerOptions& options);
-
-/// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
-/// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
+/// The whole finger of a feasible design as a body. The quarter x ≥ 0, y ≥ 0 of a pad without a cap is described, the
+/// half x ≥ 0 of one with a cap; the rest is mirrored. Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A
+/// and Table I.
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
 
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
-  const bool supported = s.twin != Twin::unsupported_base;
+  const bool supported = s.twin != Twin::unsupported_base && s.twin != Twin::held_top,
+             held = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::base: {
+      const double low = s.z[0] < 0.0 ? s.z[0] : 0.0;
+      return {"base", Plane{{0, 0, low}, -Vec3d::UnitZ()}, held, false, false, wall};
+    }
+    case SectionTag::shoulder_wall:
+      return {"shoulder_wall", Plane{{1e-3 * s.pad.lip_end(), 0, 0}, -Vec3d::UnitX()}, held, false, false, wall};
+    case SectionTag::shoulder_top:
+      return {"shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, held, false, false, wall};
     case SectionTag::void_inner:
       return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
     case SectionTag::void_roof:
@@ -93,36 +52,17 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   }
 }
 
-inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
-  const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
-  const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
-  if (s.twin == Twin::unsupported_base) return;
-  body.carrier.push_back({{0, 0, -thick}, {w, half_length, thick}});
-  if (s.twin == Twin::bonded_base) return;
-  body.carrier.push_back({{0, 0, 0.5 * (hs - thick)}, {stem, half_length, 0.5 * (hs + thick)}});
-  if (s.design.w_v <= 0.0) return;
-  const SurfaceOptics wall = Lambertian{o.carrier_albedo};
-  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) {
-    body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall});
-  };
-  const double l = half_length;
-  face("stem +x", {stem, -l, 0}, {stem, l, 0}, {stem, l, hs}, {stem, -l, hs});
-  face("stem -x", {-stem, -l, 0}, {-stem, -l, hs}, {-stem, l, hs}, {-stem, l, 0});
-  face("base +x", {stem, -l, 0}, {outer, -l, 0}, {outer, l, 0}, {stem, l, 0});
-  face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
-}
-
 inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
-  if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
+  if (s.twin != Twin::none && s.twin != Twin::no_void) return;
   const auto& led = o.leds;
   const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
   const Vec3d along(0, 0.5 * led.length_y, 0);
-  for (int k = 0; k < led.count; ++k) {
-    const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
+  const double recess = s.pad.stem == Stem::free ? o.recess.depth : 0.0;
+  for (const double y : led_places(led)) {
     if (led.place == FingerOptions::Leds::Place::top) {
-      body.emitters.push_back(
-          RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
+      body.emitters.push_back(RectangleEmitter{
+          {0, y, height - recess}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0, recess > 0.0});
       continue;
     }
     const bool air = s.design.w_v > 0.0;
@@ -149,83 +89,251 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
 
 }  // namespace detail
 
-inline void validate(const FingerOptions& o) {
-  require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
-  require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
-  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
-  require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
-  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
-  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
-  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
-  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
-  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
-  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
-  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
-  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
-  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
-  require_positive("LED power", o.leds.power_W, "W");
-  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
-  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
-  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
-  require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
-  if (const auto* white = std::get_if<Lambertian>(&o.touched))
-    require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
-  if (const auto* mirror = std::get_if<Mirror>(&o.touched))
-    require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+namespace detail {
+
+// Boundary of a sector that is swept along y, and its patches by what the section's edges are.
+class SweptBoundary {
+ public:
+  SweptBoundary(Body& body, const HalfSection& section, const FingerOptions& options)
+      : body_(body), section_(section), options_(options) {}
+
+  int vertex(double x, double y, double z) {
+    body_.vertices.emplace_back(x, y, z);
+    return int(body_.vertices.size()) - 1;
+  }
+  void facet(std::vector<int> loop, int patch) { body_.facets.push_back({std::move(loop), patch}); }
+  int patch(SectionTag tag) {
+    if (tag == SectionTag::mirror) return Body::mirror_patch;
+    int& patch = patch_of_[std::size_t(tag)];
+    if (patch < 0) patch = add(finger_patch(tag, section_, options_));
+    return patch;
+  }
+  int add(Patch p) {
+    body_.patches.push_back(std::move(p));
+    return int(body_.patches.size()) - 1;
+  }
+
+ private:
+  Body& body_;
+  const HalfSection& section_;
+  const FingerOptions& options_;
+  std::vector<int> patch_of_ = std::vector<int>(std::size_t(SectionTag::dome) + 1, -1);
+};
+
+inline Patch end_face(const char* name, double y, double outwards, const FingerOptions& o) {
+  return {name, Plane{{0, y, 0}, outwards * Vec3d::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false,
+      false, Dielectric{}};
 }
+
+// The quarter of a pad whose section is the same all along.
+inline void sweep_quarter(Body& body, const HalfSection& s, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double end_y = 0.5e-3 * o.pad.length;
+  const int n = int(s.x.size());
+  for (std::size_t k = 0; k < std::size_t(n); ++k)
+    for (const double y : {0.0, end_y}) boundary.vertex(s.x[k], y, s.z[k]);
+  for (int k = 0; k < n; ++k) {
+    const int next = (k + 1) % n;
+    boundary.facet({2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, boundary.patch(s.tag[std::size_t(k)]));
+  }
+  const int end = boundary.add(end_face("end", end_y, 1.0, o));
+  std::vector<int> middle_loop, end_loop;
+  for (int k = 0; k < n; ++k) {
+    middle_loop.push_back(2 * k);
+    end_loop.push_back(2 * (n - 1 - k) + 1);
+  }
+  boundary.facet(middle_loop, Body::mirror_patch);
+  boundary.facet(end_loop, end);
+}
+
+// Lines of vertices on a cavity's roof, from its proximal end to its distal one, broken at the edges of ridges; empty
+// on a stem that holds the silicone.
+struct RoofSeams {
+  std::vector<int> axis, stem;  // x = 0, and above the stem's edge
+  bool at_wall(int first_of_wall) const { return stem.front() == first_of_wall; }
+};
+
+// `axis` and `wall`: vertices at both ends of the roof's edges.
+inline RoofSeams add_seams(SweptBoundary& boundary, const HalfSection& s, const FingerOptions& o,
+    const std::array<int, 2>& axis, const std::array<int, 2>& wall) {
+  if (s.pad.stem == Stem::bonded || has_soft_stem(s.twin)) return {};
+  const StemLengths at(s, o);
+  const bool ends_at_wall = at.outer <= at.stem;
+  std::vector<double> breaks;
+  for (const auto& [low, high] : recess_floors(stem_ridges(o))) breaks.insert(breaks.end(), {low, high});
+  RoofSeams seams{{axis[0]}, {ends_at_wall ? wall[0] : boundary.vertex(at.stem, -at.half_length, at.height)}};
+  for (const double y : breaks) {
+    seams.axis.push_back(boundary.vertex(0.0, y, at.height));
+    seams.stem.push_back(boundary.vertex(at.stem, y, at.height));
+  }
+  seams.axis.push_back(axis[1]);
+  seams.stem.push_back(ends_at_wall ? wall[1] : boundary.vertex(at.stem, at.half_length, at.height));
+  return seams;
+}
+
+// A roof cut along its seams; `loop` is that of the whole: near and far end at the axis, far and near end at the wall.
+inline void add_roof(SweptBoundary& boundary, const RoofSeams& seams, const std::vector<int>& loop, int patch) {
+  for (std::size_t i = 0; i + 1 < seams.axis.size(); ++i)
+    boundary.facet({seams.axis[i], seams.axis[i + 1], seams.stem[i + 1], seams.stem[i]}, patch);
+  if (seams.at_wall(loop[3])) return;
+  std::vector<int> beside(seams.stem);
+  beside.insert(beside.end(), {loop[2], loop[3]});
+  boundary.facet(beside, patch);
+}
+
+// The half of a pad with a solid cap. Points of the section inside its outline end where the cap begins, those of the
+// outline go on.
+inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSection& cap, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double from = 1e-3 * o.pad.proximal_end(), joint = 0.5e-3 * o.pad.length, to = 1e-3 * o.pad.distal_end();
+  const int n = int(s.x.size());
+  const auto place = [&](SectionTag tag) { return int(std::find(s.tag.begin(), s.tag.end(), tag) - s.tag.begin()); };
+  const int side = place(SectionTag::side);
+  std::vector<int> near, far;  // vertices of each point
+  for (int k = 0; k < n; ++k) {
+    const double x = s.x[std::size_t(k)], z = s.z[std::size_t(k)];
+    near.push_back(boundary.vertex(x, from, z));
+    far.push_back(boundary.vertex(x, k < side ? joint : to, z));
+  }
+  const int low_joint = boundary.vertex(0.0, joint, cap.z[0]), low_end = boundary.vertex(0.0, to, cap.z[0]);
+  const RoofSeams seams = add_seams(boundary, s, o, {near[0], far[0]}, {near[1], far[1]});
+  for (int k = 0; k + 1 < n; ++k) {
+    const std::size_t i = std::size_t(k);
+    std::vector<int> loop{near[i], far[i]};
+    if (k + 1 == side) loop.insert(loop.end(), {low_joint, low_end});  // this plane goes on under the cap
+    loop.insert(loop.end(), {far[i + 1], near[i + 1]});
+    if (!seams.stem.empty() && k == 0) add_roof(boundary, seams, loop, boundary.patch(s.tag[i]));
+    else if (!seams.stem.empty() && k == 1 && seams.at_wall(near[1])) {
+      loop.insert(loop.begin() + 1, seams.stem.begin() + 1, seams.stem.end() - 1);
+      boundary.facet(loop, boundary.patch(s.tag[i]));
+    } else boundary.facet(loop, boundary.patch(s.tag[i]));
+  }
+
+  // The cap's wall: against cavity and stem, and, where the carrier is a stair, against its block.
+  const int base = place(SectionTag::base), wall = boundary.add({"cap_wall", Plane{{0, joint, 0}, -Vec3d::UnitY()},
+                                                false, false, s.twin != Twin::unsupported_base, Dielectric{}, false});
+  const bool stair = cap.z[0] < 0.0;
+  const int corner = stair ? boundary.vertex(0.0, joint, 0.0) : low_joint;
+  std::vector<int> upper{corner};
+  for (int k = base; k >= 0; --k) {
+    if (k == 0 && !seams.stem.empty() && !seams.at_wall(near[1])) upper.push_back(seams.stem.back());
+    upper.push_back(far[std::size_t(k)]);
+  }
+  boundary.facet(upper, wall);
+  std::vector<int> mirror{near[std::size_t(n - 1)], far[std::size_t(n - 1)], low_end, low_joint};
+  if (stair) {
+    const int block =
+        boundary.add({"cap_block", Plane{{0, joint, 0}, -Vec3d::UnitY()}, false, false, false, Dielectric{}, false});
+    std::vector<int> lower{low_joint};
+    for (int k = side - 1; k >= base; --k) lower.push_back(far[std::size_t(k)]);
+    lower.push_back(corner);
+    boundary.facet(lower, block);
+    mirror.push_back(corner);
+  }
+  mirror.push_back(far[0]);
+  if (!seams.axis.empty()) mirror.insert(mirror.end(), seams.axis.rbegin() + 1, seams.axis.rend() - 1);
+  mirror.push_back(near[0]);
+  boundary.facet(mirror, Body::mirror_patch);
+
+  if (!seams.stem.empty() && !seams.at_wall(near[1])) near.insert(near.begin() + 1, seams.stem.front());
+  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
+  std::vector<int> distal;
+  for (int k = n - 1; k >= side; --k) distal.push_back(far[std::size_t(k)]);
+  distal.push_back(low_end);
+  boundary.facet(distal, boundary.add(end_face("distal_end", to, 1.0, o)));
+}
+
+// A solid pad of one section from end to end.
+inline void sweep_solid_half(Body& body, const HalfSection& s, const FingerOptions& o) {
+  SweptBoundary boundary(body, s, o);
+  const double from = 1e-3 * o.pad.proximal_end(), to = 1e-3 * o.pad.distal_end();
+  const int n = int(s.x.size());
+  std::vector<int> near, far;
+  for (std::size_t k = 0; k < std::size_t(n); ++k) {
+    near.push_back(boundary.vertex(s.x[k], from, s.z[k]));
+    far.push_back(boundary.vertex(s.x[k], to, s.z[k]));
+  }
+  for (std::size_t k = 0; k < std::size_t(n); ++k) {
+    const std::size_t next = (k + 1) % std::size_t(n);
+    boundary.facet({near[k], far[k], far[next], near[next]}, boundary.patch(s.tag[k]));
+  }
+  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
+  boundary.facet({far.rbegin(), far.rend()}, boundary.add(end_face("distal_end", to, 1.0, o)));
+}
+
+// Distance from p to the nearest edge of the stem's top and of its recesses [m].
+inline double distance_to_stem_edges(const Vec3d& p, const StemLengths& at, const std::vector<Ridge>& ridges) {
+  const double x = std::abs(p.x()), beyond = std::max(0.0, x - at.stem);
+  double least = std::numeric_limits<double>::infinity();
+  const auto add = [&](double dx, double dy, double dz) {
+    least = std::min(least, std::sqrt(dx * dx + dy * dy + dz * dz));
+  };
+  const double dz = p.z() - at.height;
+  add(x - at.stem, std::max(0.0, std::abs(p.y()) - at.half_length), dz);
+  for (const Ridge& r : ridges) {
+    add(beyond, p.y() - r.low, dz);
+    add(beyond, p.y() - r.high, dz);
+  }
+  return least;
+}
+
+inline Sizing finger_sizing(const Body& body, const HalfSection& s, const FingerOptions& o) {
+  const auto mesh = o.mesh;
+  std::vector<Shape> touchable;
+  for (const Patch& p : body.patches)
+    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
+  Sizing sizing;
+  sizing.stretch_y = mesh.stretch_y;
+  const auto below_the_dome = [mesh, touchable](const Vec3d& p) {
+    double depth = std::numeric_limits<double>::infinity();
+    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
+    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
+  };
+  sizing.edge = below_the_dome;
+  if (s.pad.stem == Stem::bonded || s.twin == Twin::held_top) return sizing;
+
+  const StemLengths at(s, o);
+  const std::vector<Ridge> ridges = stem_ridges(o);
+  sizing.edge = [mesh, below_the_dome, at](const Vec3d& p) {
+    const double dx = std::max(0.0, std::abs(p.x()) - at.stem), dz = p.z() - at.height;
+    return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
+  };
+  // The edges' pressure has to be resolved where it is high: below the tool.
+  sizing.edge_under_touch = [mesh, at, ridges](const Vec3d& p, const Vec3d& touch) {
+    const double growth_along = 0.25 * mesh.growth;  // the load spreads along the finger
+    const double along = std::max(0.0, std::abs(p.y() - touch.y()) - at.height);
+    return mesh.seam_edge + mesh.growth * distance_to_stem_edges(p, at, ridges) + growth_along * along;
+  };
+  return sizing;
+}
+
+}  // namespace detail
 
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
   require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
-  const HalfSection s =
-      half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
-  const double half_length = 0.5e-3 * o.pad.length;
+  const Chords chords{o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord};
+  const HalfSection s = half_section(design, o.twin, chords, o.pad);
+  const bool capped = o.pad.cap_length > 0.0;
   Body body;
   body.name = "finger";
-  body.symmetry = {true, true};
-  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * half_length;
-  body.pivot = {0, 0, 1e-3 * s.design.h_fp};
-  detail::add_carrier(body, s, o);
+  body.symmetry = {true, !capped};
+  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * (0.5e-3 * o.pad.length);
+  body.pivot = {0, 0, o.pivot == TiltPivot::flat_top ? 1e-3 * s.design.h_fp : 0.0};
+  body.carrier = carrier_boxes(s, o);
+  body.supports = carrier_supports(s, o);
+  body.rigid_faces = carrier_faces(s, o);
   detail::add_light(body, s, silicone, o);
-
-  const int n = int(s.x.size());
-  for (int k = 0; k < n; ++k) {
-    body.vertices.emplace_back(s.x[std::size_t(k)], 0.0, s.z[std::size_t(k)]);
-    body.vertices.emplace_back(s.x[std::size_t(k)], half_length, s.z[std::size_t(k)]);
+  if (!capped) {
+    detail::sweep_quarter(body, s, o);
+  } else {
+    const HalfSection cap = cap_section(design, o.twin, chords, o.pad);
+    body.exact_volume_m3 += 2.0 * cap.exact_area_m2() * 1e-3 * o.pad.cap_length;
+    if (o.twin == Twin::held_top) detail::sweep_solid_half(body, s, o);
+    else detail::sweep_capped_half(body, s, cap, o);
   }
-  std::vector<int> patch_of(std::size_t(SectionTag::dome) + 1, -2);
-  for (int k = 0; k < n; ++k) {
-    const SectionTag tag = s.tag[std::size_t(k)];
-    int& patch = patch_of[std::size_t(tag)];
-    if (tag == SectionTag::mirror) patch = Body::mirror_patch;
-    if (patch == -2) {
-      patch = int(body.patches.size());
-      body.patches.push_back(detail::finger_patch(tag, s, o));
-    }
-    const int next = (k + 1) % n;
-    body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
-  }
-  Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
-  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()},
-      o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
-  for (int k = 0; k < n; ++k) {
-    middle.loop.push_back(2 * k);
-    end.loop.push_back(2 * (n - 1 - k) + 1);
-  }
-  body.facets.push_back(middle);
-  body.facets.push_back(end);
-
-  const auto mesh = o.mesh;
-  std::vector<Shape> touchable;
-  for (const Patch& p : body.patches)
-    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
-  body.sizing.stretch_y = mesh.stretch_y;
-  body.sizing.edge = [mesh, touchable](const Vec3d& p) {
-    double depth = std::numeric_limits<double>::infinity();
-    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
-    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
-  };
+  body.sizing = detail::finger_sizing(body, s, o);
   return body;
 }
 

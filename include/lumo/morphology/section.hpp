@@ -5,6 +5,7 @@
 #include "lumo/morphology/design.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string_view>
 #include <vector>
@@ -13,10 +14,11 @@ namespace lumo {
 
 /// Matched variants of a design. The twins without a carrier are for mechanics only (paper §IV-A).
 enum class Twin {
-  none,             ///< the finger itself
-  no_void,          ///< the same θ with w_v = 0
-  bonded_base,      ///< the stem's volume is silicone, voids stay, base bonded under the stem too
-  unsupported_base  ///< the same, but bonded at the two end faces only: a soft finger that can bend
+  none,              ///< the finger itself
+  no_void,           ///< the same θ with w_v = 0
+  bonded_base,       ///< the stem's volume is silicone, voids stay, base bonded under the stem too
+  unsupported_base,  ///< the same, but bonded at the two end faces only: a soft finger that can bend
+  held_top           ///< silicone alone in the outline of pad and carrier, held on all of the carrier's back
 };
 
 constexpr std::string_view to_string(Twin twin) {
@@ -24,12 +26,25 @@ constexpr std::string_view to_string(Twin twin) {
     case Twin::no_void: return "no_void";
     case Twin::bonded_base: return "bonded_base";
     case Twin::unsupported_base: return "unsupported_base";
+    case Twin::held_top: return "held_top";
     default: return "design";
   }
 }
 
 /// What a boundary edge of the section is.
-enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };
+enum class SectionTag {
+  mirror,
+  stem_top,
+  stem_side,
+  void_inner,
+  void_roof,
+  void_wall,
+  base,
+  shoulder_wall,
+  shoulder_top,
+  side,
+  dome
+};
 
 /// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to
 /// i + 1, the last point is the dome's apex.
@@ -42,7 +57,7 @@ struct HalfSection {
 
   double half_width_m() const { return 0.5e-3 * pad.width; }
   double height_m() const { return z.back(); }  ///< of the dome's apex over the base
-  double length_m() const { return 1e-3 * pad.length; }
+  double length_m() const { return 1e-3 * (pad.length + pad.cap_length); }
   /// Exact area of the half section [m²].
   double exact_area_m2() const;
 };
@@ -57,6 +72,13 @@ struct Chords {
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
 inline HalfSection half_section(
     const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+
+/// The same of the solid distal cap. Throws likewise, and InvalidArgument for a pad without one.
+inline HalfSection cap_section(
+    const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+
+/// Half x ≥ 0 of the carrier under the cavity, counter-clockwise from the middle of its back, (x, z) in m.
+inline std::vector<std::array<double, 2>> carrier_outline(const FingerDesign& design, const PadDimensions& pad = {});
 
 namespace detail {
 
@@ -88,49 +110,105 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
 
 }  // namespace detail
 
-inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
-  finger_space(pad).check(given.values());
-  FingerDesign d = given;
-  if (twin == Twin::no_void) d.w_v = 0.0;
-  HalfSection s{d, pad, twin, {}, {}, {}};
-  const double w = 0.5e-3 * pad.width, fp = 1e-3 * d.h_fp, ep = 1e-3 * d.h_ep;
+namespace detail {
+
+// The polygon of a section, point by point.
+struct SectionPen {
+  HalfSection& section;
+  void add(double x, double z, SectionTag tag) const {
+    section.x.push_back(x);
+    section.z.push_back(z);
+    section.tag.push_back(tag);
+  }
+  // From the lower end of the side to the apex.
+  void add_outside(double low, const Chords& chords) const {
+    const double w = section.half_width_m(), fp = 1e-3 * section.design.h_fp, ep = 1e-3 * section.design.h_ep;
+    add(w, low, SectionTag::side);
+    const std::vector<double> angles = ellipse_angles(w, ep, chords);
+    for (std::size_t k = 0; k + 1 < angles.size(); ++k)
+      add(k == 0 ? w : w * std::cos(angles[k]), fp + ep * std::sin(angles[k]), SectionTag::dome);
+    add(0.0, fp + ep, SectionTag::mirror);
+  }
+};
+
+inline bool has_soft_stem(Twin twin) { return twin == Twin::bonded_base || twin == Twin::unsupported_base; }
+
+// Edges from the middle of the cavity to the base beside it.
+inline void add_cavity(const SectionPen& pen, const HalfSection& s) {
+  const FingerDesign& d = s.design;
   const double stem = 0.5e-3 * d.w_s, hs = 1e-3 * d.h_s, outer = stem + 1e-3 * d.w_v;
-  const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base, has_void = d.w_v > 0.0;
-  const auto add = [&](double px, double pz, SectionTag tag) {
-    s.x.push_back(px);
-    s.z.push_back(pz);
-    s.tag.push_back(tag);
-  };
-  if (soft_stem) {
-    if (has_void) {
-      add(0.0, 0.0, SectionTag::base);
-      add(stem, 0.0, SectionTag::void_inner);
+  const bool has_void = d.w_v > 0.0;
+  if (has_soft_stem(s.twin)) {
+    pen.add(0.0, 0.0, SectionTag::base);
+    if (!has_void) return;
+    pen.add(stem, 0.0, SectionTag::void_inner);
+  } else if (s.pad.stem == Stem::bonded) {
+    pen.add(0.0, hs, SectionTag::stem_top);
+    if (!has_void) {
+      pen.add(stem, hs, SectionTag::stem_side);
+      pen.add(stem, 0.0, SectionTag::base);
+      return;
     }
-  } else {
-    add(0.0, hs, SectionTag::stem_top);
   }
-  if (has_void) {
-    add(stem, hs, SectionTag::void_roof);
-    add(outer, hs, SectionTag::void_wall);
-    add(outer, 0.0, SectionTag::base);
-  } else if (soft_stem) {
-    add(0.0, 0.0, SectionTag::base);
-  } else {
-    add(stem, hs, SectionTag::stem_side);
-    add(stem, 0.0, SectionTag::base);
-  }
-  add(w, 0.0, SectionTag::side);
-  const std::vector<double> angles = detail::ellipse_angles(w, ep, chords);
-  for (std::size_t k = 0; k + 1 < angles.size(); ++k)
-    add(k == 0 ? w : w * std::cos(angles[k]), fp + ep * std::sin(angles[k]), SectionTag::dome);
-  add(0.0, fp + ep, SectionTag::mirror);
+  const bool lies = !has_soft_stem(s.twin) && s.pad.stem == Stem::free;
+  pen.add(lies ? 0.0 : stem, hs, SectionTag::void_roof);
+  pen.add(outer, hs, SectionTag::void_wall);
+  pen.add(outer, 0.0, SectionTag::base);
+}
+
+inline HalfSection empty_section(const FingerDesign& given, Twin twin, const PadDimensions& pad) {
+  require_feasible(given, pad);
+  HalfSection s{given, pad, twin, {}, {}, {}};
+  if (twin == Twin::no_void) s.design.w_v = 0.0;
   return s;
 }
 
+}  // namespace detail
+
+inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+  HalfSection s = detail::empty_section(given, twin, pad);
+  const detail::SectionPen pen{s};
+  if (twin == Twin::held_top) {
+    const double low = -1e-3 * pad.carrier_height;
+    pen.add(0.0, low, SectionTag::base);
+    pen.add_outside(low, chords);
+    return s;
+  }
+  detail::add_cavity(pen, s);
+  const double low = -1e-3 * pad.shoulder_height;
+  if (low < 0.0) {
+    pen.add(1e-3 * pad.lip_end(), 0.0, SectionTag::shoulder_wall);
+    pen.add(1e-3 * pad.lip_end(), low, SectionTag::shoulder_top);
+  }
+  pen.add_outside(low, chords);
+  return s;
+}
+
+inline HalfSection cap_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+  require_positive("length of the cap", pad.cap_length, "mm");
+  HalfSection s = detail::empty_section(given, twin, pad);
+  const detail::SectionPen pen{s};
+  const double low = twin == Twin::held_top ? -1e-3 * pad.carrier_height : -1e-3 * pad.shoulder_height;
+  pen.add(0.0, low, twin == Twin::held_top ? SectionTag::base : SectionTag::shoulder_top);
+  pen.add_outside(low, chords);
+  return s;
+}
+
+inline std::vector<std::array<double, 2>> carrier_outline(const FingerDesign& d, const PadDimensions& pad) {
+  const double w = 0.5e-3 * pad.width, lip = 1e-3 * pad.lip_end(), shoulder = -1e-3 * pad.shoulder_height,
+               back = -1e-3 * pad.carrier_height, stem = 0.5e-3 * d.w_s, top = 1e-3 * d.h_s;
+  std::vector<std::array<double, 2>> outline = {{0.0, back}, {w, back}};
+  if (shoulder < 0.0) outline.insert(outline.end(), {{w, shoulder}, {lip, shoulder}});
+  outline.insert(outline.end(), {{lip, 0.0}, {stem, 0.0}, {stem, top}, {0.0, top}});
+  return outline;
+}
+
 inline double HalfSection::exact_area_m2() const {
-  const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base;
-  const double w = 0.5e-3 * pad.width, cut = (soft_stem ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
-  return w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep - cut * 1e-3 * design.h_s;
+  const double w = 0.5e-3 * pad.width;
+  const double outside = w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep;
+  if (x.front() == 0.0 && z.front() < 0.0) return outside - w * z.front();  // solid: a cap, or a held twin
+  const double cut = (detail::has_soft_stem(twin) ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
+  return outside + 1e-6 * pad.shoulder_width * pad.shoulder_height - cut * 1e-3 * design.h_s;
 }
 
 }  // namespace lumo

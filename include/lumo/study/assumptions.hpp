@@ -111,7 +111,7 @@ inline std::vector<AssumptionVariant> assumption_variants() {
       {"pad width", "20 mm, t_min only above",
           [](Changed& a) {
             a.finger.pad.width = 20.0;
-            a.finger.pad.t_min_beside = false;
+            a.finger.pad.thickness = Thickness::above;
           }},
       {"end faces", "held, clear", [](Changed& a) { a.finger.bonded_ends = true; }},
       {"tilt plane", "y–z", [](Changed& a) { a.tilt = TiltPlane::yz; }},

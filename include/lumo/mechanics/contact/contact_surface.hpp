@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/elements/equations.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
@@ -20,6 +21,7 @@ struct SurfacePoint {
   double weight_m2;           ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
   int part;                   ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
   std::array<double, 3> hat;  ///< barycentric coordinates in that sub-triangle
+  Vec3d reference;            ///< its place while the body is undeformed [m]
 };
 
 /// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
@@ -54,6 +56,8 @@ class ContactSurface {
       at += p.shape[k] * Vec3d(x.col(faces_[f].nodes[k]));
     return at;
   }
+
+  MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
   std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
@@ -109,6 +113,9 @@ inline void ContactSurface::add(const BoundaryFace& face) {
           v += p.hat[m] * uv[std::size_t(corner[m])][1];
         }
         p.shape = face_shape(u, v, order);
+        p.reference = Vec3d::Zero();
+        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k)
+          p.reference += p.shape[k] * mesh_->nodes[std::size_t(face.nodes[k])];
         const auto d = face_shape_derivatives(u, v, order);
         Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
         for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
@@ -141,7 +148,8 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
         if (std::exchange(done[node], char(1))) continue;
-        SurfacePoint p{{}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}};
+        SurfacePoint p{
+            {}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}, mesh_->nodes[node]};
         p.shape[local] = 1.0;
         p.hat[k] = 1.0;
         points_[f].push_back(p);
@@ -149,14 +157,33 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   }
 }
 
-/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame,
+/// or, where they depend on the point of the body, with distance(p, point), sample(p, point) and reaches(p, radius,
+/// patch).
 template <class Tool> struct Moving {
   const Tool* tool;
   Vec3d origin;     ///< of the tool's frame, now [m]
   Vec3d direction;  ///< of its advance, unit
 
   double distance(const Vec3d& p) const { return tool->distance(p - origin); }
-  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
+  double distance(const Vec3d& p, const MaterialPoint& point) const {
+    if constexpr (by_point) return tool->distance(p - origin, point);
+    else return tool->distance(p - origin);
+  }
+  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
+    if constexpr (by_point) return tool->sample(p - origin, point);
+    else return tool->sample(p - origin);
+  }
+  /// May points of a patch that are within `radius` of p be in contact?
+  bool reaches(const Vec3d& p, double radius, int patch) const {
+    if constexpr (by_point) return tool->reaches(p - origin, radius, patch);
+    else return tool->distance(p - origin) <= radius;
+  }
+
+ private:
+  static constexpr bool by_point = requires(const Tool& t, const Vec3d& p, const MaterialPoint& point) {
+    t.distance(p, point);
+  };
 };
 
 /// Gaps [m] at each surface point, face by face.
@@ -181,7 +208,7 @@ template <class Tool, class Visit> void for_contact_points(const ContactSurface&
     const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.distance(middle) <= radius;
+    const bool near = rigid.reaches(middle, radius, surface.face(f).patch);
     if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
       continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
@@ -206,13 +233,14 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const double gap = rigid.distance(at), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
+        const MaterialPoint point = surface.material(f, p);
+        const double gap = rigid.distance(at, point), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
         if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
         if (gamma >= 0.0) return;
         const ContactResponse<double> r = contact.respond(gamma);
         sums.energy += p.weight_m2 * r.energy;
         const double pressure = r.pressure + r.stiffness * (gamma - gap);
-        const Vec3d normal = rigid.sample(at).gradient;
+        const Vec3d normal = rigid.sample(at, point).gradient;
         Vec3d traction = p.weight_m2 * pressure * normal;
         if (history.friction)
           traction += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
@@ -251,14 +279,15 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   };
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at);
+        const MaterialPoint point = surface.material(f, p);
+        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at, point);
         if (gamma >= 0.0) return;
         if (f != open) {
           flush();
           open = f;
           K.setZero();
         }
-        const DistanceSample d = rigid.sample(at);
+        const DistanceSample d = rigid.sample(at, point);
         const ContactResponse<double> r = contact.respond(gamma);
         Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
         if (history.friction) {
@@ -293,8 +322,8 @@ template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, 
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
-                        linear.rigid.sample(surface.position(f, p, linear.x))
+      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x), surface.material(f, p)) +
+                        linear.rigid.sample(surface.position(f, p, linear.x), surface.material(f, p))
                             .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
   return gaps;
 }
