@@ -2664,6 +2664,9 @@ struct Body {
   SurfaceOptics touched = Dielectric{};
   std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
+  /// Height of the film of air over an emitter in air at which it begins to close [m]; 0: where the body reaches the
+  /// emitter; nullopt: never.
+  std::optional<double> film_closes_m = 0.0;
   int regions = 0;  ///< number of readout regions
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
@@ -2943,6 +2946,7 @@ struct FingerOptions {
   struct Recess {
     double depth = 0.0;  ///< 0: there are none, and LEDs touch the silicone
     double length_y = 5.1e-3;
+    std::optional<double> film_closes = 0.0;  ///< Body::film_closes_m
 
     bool operator==(const Recess&) const = default;
   };
@@ -2983,6 +2987,7 @@ inline FingerOptions built_finger() {
   o.pad = built_pad();
   o.leds.width_x = 1.8e-3;
   o.recess.depth = 0.19e-3;
+  o.recess.film_closes.reset();
   o.readout.one_side = true;
   o.pivot = TiltPivot::base;
   o.carrier_albedo = 0.7;
@@ -3011,6 +3016,8 @@ inline void validate(const FingerOptions& o) {
   require_in_range(
       "height of the carrier below the base", o.pad.carrier_height, o.pad.shoulder_height + 1e-3, 200.0, "mm");
   require_in_range("depth of the LEDs' recesses", o.recess.depth * 1e3, 0.0, 1.0, "mm");
+  if (o.recess.film_closes)
+    require_in_range("height at which the film over an LED closes", *o.recess.film_closes * 1e3, 0.0, 1.0, "mm");
   if (o.recess.depth > 0.0)  // walls are left between them
     require_in_range(
         "length of the LEDs' recesses", o.recess.length_y * 1e3, o.leds.length_y * 1e3, o.leds.pitch * 1e3 - 1.0, "mm");
@@ -3264,6 +3271,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
           {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
   const auto r = o.readout;
+  body.film_closes_m = o.recess.film_closes;
   body.touched = o.touched;
   body.regions = r.bins;
   body.regions_in_space = r.in_space;
@@ -12152,6 +12160,60 @@ class FaceSet {
 
 #endif
 
+// ---- lumo/optics/transport/film_launch.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_FILM_LAUNCH_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_FILM_LAUNCH_HPP
+
+namespace lumo {
+
+/// How rays of emitters in air start where a film of air lies between an emitter and the body, which loads may close.
+/// What a closed film does is not known from drawings (dust and roughness keep it open, dew wets it): closing is an
+/// assumption, with a law that is smooth in the height of the film. The wetted share of the light enters the body as if
+/// the emitter touched it, the rest crosses the film.
+template <RayScene Scene> class FilmLaunch {
+ public:
+  /// `closes_m`: height of the film at which it begins to close; 0: it closes where the body reaches the emitter;
+  /// nullopt: never, however hard the body is pressed there.
+  FilmLaunch(const Scene& scene, std::optional<double> closes_m) : scene_(scene), closes_m_(closes_m) {}
+
+  /// Calls start(ray, share of its power, inside the body?) for the one or two ways on which a ray starts. `axis`: of
+  /// its emitter.
+  template <class Start> void operator()(const PrimaryRay& ray, const Vec3d& axis, Start&& start) const {
+    const RayHit in = scene_.first_hit(ray.origin, axis, true), out = scene_.first_hit(ray.origin, axis, false);
+    const bool covered = in && (!out || in.t < out.t);
+    const double height = covered || !out ? 0.0 : out.t;
+    const double wet = !closes_m_ ? 0.0 : covered ? 1.0 : out ? wetted(height) : 0.0;
+    if (wet > 0.0) {
+      PrimaryRay entered = ray;
+      entered.origin += height * axis;
+      start(entered, wet, true);
+    }
+    if (wet == 1.0) return;
+    PrimaryRay crossing = ray;
+    if (covered) {  // the body crosses the emitter by the overlap of its contact: back to before its surface
+      const RayHit surface = scene_.first_hit(ray.origin, -axis, true);
+      crossing.origin -= ((surface ? surface.t : 0.0) + clear_m) * axis;
+    }
+    start(crossing, 1.0 - wet, false);
+  }
+
+ private:
+  static constexpr double clear_m = 1e-7;  // before a surface, far above rounding
+
+  double wetted(double height) const {
+    if (!(*closes_m_ > height)) return 0.0;
+    const double t = 1.0 - height / *closes_m_;
+    return t * t * (3.0 - 2.0 * t);
+  }
+
+  const Scene& scene_;
+  std::optional<double> closes_m_;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optics/transport/light_accounts.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_LIGHT_ACCOUNTS_HPP
 #define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_LIGHT_ACCOUNTS_HPP
@@ -12902,7 +12964,8 @@ template <class Path> class Splatting {
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
   /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
   /// places and finer grids.
-  void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
+  /// `follow(ray, exits)` traces one of them.
+  template <class Follow> void run(const RayPattern::Beam& beam, const OwenSobol& sequence, Follow&& follow) {
     const std::uint32_t pairs =
         std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / rays_per_pair)));
     const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
@@ -12918,11 +12981,7 @@ template <class Path> class Splatting {
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
-              .mirror = beam.mirror,
-              .power_W = beam.power_W,
-              .gathers_direct = beam.source.has_intensity(),
-              .exits = &exits_});
+          follow(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), &exits_);
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), triangles_about);
@@ -13193,7 +13252,7 @@ class Tracer {
       };
       std::vector<Tally> totals;
       for (const Color& color : light) {
-        trace_emitters(lit, color.pattern, sequence(0), path);
+        trace_emitters(lit, color.pattern, body.film_closes_m, sequence(0), path);
         totals.push_back(path.accounts().take());
       }
       const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
@@ -13246,30 +13305,29 @@ class Tracer {
     validate(body.emitters);
   }
   template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
-      const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
-    // A body may have been pressed onto an emitter that was in air.
-    const auto covered = [&](const PrimaryRay& ray) {
-      const RayHit in = body.scene.first_hit(ray.origin, ray.direction, true),
-                   out = body.scene.first_hit(ray.origin, ray.direction, false);
-      return in && (!out || in.t < out.t);
-    };
+      std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
     constexpr bool connected = ConnectedReadout<Readout>;  // an opening is too small to be found between rays
+    const FilmLaunch launch(body.scene, film_closes_m);
     Splatting splatting(path);
     for (const RayPattern::Beam& beam : pattern.beams()) {
-      const bool air = beam.source.in_air();
-      if (config_.exit_rays > 0 && !connected && !air) {
-        splatting.run(beam, sequence);
-        continue;
-      }
-      for (std::uint32_t i = 0; i < beam.rays; ++i) {
-        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
-        path.run({.ray = ray,
-            .mirror = beam.mirror,
-            .power_W = beam.power_W,
-            .inside = !air || covered(ray),
-            // Few ways from a face and an emitter lead through an opening.
-            .gathers_direct = !connected && beam.source.has_intensity() && !air});
-      }
+      // Few ways from a face and an emitter lead through an opening; those from air are bent twice.
+      const bool air = beam.source.in_air(), direct = !connected && beam.source.has_intensity() && !air;
+      const Vec3d axis = beam.mirror.cwiseProduct(beam.axis);
+      const auto follow = [&](const PrimaryRay& ray, std::vector<Exit>* exits) {
+        const auto start = [&](const PrimaryRay& from, double share, bool inside) {
+          path.run({.ray = from,
+              .mirror = beam.mirror,
+              .power_W = share * beam.power_W,
+              .inside = inside,
+              .gathers_direct = direct,
+              .exits = exits});
+        };
+        if (air) launch(ray, axis, start);
+        else start(ray, 1.0, true);
+      };
+      if (config_.exit_rays > 0 && !connected) splatting.run(beam, sequence, follow);
+      else
+        for (std::uint32_t i = 0; i < beam.rays; ++i) follow(RayPattern::ray(beam, sequence, i), nullptr);
     }
   }
   template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,

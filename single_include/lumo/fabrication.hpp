@@ -1168,6 +1168,9 @@ struct Body {
   SurfaceOptics touched = Dielectric{};
   std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
+  /// Height of the film of air over an emitter in air at which it begins to close [m]; 0: where the body reaches the
+  /// emitter; nullopt: never.
+  std::optional<double> film_closes_m = 0.0;
   int regions = 0;  ///< number of readout regions
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
@@ -1790,6 +1793,7 @@ struct FingerOptions {
   struct Recess {
     double depth = 0.0;  ///< 0: there are none, and LEDs touch the silicone
     double length_y = 5.1e-3;
+    std::optional<double> film_closes = 0.0;  ///< Body::film_closes_m
 
     bool operator==(const Recess&) const = default;
   };
@@ -1830,6 +1834,7 @@ inline FingerOptions built_finger() {
   o.pad = built_pad();
   o.leds.width_x = 1.8e-3;
   o.recess.depth = 0.19e-3;
+  o.recess.film_closes.reset();
   o.readout.one_side = true;
   o.pivot = TiltPivot::base;
   o.carrier_albedo = 0.7;
@@ -1858,6 +1863,8 @@ inline void validate(const FingerOptions& o) {
   require_in_range(
       "height of the carrier below the base", o.pad.carrier_height, o.pad.shoulder_height + 1e-3, 200.0, "mm");
   require_in_range("depth of the LEDs' recesses", o.recess.depth * 1e3, 0.0, 1.0, "mm");
+  if (o.recess.film_closes)
+    require_in_range("height at which the film over an LED closes", *o.recess.film_closes * 1e3, 0.0, 1.0, "mm");
   if (o.recess.depth > 0.0)  // walls are left between them
     require_in_range(
         "length of the LEDs' recesses", o.recess.length_y * 1e3, o.leds.length_y * 1e3, o.leds.pitch * 1e3 - 1.0, "mm");
@@ -2111,6 +2118,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
           {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
   const auto r = o.readout;
+  body.film_closes_m = o.recess.film_closes;
   body.touched = o.touched;
   body.regions = r.bins;
   body.regions_in_space = r.in_space;

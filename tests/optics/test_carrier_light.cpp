@@ -29,9 +29,9 @@ void agree(const Sum& a, const Sum& b, double within) {
 
 // The light of a finger's sides three ways: gathered backwards, forwards only, and walked. Errors are far below
 // `within`.
-template <class Medium> void three_ways(const FingerDesign& design, Silicone card, int rays, int walks) {
+template <class Medium> void three_ways(
+    const FingerDesign& design, Silicone card, int rays, int walks, FingerOptions options = plain_finger()) {
   constexpr double within = 0.01;
-  FingerOptions options;
   options.mesh.contact_edge = 3e-3;
   const Body body = finger(design, card, options);
   const TetMesh mesh = mesh_body(body, TetgenMesher{});
@@ -64,6 +64,10 @@ TEST_CASE("The same in a silicone that scatters", "[tracer]") {
   Silicone turbid = dragon_skin();
   turbid.scattering_albedo = turbid.anisotropy = 0.9;
   three_ways<ScatteringMedium>({3, 12.5, 7, 8, 5}, turbid, 1 << 13, 1 << 13);
+}
+
+TEST_CASE("The same from LEDs in the recesses of a built finger's stem", "[tracer]") {
+  three_ways<BeerLambert>(built_baseline(), solaris(), 1 << 13, 1 << 14, built_finger());
 }
 
 TEST_CASE("A clear slab over a white floor in air lets out what the floor sends, whatever its index", "[tracer]") {

@@ -75,6 +75,9 @@ struct Body {
   SurfaceOptics touched = Dielectric{};
   std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
+  /// Height of the film of air over an emitter in air at which it begins to close [m]; 0: where the body reaches the
+  /// emitter; nullopt: never.
+  std::optional<double> film_closes_m = 0.0;
   int regions = 0;  ///< number of readout regions
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;

@@ -73,6 +73,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
           {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
   const auto r = o.readout;
+  body.film_closes_m = o.recess.film_closes;
   body.touched = o.touched;
   body.regions = r.bins;
   body.regions_in_space = r.in_space;

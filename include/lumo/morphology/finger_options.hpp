@@ -5,6 +5,7 @@
 #include "lumo/morphology/section.hpp"
 #include "lumo/morphology/silicone.hpp"
 
+#include <optional>
 #include <variant>
 
 namespace lumo {
@@ -54,6 +55,7 @@ struct FingerOptions {
   struct Recess {
     double depth = 0.0;  ///< 0: there are none, and LEDs touch the silicone
     double length_y = 5.1e-3;
+    std::optional<double> film_closes = 0.0;  ///< Body::film_closes_m
 
     bool operator==(const Recess&) const = default;
   };
@@ -94,6 +96,7 @@ inline FingerOptions built_finger() {
   o.pad = built_pad();
   o.leds.width_x = 1.8e-3;
   o.recess.depth = 0.19e-3;
+  o.recess.film_closes.reset();
   o.readout.one_side = true;
   o.pivot = TiltPivot::base;
   o.carrier_albedo = 0.7;
@@ -122,6 +125,8 @@ inline void validate(const FingerOptions& o) {
   require_in_range(
       "height of the carrier below the base", o.pad.carrier_height, o.pad.shoulder_height + 1e-3, 200.0, "mm");
   require_in_range("depth of the LEDs' recesses", o.recess.depth * 1e3, 0.0, 1.0, "mm");
+  if (o.recess.film_closes)
+    require_in_range("height at which the film over an LED closes", *o.recess.film_closes * 1e3, 0.0, 1.0, "mm");
   if (o.recess.depth > 0.0)  // walls are left between them
     require_in_range(
         "length of the LEDs' recesses", o.recess.length_y * 1e3, o.leds.length_y * 1e3, o.leds.pitch * 1e3 - 1.0, "mm");

@@ -12,6 +12,7 @@
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/transport/face_set.hpp"
+#include "lumo/optics/transport/film_launch.hpp"
 #include "lumo/optics/transport/next_event.hpp"
 #include "lumo/optics/transport/path_tracer.hpp"
 #include "lumo/optics/transport/radiosity.hpp"
@@ -164,7 +165,7 @@ class Tracer {
       };
       std::vector<Tally> totals;
       for (const Color& color : light) {
-        trace_emitters(lit, color.pattern, sequence(0), path);
+        trace_emitters(lit, color.pattern, body.film_closes_m, sequence(0), path);
         totals.push_back(path.accounts().take());
       }
       const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
@@ -217,30 +218,29 @@ class Tracer {
     validate(body.emitters);
   }
   template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
-      const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
-    // A body may have been pressed onto an emitter that was in air.
-    const auto covered = [&](const PrimaryRay& ray) {
-      const RayHit in = body.scene.first_hit(ray.origin, ray.direction, true),
-                   out = body.scene.first_hit(ray.origin, ray.direction, false);
-      return in && (!out || in.t < out.t);
-    };
+      std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
     constexpr bool connected = ConnectedReadout<Readout>;  // an opening is too small to be found between rays
+    const FilmLaunch launch(body.scene, film_closes_m);
     Splatting splatting(path);
     for (const RayPattern::Beam& beam : pattern.beams()) {
-      const bool air = beam.source.in_air();
-      if (config_.exit_rays > 0 && !connected && !air) {
-        splatting.run(beam, sequence);
-        continue;
-      }
-      for (std::uint32_t i = 0; i < beam.rays; ++i) {
-        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
-        path.run({.ray = ray,
-            .mirror = beam.mirror,
-            .power_W = beam.power_W,
-            .inside = !air || covered(ray),
-            // Few ways from a face and an emitter lead through an opening.
-            .gathers_direct = !connected && beam.source.has_intensity() && !air});
-      }
+      // Few ways from a face and an emitter lead through an opening; those from air are bent twice.
+      const bool air = beam.source.in_air(), direct = !connected && beam.source.has_intensity() && !air;
+      const Vec3d axis = beam.mirror.cwiseProduct(beam.axis);
+      const auto follow = [&](const PrimaryRay& ray, std::vector<Exit>* exits) {
+        const auto start = [&](const PrimaryRay& from, double share, bool inside) {
+          path.run({.ray = from,
+              .mirror = beam.mirror,
+              .power_W = share * beam.power_W,
+              .inside = inside,
+              .gathers_direct = direct,
+              .exits = exits});
+        };
+        if (air) launch(ray, axis, start);
+        else start(ray, 1.0, true);
+      };
+      if (config_.exit_rays > 0 && !connected) splatting.run(beam, sequence, follow);
+      else
+        for (std::uint32_t i = 0; i < beam.rays; ++i) follow(RayPattern::ray(beam, sequence, i), nullptr);
     }
   }
   template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,
