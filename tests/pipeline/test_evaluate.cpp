@@ -119,9 +119,40 @@ TEST_CASE(
   const Evaluation other = score(observe(finger(design, dragon_skin(), bright), pressed, p, Serial{}), p);
   CHECK(other.J_obs->value == evaluate({design, dragon_skin(), bright}, e, p, Serial{}).J_obs->value);
   CHECK(other.J_obs->value != whole.J_obs->value);
-  const Body half_seen = finger(design, dragon_skin(), one_side);
   CHECK(has_image_channels(body, pressed, p));
-  CHECK_FALSE(has_image_channels(half_seen, pressed, p));  // −15° was not pressed
-  CHECK_THROWS_AS(observe(half_seen, pressed, p, Serial{}), InvalidArgument);
-  CHECK(evaluate({design, dragon_skin(), one_side}, e, p, Serial{}).J_obs);
+  // Of one side alone: its mirror image stands for the other.
+  const Body half_seen = finger(design, dragon_skin(), one_side);
+  CHECK(has_image_channels(half_seen, pressed, p));
+  CHECK(evaluate({design, dragon_skin(), one_side}, e, p, Serial{}).J_obs->value ==
+        score(observe(half_seen, pressed, p, Serial{}), p).J_obs->value);
+  Body lopsided = half_seen;  // −15° was not pressed, and this body's light has no mirror image
+  lopsided.symmetry.x = false;
+  CHECK_FALSE(has_image_channels(lopsided, pressed, p));
+  CHECK_THROWS_AS(observe(lopsided, pressed, p, Serial{}), InvalidArgument);
+}
+
+TEST_CASE("where one side is seen, a contact from the other side is known from its mirror image") {
+  const FingerDesign design{8, 4, 6, 4, 2};
+  Ensemble e = small_ensemble();
+  e.places_m = {5e-3};
+  e.loads_N = {2.0};
+  FingerOptions one_side = coarse_finger();
+  one_side.readout.one_side = true;
+  CoarsePipeline p = coarse_pipeline();
+  const Evaluation once = evaluate({design, solaris(), one_side}, e, p, Serial{});
+  p.mirror_once = false;
+  const Evaluation each = evaluate({design, solaris(), one_side}, e, p, Serial{});
+  CHECK(once.observations.unloaded_response.size() == 11);
+  double apart = 0.0;
+  for (std::size_t k = 0; k < 2; ++k) {
+    const StateRecord &a = once.observations.scenarios[k].states[0], &b = each.observations.scenarios[k].states[0];
+    REQUIRE(a.response.size() == 11);
+    CHECK(a.change.cols() == 11);
+    CHECK(a.change_error.size() == 11);
+    for (std::size_t r = 0; r < 11; ++r) {
+      CHECK(a.response[r] == Approx(b.response[r]).margin(1e-6));
+      apart = std::max(apart, std::abs(a.response[r] - once.observations.scenarios[1 - k].states[0].response[r]));
+    }
+  }
+  CHECK(apart > 1e-4);  // ±15° are not seen alike
 }
