@@ -14046,12 +14046,56 @@ template <Indenter Tool> std::vector<std::size_t> longest_first(const ContactPla
   return order;
 }
 
-/// Records of all scenarios from those that were solved.
+/// A body of which one side is seen, as if both were: its regions, and then their mirror images in x = 0.
+inline Body with_both_sides(Body body) {
+  const int n = body.regions;
+  body.regions = 2 * n;
+  body.region = [n, one = body.region](const Vec3d& p, const Vec3d& normal) {
+    const Vec3d flip(-1.0, 1.0, 1.0);
+    if (const int here = one(p, normal); here >= 0) return here;
+    const int there = one(flip.cwiseProduct(p), flip.cwiseProduct(normal));
+    return there >= 0 ? n + there : -1;
+  };
+  std::vector<int> other;
+  for (int k = 0; k < 2 * n; ++k) other.push_back((k + n) % (2 * n));
+  body.region_image_x = other;
+  if (body.region_image_y && !body.region_image_y->empty())
+    for (int k = 0; k < n; ++k) body.region_image_y->push_back(n + (*body.region_image_y)[std::size_t(k)]);
+  return body;
+}
+
+/// How a body is lit so that contacts stand for their mirror images, and what of it is seen.
+struct LitSides {
+  std::optional<Body> both;  ///< of a body of which one side is seen
+  ChannelImages images;
+  std::vector<int> seen;  ///< channels
+
+  template <class Light> LitSides(const Body& body, const Light& light) {
+    const int channels = light.channels(body), colors = color_count(body.emitters);
+    if (channels == 0) {  // mechanics only
+      images = {std::vector<int>{}, std::vector<int>{}};
+      return;
+    }
+    if (body.symmetry.x && !body.region_image_x) both = with_both_sides(body);
+    if (both && light.channels(*both) != 2 * channels) both.reset();  // this light knows nothing of regions
+    const int of_color = channels / colors;
+    for (int c = 0; c < colors; ++c)
+      for (int k = 0; k < of_color; ++k) seen.push_back(c * (both ? 2 : 1) * of_color + k);
+    images = {light.image_channels(lit(body), 0), light.image_channels(lit(body), 1)};
+  }
+  const Body& lit(const Body& body) const { return both ? *both : body; }
+};
+
+/// Records of all scenarios from those that were solved, with the channels that are seen.
 template <Indenter Tool> std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios,
-    const ChannelImages& channels, const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
+    const LitSides& sides, const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
   std::vector<ScenarioRecord> records;
-  for (std::size_t k = 0; k < scenarios.size(); ++k)
-    records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], sides.images, plan.images[k]));
+    for (StateRecord& s : records.back().states)
+      if (s.change.cols() > Eigen::Index(sides.seen.size()))
+        s.change = Eigen::MatrixXd(s.change(Eigen::all, sides.seen));
+  }
   return records;
 }
 
@@ -14059,18 +14103,12 @@ template <Indenter Tool> std::vector<ScenarioRecord> expanded(const std::vector<
 /// changes: changes are taken on one mesh and added to the common mean. `watts` names the mean power or its standard
 /// error.
 inline std::vector<double> mean_per_emitted(
-    const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
-  std::vector<double> mean(std::size_t(channels), 0.0);
+    const std::vector<Response>& responses, const std::vector<double> Response::*watts, const std::vector<int>& seen) {
+  std::vector<double> mean(seen.size(), 0.0);
   for (const Response& r : responses)
     for (std::size_t b = 0; b < mean.size(); ++b)
-      mean[b] += (r.*watts)[b] / (r.ledger.emitted * double(responses.size()));
+      mean[b] += (r.*watts)[std::size_t(seen[b])] / (r.ledger.emitted * double(responses.size()));
   return mean;
-}
-
-/// Mirror images of the channels of a body's light.
-template <class Light> ChannelImages channel_images(const Body& body, const Light& light) {
-  if (light.channels(body) == 0) return {std::vector<int>{}, std::vector<int>{}};  // mechanics only
-  return {light.image_channels(body, 0), light.image_channels(body, 1)};
 }
 
 /// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
@@ -14106,7 +14144,7 @@ template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(cons
     const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
     const ProgressReport& progress = {}) {
   const Stopwatch clock;
-  const ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  const ChannelImages images = detail::LitSides(body, pipeline.tracer).images;
   Pressed<PadOf<P>, Tool> out;
   out.scenarios = scenarios;
   out.plan =
@@ -14151,7 +14189,7 @@ template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(cons
 /// images? Only then can `body` be lit in them.
 template <class P, class Pad, Indenter Tool>
 bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
-  return detail::images_known(pressed.plan, detail::channel_images(body, pipeline.tracer));
+  return detail::images_known(pressed.plan, detail::LitSides(body, pipeline.tracer).images);
 }
 
 /// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
@@ -14160,33 +14198,34 @@ bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, con
 template <class P, class Pad, Indenter Tool, Executor E> Observations observe(const Body& body,
     const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;
-  const ChannelImages images = detail::channel_images(body, pipeline.tracer);
-  if (!detail::images_known(pressed.plan, images))
+  const detail::LitSides sides(body, pipeline.tracer);
+  if (!detail::images_known(pressed.plan, sides.images))
     throw InvalidArgument(
         "observe: contacts were pressed once with their mirror images, but channels of the light have none");
-  const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
+  const bool has_light = !sides.seen.empty();
   Observations out;
 
   // Light: first for all states, then with more rays for those that decide.
-  Lighting lighting(body, pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
+  Lighting lighting(
+      sides.lit(body), pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
   const auto trace = [&](const auto& states, int round, std::string stage) {
     detail::StageReport tracing(progress, std::move(stage));
     lighting.trace(states, round, executor, [&](std::size_t total) { tracing.step(total); });
   };
-  if (channels > 0) {
+  if (has_light) {
     trace(lighting.all(), 0, "light");
-    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, channels);
-    out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, channels);
+    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, sides.seen);
+    out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, sides.seen);
     const bool scored = all_scored(lighting.records(), pipeline.accept_held);
     for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
       const auto undecided = lighting.undecided(
-          detail::expanded(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
+          detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       trace(undecided, round, message("light, ", rays_up_to(round), " times the rays"));
     }
   }
 
-  out.scenarios = detail::expanded(pressed.scenarios, images, pressed.plan, lighting.records());
+  out.scenarios = detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records());
   for (auto& record : out.scenarios)
     for (auto& s : record.states) {
       for (Eigen::Index b = 0; b < s.change.cols(); ++b)
