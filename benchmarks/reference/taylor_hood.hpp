@@ -72,7 +72,7 @@ class TaylorHood {
   using Contacts = std::array<std::vector<Touching>, 2>;  // with the indenter, with the carrier
 
   /// `planes`: symmetry planes that bound `mesh`. Faces of contactable patches meet the indenter, those that meet the
-  /// carrier its boxes.
+  /// carrier its boxes or supports.
   TaylorHood(const Body& body, const TetMesh& mesh, Symmetry planes, const Constants& constants);
 
   /// States at increasing loads (the sector's share of each is `share`), from first touch; ends at the first that does
@@ -138,11 +138,16 @@ class TaylorHood {
   void advance_to_load(Place& at, double load);
   /// Calls visit(face, point, position) at all points of the faces that may touch.
   template <class Visit> void near(std::size_t side, const Place& at, Visit&& visit) const;
-  DistanceSample sample(std::size_t side, const Vec3d& x, double advance) const {
-    return side == 0 ? sphere_.sample(x - origin_ - advance * direction_) : carrier_.sample(x);
+  DistanceSample sample(std::size_t side, const Vec3d& x, const MaterialPoint& point, double advance) const {
+    return side == 0 ? sphere_.sample(x - origin_ - advance * direction_) : carrier_.sample(x, point);
   }
-  double distance(std::size_t side, const Vec3d& x, double advance) const {
-    return side == 0 ? sphere_.distance(x - origin_ - advance * direction_) : carrier_.distance(x);
+  double distance(std::size_t side, const Vec3d& x, const MaterialPoint& point, double advance) const {
+    return side == 0 ? sphere_.distance(x - origin_ - advance * direction_) : carrier_.distance(x, point);
+  }
+  MaterialPoint material(const BoundaryFace& f, std::size_t k) const {
+    Vec3d at = Vec3d::Zero();
+    for (std::size_t a = 0; a < 6; ++a) at += shape_[k][a] * mesh_.nodes[std::size_t(f.nodes[a])];
+    return {at, f.patch};
   }
   Vec3d position(const BoundaryFace& f, std::size_t k, const Points& x) const {
     Vec3d at = Vec3d::Zero();
@@ -159,7 +164,7 @@ class TaylorHood {
 
   TetMesh mesh_;
   Constants constants_;
-  BoxUnion carrier_;
+  Carrier carrier_;
   std::array<Surface, 2> surfaces_;
   std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradient_;
   std::vector<double> weight_;
@@ -180,7 +185,7 @@ class TaylorHood {
 };
 
 inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry planes, const Constants& constants)
-    : mesh_(mesh), constants_(constants), carrier_{body.carrier} {
+    : mesh_(mesh), constants_(constants), carrier_(body) {
   set_up_elements();
   set_up_faces();
   set_up_boundary(body, planes);
@@ -403,7 +408,9 @@ template <class Visit> void TaylorHood::near(std::size_t side, const Place& at, 
     for (std::size_t k = 0; k < 3; ++k)
       reach = std::max(
           reach, (2.0 * at.x.col(n[3 + k]) - 0.5 * at.x.col(n[k]) - 0.5 * at.x.col(n[(k + 1) % 3]) - middle).norm());
-    if (distance(side, middle, at.advance) > reach) continue;
+    const bool far = side == 0 ? sphere_.distance(middle - origin_ - at.advance * direction_) > reach
+                               : !carrier_.reaches(middle, reach, surfaces_[side].faces[f].patch);
+    if (far) continue;
     for (std::size_t k = 0; k < std::size_t(face_points); ++k) visit(f, k, position(surfaces_[side].faces[f], k, at.x));
   }
 }
@@ -431,7 +438,8 @@ inline void TaylorHood::add_contact(
   };
   const auto visit = [&](std::size_t f, std::size_t k, const Vec3d& x) {
     const std::size_t id = f * face_points + k;
-    const double gap = distance(side, x, at.advance);
+    const MaterialPoint point = material(s.faces[f], k);
+    const double gap = distance(side, x, point, at.advance);
     if (side == 0) overlap_ = std::max(overlap_, -gap);
     if (seen ? !(*seen)[side][id].active : gap >= 0.0) return;
     if (f != open) {
@@ -441,7 +449,7 @@ inline void TaylorHood::add_contact(
       force.setZero();
       toward.setZero();
     }
-    const DistanceSample d = sample(side, x, at.advance);
+    const DistanceSample d = sample(side, x, point, at.advance);
     const double area = s.area[id];
     const Vec3d pull = area * stiffness * gap * d.gradient;  // ∂energy/∂x
     if (side == 0) push_ -= pull.dot(direction_);
@@ -483,7 +491,7 @@ inline void TaylorHood::join_overlapping(const Place& at) {
   for (std::size_t side = 0; side < 2; ++side)
     near(side, at, [&](std::size_t f, std::size_t k, const Vec3d& x) {
       Touching& t = contacts_[side][f * face_points + k];
-      if (!t.active && distance(side, x, at.advance) < 0.0) t = {0.0, true};
+      if (!t.active && distance(side, x, material(surfaces_[side].faces[f], k), at.advance) < 0.0) t = {0.0, true};
     });
 }
 
@@ -524,7 +532,7 @@ inline void TaylorHood::take(const Step& step, double t, Place& at) {
         Touching& c = contacts_[side][f * face_points + k];
         if (!c.active) continue;
         const BoundaryFace& face = surfaces_[side].faces[f];
-        const DistanceSample d = sample(side, position(face, k, at.x), at.advance);
+        const DistanceSample d = sample(side, position(face, k, at.x), material(face, k), at.advance);
         const double moved = d.gradient.dot(position(face, k, step.x) - (side == 0 ? step.advance : 0.0) * direction_);
         c.pressure += t * (-constants_.penalty * (d.distance + moved) - c.pressure);
         if (c.pressure <= 0.0) c = {};
