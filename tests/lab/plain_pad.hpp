@@ -4,7 +4,7 @@
 
 /// Responses with simple, known numbers, for the machinery of the lab: smooth in y, linear in the load. Not a pad's;
 /// logs for estimators come from computed ones.
-inline lumo::PadResponses plain_pad() {
+inline lumo::PadResponses test_pad() {
   using namespace lumo;
   PadResponses r;
   r.theta_mm = {6, 6, 8, 5, 0};

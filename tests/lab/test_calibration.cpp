@@ -22,7 +22,7 @@ LabPlan press_plan() {
 
 TEST_CASE("stiffness of a specimen comes back from its press curve, with an interval that holds it", "[lab]") {
   // The specimen is what the rig presses; the nominal pad is softer by a known factor. Linear pad: 5 N/mm.
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   for (const double truth : {0.8, 1.0, 1.25}) {
     int held = 0;
     for (std::uint64_t seed = 1; seed <= 20; ++seed) {
@@ -45,7 +45,7 @@ TEST_CASE("stiffness of a specimen comes back from its press curve, with an inte
 }
 
 TEST_CASE("a stiffer specimen with weaker lamps is one: less depth and less light under the same loads", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   Rig rig, other;
   other.specimen = {1.25, 0.7};
   const VirtualRig nominal(light, press_plan(), 4, 0.0, rig), lab(light, press_plan(), 4, 0.0, other);
@@ -60,7 +60,7 @@ TEST_CASE("a stiffer specimen with weaker lamps is one: less depth and less ligh
 }
 
 TEST_CASE("camera gain and lamp level come back from unloaded pictures", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   for (const double shot : {0.02, 0.03, 0.06}) {
     Rig rig;
     rig.camera.shot_DN = shot;

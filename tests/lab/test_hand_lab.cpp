@@ -10,7 +10,7 @@ using namespace lumo;
 using namespace lumo::sense;
 
 TEST_CASE("a virtual hand is seen where its joints put it, and is the same twice", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   const HandLab lab(light, hand_plan(3, 2), 3);
   REQUIRE(lab.session().links.size() == 4);
   const Image image = lab.image(0);
@@ -35,7 +35,7 @@ TEST_CASE("a virtual hand is seen where its joints put it, and is the same twice
 }
 
 TEST_CASE("grasps of a virtual hand: what presses is found on its link and place, and no more", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   Rig rig;
   rig.camera.frames_per_s = 15.0;
   HandPlan plan = hand_plan(1, 5);

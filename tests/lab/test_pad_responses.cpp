@@ -8,7 +8,7 @@ using namespace lumo;
 using namespace lumo::sense;
 
 TEST_CASE("responses in between: exact at what was computed, mirrored below 0, nothing at 0 N", "[lab]") {
-  const PadResponses r = plain_pad();
+  const PadResponses r = test_pad();
   const PadLight light(r);
   CHECK(light.change(7e-3, 10.0) == r.change[7].col(1));
   CHECK((light.change(-7e-3, 10.0) - r.change[7].col(1).reverse()).norm() == 0.0);
@@ -28,7 +28,7 @@ TEST_CASE("responses in between: exact at what was computed, mirrored below 0, n
 }
 
 TEST_CASE("between loads the response never overshoots", "[lab]") {
-  PadResponses r = plain_pad();
+  PadResponses r = test_pad();
   for (auto& m : r.change) {
     m.col(1) = 0.2 * m.col(0);
     m.col(2) = 1.1 * m.col(0);
@@ -49,7 +49,7 @@ TEST_CASE("between loads the response never overshoots", "[lab]") {
 }
 
 TEST_CASE("a tilt moves with the contact and changes its sign with the angle", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   const Eigen::VectorXd straight = light.change(9e-3, 10.0), plus = light.change(9e-3, 10.0, 0.01),
                         minus = light.change(9e-3, 10.0, -0.01);
   CHECK((plus + minus - 2.0 * straight).norm() < 1e-18);
@@ -59,7 +59,7 @@ TEST_CASE("a tilt moves with the contact and changes its sign with the angle", "
 }
 
 TEST_CASE("responses as a file: read back to the bit, and every damage is reported in one line", "[lab]") {
-  const PadResponses r = plain_pad();
+  const PadResponses r = test_pad();
   const TemporaryFolder folder;
   const std::string text = to_text(r, "a key"), path = folder / "pad";
   CHECK(to_text(pad_responses_from_text(text, "a key", "x"), "a key") == text);
@@ -93,13 +93,13 @@ TEST_CASE("responses as a file: read back to the bit, and every damage is report
 }
 
 TEST_CASE("responses that do not fit together are refused", "[lab]") {
-  PadResponses r = plain_pad();
+  PadResponses r = test_pad();
   r.change[3](5, 1) = std::numeric_limits<double>::quiet_NaN();
   CHECK_THROWS_AS(PadLight(r), InputError);
-  r = plain_pad();
+  r = test_pad();
   r.place_m[0] = 1e-3;
   CHECK_THROWS_AS(PadLight(r), InputError);
-  r = plain_pad();
+  r = test_pad();
   r.load_N[1] = 4.0;
   CHECK_THROWS_AS(PadLight(r), InputError);
 }

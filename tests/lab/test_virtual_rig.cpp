@@ -25,7 +25,7 @@ LabPlan short_plan() {
 }  // namespace
 
 TEST_CASE("same seed, same log, another seed, another one, without noise no scatter", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   const VirtualRig a(light, short_plan(), 3), b(light, short_plan(), 3), c(light, short_plan(), 4);
   REQUIRE(a.frames().size() == b.frames().size());
   const std::size_t middle = a.frames().size() / 2;
@@ -69,7 +69,7 @@ TEST_CASE(
 }
 
 TEST_CASE("pixels scatter as the sensor's model says", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   CameraRig camera;
   camera.row_DN = camera.pixel_gain = 0.0;
   const SidePainter painter({camera, SideGeometry{}, {}}, LightRig{}, light.responses().position_m, 1);
@@ -89,7 +89,7 @@ TEST_CASE("pixels scatter as the sensor's model says", "[lab]") {
 }
 
 TEST_CASE("a camera is placed so that the pad lies in its picture, however badly it aims", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   int in_sight = 0;
   for (std::uint64_t seed = 1; seed <= 60; ++seed) {
     const VirtualRig rig(light, short_plan(), seed, 4.0);
@@ -109,7 +109,7 @@ TEST_CASE("a camera is placed so that the pad lies in its picture, however badly
 
 TEST_CASE("the five LEDs are found in the unloaded picture, and their map gives places on the side to its parallax",
     "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   for (const std::uint64_t seed : {1u, 2u, 3u, 4u, 5u}) {
     const VirtualRig rig(light, short_plan(), seed);
     VirtualCamera camera(rig);
@@ -125,7 +125,7 @@ TEST_CASE("the five LEDs are found in the unloaded picture, and their map gives 
 }
 
 TEST_CASE("with known depth of the LEDs and place of the camera there is no parallax", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   LabPlan plan{"one contact", 0.0, {}};
   plan.contacts.push_back({0, 0.0, 0, lab_holds({5}, 0.3, 0.5), 0.0, 1.0});
   const VirtualRig rig(light, plan, 1, 0.0);
@@ -145,7 +145,7 @@ TEST_CASE("with known depth of the LEDs and place of the camera there is no para
 }
 
 TEST_CASE("the finger's localiser finds places along a pad with clear ends, and its intervals hold them", "[lab]") {
-  PadResponses clear = plain_pad();
+  PadResponses clear = test_pad();
   for (Eigen::Index k = 0; k < clear.place_m.size(); ++k) {  // an end at 30 mm throws a contact's light back
     const Eigen::VectorXd image =
         (-0.5 * ((clear.position_m.array() - (60e-3 - clear.place_m[k])) / 4e-3).square()).exp();
@@ -183,7 +183,7 @@ TEST_CASE("the finger's localiser finds places along a pad with clear ends, and 
 }
 
 TEST_CASE("current times constant is force times arm, apart from what the rig adds", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   const VirtualRig rig(light, short_plan(), 1, 0.0);
   const MotorRig& m = rig.rig().motor;
   int loaded = 0;
@@ -200,7 +200,7 @@ TEST_CASE("current times constant is force times arm, apart from what the rig ad
 }
 
 TEST_CASE("what is known of a finger needs joint samples, unloaded ones, of the session's joints", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   const VirtualRig rig(light, short_plan(), 1);
   const Recording whole{"lab", rig.session(), rig.frames(), rig.joints(), {}, {}, {}};
   const auto known = [&](const Recording& r) { return known_finger(r, [&] { return VirtualCamera(rig); }); };
@@ -218,7 +218,7 @@ TEST_CASE("what is known of a finger needs joint samples, unloaded ones, of the 
 }
 
 TEST_CASE("LEDs off and no noise: what is left is the room", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   LabPlan plan = short_plan();
   plan.views = {LabView{{}, 1.0, 0.0}};
   const VirtualRig rig(light, plan, 1, 0.0);
@@ -230,7 +230,7 @@ TEST_CASE("LEDs off and no noise: what is left is the room", "[lab]") {
 }
 
 TEST_CASE("plans beyond what was computed are refused", "[lab]") {
-  const PadLight light(plain_pad());
+  const PadLight light(test_pad());
   LabPlan plan = short_plan();
   plan.contacts[0].steps[0].load_N = 25.0;
   CHECK_THROWS_AS(VirtualRig(light, plan), InvalidArgument);
