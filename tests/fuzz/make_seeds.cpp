@@ -1,5 +1,5 @@
 // Writes good files for the fuzzer to start from: make_seeds FOLDER makes FOLDER/text and FOLDER/mcap.
-#include "lab/plain_pad.hpp"
+#include "lab/test_pad.hpp"
 #include "sense/recording/full_log.hpp"
 
 #include "lumo/lab/pad_file.hpp"
@@ -91,7 +91,7 @@ int main(int count, char** words) {
   }
   write("text/stl", 't', stl + "endsolid seed\n");
   write("text/binary_stl", 't', binary);
-  write("text/pad", 'r', to_text(plain_pad(), "key"));
+  write("text/pad", 'r', to_text(test_pad(), "key"));
   for (const bool raw : {false, true}) {
     const std::string name = raw ? "mcap/raw_" : "mcap/png_";
     write(name + "plain", 'm', without_checksums(mcap_of(log, raw, Uncompressed{})));

@@ -1,6 +1,6 @@
 #include "catch.hpp"
 
-#include "lab/plain_pad.hpp"
+#include "lab/test_pad.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "temporary_folder.hpp"
 

@@ -1,6 +1,6 @@
 #include "catch.hpp"
 
-#include "lab/plain_pad.hpp"
+#include "lab/test_pad.hpp"
 #include "lumo/lab/side_camera.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/estimate.hpp"
