@@ -223,24 +223,25 @@ class Tracer {
     const FilmLaunch launch(body.scene, film_closes_m);
     Splatting splatting(path);
     for (const RayPattern::Beam& beam : pattern.beams()) {
-      // Few ways from a face and an emitter lead through an opening; those from air are bent twice.
-      const bool air = beam.source.in_air(), direct = !connected && beam.source.has_intensity() && !air;
-      const Vec3d axis = beam.mirror.cwiseProduct(beam.axis);
-      const auto follow = [&](const PrimaryRay& ray, std::vector<Exit>* exits) {
-        const auto start = [&](const PrimaryRay& from, double share, bool inside) {
-          path.run({.ray = from,
-              .mirror = beam.mirror,
-              .power_W = share * beam.power_W,
-              .inside = inside,
-              .gathers_direct = direct,
-              .exits = exits});
-        };
-        if (air) launch(ray, axis, start);
-        else start(ray, 1.0, true);
+      const bool air = beam.source.in_air();
+      if (config_.exit_rays > 0 && !connected && !air) {
+        splatting.run(beam, sequence);
+        continue;
+      }
+      // Few ways from a face and an emitter lead through an opening.
+      const bool direct = !connected && beam.source.has_intensity() && !air;
+      const auto start = [&](const PrimaryRay& ray, double share, bool inside) {
+        path.run({.ray = ray,
+            .mirror = beam.mirror,
+            .power_W = share * beam.power_W,
+            .inside = inside,
+            .gathers_direct = direct});
       };
-      if (config_.exit_rays > 0 && !connected) splatting.run(beam, sequence, follow);
-      else
-        for (std::uint32_t i = 0; i < beam.rays; ++i) follow(RayPattern::ray(beam, sequence, i), nullptr);
+      for (std::uint32_t i = 0; i < beam.rays; ++i) {
+        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
+        if (air) launch(ray, beam.mirror.cwiseProduct(beam.axis), start);
+        else start(ray, 1.0, true);
+      }
     }
   }
   template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,

@@ -25,8 +25,7 @@ template <class Path> class Splatting {
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
   /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
   /// places and finer grids.
-  /// `follow(ray, exits)` traces one of them.
-  template <class Follow> void run(const RayPattern::Beam& beam, const OwenSobol& sequence, Follow&& follow) {
+  void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
     const std::uint32_t pairs =
         std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / rays_per_pair)));
     const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
@@ -42,7 +41,11 @@ template <class Path> class Splatting {
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          follow(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), &exits_);
+          path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
+              .mirror = beam.mirror,
+              .power_W = beam.power_W,
+              .gathers_direct = beam.source.has_intensity(),
+              .exits = &exits_});
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), triangles_about);
