@@ -2106,7 +2106,7 @@ inline double euclidean_thickness(const FingerDesign& d, const PadDimensions& pa
   for (int k = 1; k <= pieces; ++k)
     if (squared(k * step) < squared(nearest * step)) nearest = k;
   const double low = std::max(0, nearest - 1) * step, high = std::min(pieces, nearest + 1) * step;
-  const double least = std::min({squared(0.0), squared(golden_section(squared, low, high, 60))});
+  const double least = std::min(squared(0.0), squared(golden_section(squared, low, high, 60)));
   return std::min(a - c, std::sqrt(least));
 }
 
@@ -2711,6 +2711,9 @@ constexpr std::string_view to_string(Twin twin) {
   }
 }
 
+/// Is there a rigid stem under the silicone?
+constexpr bool has_stem(Twin twin) { return twin == Twin::none || twin == Twin::no_void; }
+
 /// What a boundary edge of the section is.
 enum class SectionTag {
   mirror,
@@ -2737,6 +2740,7 @@ struct HalfSection {
 
   double half_width_m() const { return 0.5e-3 * pad.width; }
   double height_m() const { return z.back(); }  ///< of the dome's apex over the base
+  bool lies_on_stem() const { return has_stem(twin) && pad.stem == Stem::free; }
   double length_m() const { return 1e-3 * (pad.length + pad.cap_length); }
   /// Exact area of the half section [m²].
   double exact_area_m2() const;
@@ -2788,10 +2792,6 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
   return angles;
 }
 
-}  // namespace detail
-
-namespace detail {
-
 // The polygon of a section, point by point.
 struct SectionPen {
   HalfSection& section;
@@ -2822,7 +2822,7 @@ inline void add_cavity(const SectionPen& pen, const HalfSection& s) {
     pen.add(0.0, 0.0, SectionTag::base);
     if (!has_void) return;
     pen.add(stem, 0.0, SectionTag::void_inner);
-  } else if (s.pad.stem == Stem::bonded) {
+  } else if (!s.lies_on_stem()) {
     pen.add(0.0, hs, SectionTag::stem_top);
     if (!has_void) {
       pen.add(stem, hs, SectionTag::stem_side);
@@ -2830,8 +2830,7 @@ inline void add_cavity(const SectionPen& pen, const HalfSection& s) {
       return;
     }
   }
-  const bool lies = !has_soft_stem(s.twin) && s.pad.stem == Stem::free;
-  pen.add(lies ? 0.0 : stem, hs, SectionTag::void_roof);
+  pen.add(s.lies_on_stem() ? 0.0 : stem, hs, SectionTag::void_roof);
   pen.add(outer, hs, SectionTag::void_wall);
   pen.add(outer, 0.0, SectionTag::base);
 }
@@ -2980,8 +2979,7 @@ struct FingerOptions {
 inline FingerOptions plain_finger() { return {}; }
 
 /// The finger that the paper's authors built. Source: as built_pad(); lengths of LEDs and recesses, albedo and pivot
-/// are of the same code. Ours: the rounding of the carrier's edges (with sharp ones equilibria depend on the steps that
-/// lead to them), and that a side is seen by its normals.
+/// are of the same code. Ours: that a side is seen by its normals, and that the film of air over an LED never closes.
 inline FingerOptions built_finger() {
   FingerOptions o;
   o.pad = built_pad();
@@ -3116,7 +3114,7 @@ inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>
 /// What the patches of a finger on a free stem rest on: the cavity's roof on the stem's top, its walls on the stem's
 /// sides, both on the block between them, and the cap's wall on the stem's end.
 inline std::vector<Support> carrier_supports(const HalfSection& s, const FingerOptions& o) {
-  if (s.pad.stem == Stem::bonded || (s.twin != Twin::none && s.twin != Twin::no_void)) return {};
+  if (!s.lies_on_stem()) return {};
   const StemLengths at(s, o);
   const double l = at.half_length, h = at.height;
   std::vector<Support> supports;
@@ -3193,10 +3191,8 @@ inline std::vector<RigidFace> carrier_faces(const HalfSection& s, const FingerOp
   std::vector<RigidFace> faces;
   const detail::FaceList list{faces, Lambertian{o.carrier_albedo}};
   const double l = at.half_length;
-  if (s.twin != Twin::none && s.twin != Twin::no_void) return faces;
-  const bool lies = s.pad.stem == Stem::free;
-  if (!lies && s.design.w_v <= 0.0) return faces;
-  if (lies) detail::add_free_stem(list, at, o);
+  if (!has_stem(s.twin) || (!s.lies_on_stem() && s.design.w_v <= 0.0)) return faces;
+  if (s.lies_on_stem()) detail::add_free_stem(list, at, o);
   else list.add_pair("stem", {{at.stem, -l, 0}, {at.stem, l, 0}, {at.stem, l, at.height}, {at.stem, -l, at.height}});
   list.add_pair("base", {{at.stem, -l, 0}, {at.outer, -l, 0}, {at.outer, l, 0}, {at.stem, l, 0}});
   if (s.pad.cap_length > 0.0) detail::add_carrier_end(list, at, -1e-3 * s.pad.shoulder_height);
@@ -3221,21 +3217,19 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
 namespace detail {
 
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
-  const bool supported = s.twin != Twin::unsupported_base && s.twin != Twin::held_top,
-             held = s.twin != Twin::unsupported_base;
+  const bool supported = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base: {
-      const double low = s.z[0] < 0.0 ? s.z[0] : 0.0;
-      return {"base", Plane{{0, 0, low}, -Vec3d::UnitZ()}, held, false, false, wall};
-    }
+    case SectionTag::base:
+      return {"base", Plane{{0, 0, std::min(0.0, s.z[0])}, -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::shoulder_wall:
-      return {"shoulder_wall", Plane{{1e-3 * s.pad.lip_end(), 0, 0}, -Vec3d::UnitX()}, held, false, false, wall};
+      return {"shoulder_wall", Plane{{1e-3 * s.pad.lip_end(), 0, 0}, -Vec3d::UnitX()}, supported, false, false, wall};
     case SectionTag::shoulder_top:
-      return {"shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, held, false, false, wall};
+      return {
+          "shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::void_inner:
       return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
     case SectionTag::void_roof:
@@ -3252,11 +3246,11 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
 
 inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
-  if (s.twin != Twin::none && s.twin != Twin::no_void) return;
+  if (!has_stem(s.twin)) return;
   const auto& led = o.leds;
   const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
   const Vec3d along(0, 0.5 * led.length_y, 0);
-  const double recess = s.pad.stem == Stem::free ? o.recess.depth : 0.0;
+  const double recess = s.lies_on_stem() ? o.recess.depth : 0.0;
   for (const double y : led_places(led)) {
     if (led.place == FingerOptions::Leds::Place::top) {
       body.emitters.push_back(RectangleEmitter{
@@ -3285,10 +3279,6 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
     return std::clamp(int(bin), 0, r.bins - 1);
   };
 }
-
-}  // namespace detail
-
-namespace detail {
 
 // Boundary of a sector that is swept along y, and its patches by what the section's edges are.
 class SweptBoundary {
@@ -3324,25 +3314,23 @@ inline Patch end_face(const char* name, double y, double outwards, const FingerO
       false, Dielectric{}};
 }
 
-// The quarter of a pad whose section is the same all along.
-inline void sweep_quarter(Body& body, const HalfSection& s, const FingerOptions& o) {
+// The sector of a pad whose section is the same all along: a quarter where the body is symmetric in y, else a half.
+inline void sweep_prism(Body& body, const HalfSection& s, const FingerOptions& o) {
   SweptBoundary boundary(body, s, o);
-  const double end_y = 0.5e-3 * o.pad.length;
-  const int n = int(s.x.size());
-  for (std::size_t k = 0; k < std::size_t(n); ++k)
-    for (const double y : {0.0, end_y}) boundary.vertex(s.x[k], y, s.z[k]);
-  for (int k = 0; k < n; ++k) {
-    const int next = (k + 1) % n;
-    boundary.facet({2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, boundary.patch(s.tag[std::size_t(k)]));
+  const double from = body.symmetry.y ? 0.0 : 1e-3 * o.pad.proximal_end(), to = 1e-3 * o.pad.distal_end();
+  const std::size_t n = s.x.size();
+  std::vector<int> near, far;
+  for (std::size_t k = 0; k < n; ++k) {
+    near.push_back(boundary.vertex(s.x[k], from, s.z[k]));
+    far.push_back(boundary.vertex(s.x[k], to, s.z[k]));
   }
-  const int end = boundary.add(end_face("end", end_y, 1.0, o));
-  std::vector<int> middle_loop, end_loop;
-  for (int k = 0; k < n; ++k) {
-    middle_loop.push_back(2 * k);
-    end_loop.push_back(2 * (n - 1 - k) + 1);
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::size_t next = (k + 1) % n;
+    boundary.facet({near[k], far[k], far[next], near[next]}, boundary.patch(s.tag[k]));
   }
-  boundary.facet(middle_loop, Body::mirror_patch);
-  boundary.facet(end_loop, end);
+  boundary.facet(near, body.symmetry.y ? Body::mirror_patch : boundary.add(end_face("proximal_end", from, -1.0, o)));
+  boundary.facet(
+      {far.rbegin(), far.rend()}, boundary.add(end_face(body.symmetry.y ? "end" : "distal_end", to, 1.0, o)));
 }
 
 // Lines of vertices on a cavity's roof, from its proximal end to its distal one, broken at the edges of ridges; empty
@@ -3355,7 +3343,7 @@ struct RoofSeams {
 // `axis` and `wall`: vertices at both ends of the roof's edges.
 inline RoofSeams add_seams(SweptBoundary& boundary, const HalfSection& s, const FingerOptions& o,
     const std::array<int, 2>& axis, const std::array<int, 2>& wall) {
-  if (s.pad.stem == Stem::bonded || has_soft_stem(s.twin)) return {};
+  if (!s.lies_on_stem()) return {};
   const StemLengths at(s, o);
   const bool ends_at_wall = at.outer <= at.stem;
   std::vector<double> breaks;
@@ -3410,7 +3398,7 @@ inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSectio
 
   // The cap's wall: against cavity and stem, and, where the carrier is a stair, against its block.
   const int base = place(SectionTag::base), wall = boundary.add({"cap_wall", Plane{{0, joint, 0}, -Vec3d::UnitY()},
-                                                false, false, s.twin != Twin::unsupported_base, Dielectric{}, false});
+                                                false, false, true, Dielectric{}, false});
   const bool stair = cap.z[0] < 0.0;
   const int corner = stair ? boundary.vertex(0.0, joint, 0.0) : low_joint;
   std::vector<int> upper{corner};
@@ -3442,24 +3430,6 @@ inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSectio
   boundary.facet(distal, boundary.add(end_face("distal_end", to, 1.0, o)));
 }
 
-// A solid pad of one section from end to end.
-inline void sweep_solid_half(Body& body, const HalfSection& s, const FingerOptions& o) {
-  SweptBoundary boundary(body, s, o);
-  const double from = 1e-3 * o.pad.proximal_end(), to = 1e-3 * o.pad.distal_end();
-  const int n = int(s.x.size());
-  std::vector<int> near, far;
-  for (std::size_t k = 0; k < std::size_t(n); ++k) {
-    near.push_back(boundary.vertex(s.x[k], from, s.z[k]));
-    far.push_back(boundary.vertex(s.x[k], to, s.z[k]));
-  }
-  for (std::size_t k = 0; k < std::size_t(n); ++k) {
-    const std::size_t next = (k + 1) % std::size_t(n);
-    boundary.facet({near[k], far[k], far[next], near[next]}, boundary.patch(s.tag[k]));
-  }
-  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
-  boundary.facet({far.rbegin(), far.rend()}, boundary.add(end_face("distal_end", to, 1.0, o)));
-}
-
 // Distance from p to the nearest edge of the stem's top and of its recesses [m].
 inline double distance_to_stem_edges(const Vec3d& p, const StemLengths& at, const std::vector<Ridge>& ridges) {
   const double x = std::abs(p.x()), beyond = std::max(0.0, x - at.stem);
@@ -3489,7 +3459,7 @@ inline Sizing finger_sizing(const Body& body, const HalfSection& s, const Finger
     return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
   };
   sizing.edge = below_the_dome;
-  if (s.pad.stem == Stem::bonded || s.twin == Twin::held_top) return sizing;
+  if (!s.lies_on_stem()) return sizing;
 
   const StemLengths at(s, o);
   const std::vector<Ridge> ridges = stem_ridges(o);
@@ -3515,6 +3485,9 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   const Chords chords{o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord};
   const HalfSection s = half_section(design, o.twin, chords, o.pad);
   const bool capped = o.pad.cap_length > 0.0;
+  if (capped && detail::has_soft_stem(o.twin))
+    throw InvalidArgument(message("twin ", to_string(o.twin), " of a pad with a cap of ", o.pad.cap_length,
+        " mm is not known, only of one without"));
   Body body;
   body.name = "finger";
   body.symmetry = {true, !capped};
@@ -3524,14 +3497,12 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   body.supports = carrier_supports(s, o);
   body.rigid_faces = carrier_faces(s, o);
   detail::add_light(body, s, silicone, o);
-  if (!capped) {
-    detail::sweep_quarter(body, s, o);
-  } else {
+  if (capped) {
     const HalfSection cap = cap_section(design, o.twin, chords, o.pad);
     body.exact_volume_m3 += 2.0 * cap.exact_area_m2() * 1e-3 * o.pad.cap_length;
-    if (o.twin == Twin::held_top) detail::sweep_solid_half(body, s, o);
-    else detail::sweep_capped_half(body, s, cap, o);
+    if (has_stem(o.twin)) detail::sweep_capped_half(body, s, cap, o);
   }
+  if (!capped || o.twin == Twin::held_top) detail::sweep_prism(body, s, o);
   body.sizing = detail::finger_sizing(body, s, o);
   return body;
 }
@@ -12964,8 +12935,7 @@ template <class Path> class Splatting {
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
   /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
   /// places and finer grids.
-  /// `follow(ray, exits)` traces one of them.
-  template <class Follow> void run(const RayPattern::Beam& beam, const OwenSobol& sequence, Follow&& follow) {
+  void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
     const std::uint32_t pairs =
         std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / rays_per_pair)));
     const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
@@ -12981,7 +12951,11 @@ template <class Path> class Splatting {
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          follow(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), &exits_);
+          path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
+              .mirror = beam.mirror,
+              .power_W = beam.power_W,
+              .gathers_direct = beam.source.has_intensity(),
+              .exits = &exits_});
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), triangles_about);
@@ -13310,24 +13284,25 @@ class Tracer {
     const FilmLaunch launch(body.scene, film_closes_m);
     Splatting splatting(path);
     for (const RayPattern::Beam& beam : pattern.beams()) {
-      // Few ways from a face and an emitter lead through an opening; those from air are bent twice.
-      const bool air = beam.source.in_air(), direct = !connected && beam.source.has_intensity() && !air;
-      const Vec3d axis = beam.mirror.cwiseProduct(beam.axis);
-      const auto follow = [&](const PrimaryRay& ray, std::vector<Exit>* exits) {
-        const auto start = [&](const PrimaryRay& from, double share, bool inside) {
-          path.run({.ray = from,
-              .mirror = beam.mirror,
-              .power_W = share * beam.power_W,
-              .inside = inside,
-              .gathers_direct = direct,
-              .exits = exits});
-        };
-        if (air) launch(ray, axis, start);
-        else start(ray, 1.0, true);
+      const bool air = beam.source.in_air();
+      if (config_.exit_rays > 0 && !connected && !air) {
+        splatting.run(beam, sequence);
+        continue;
+      }
+      // Few ways from a face and an emitter lead through an opening.
+      const bool direct = !connected && beam.source.has_intensity() && !air;
+      const auto start = [&](const PrimaryRay& ray, double share, bool inside) {
+        path.run({.ray = ray,
+            .mirror = beam.mirror,
+            .power_W = share * beam.power_W,
+            .inside = inside,
+            .gathers_direct = direct});
       };
-      if (config_.exit_rays > 0 && !connected) splatting.run(beam, sequence, follow);
-      else
-        for (std::uint32_t i = 0; i < beam.rays; ++i) follow(RayPattern::ray(beam, sequence, i), nullptr);
+      for (std::uint32_t i = 0; i < beam.rays; ++i) {
+        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
+        if (air) launch(ray, beam.mirror.cwiseProduct(beam.axis), start);
+        else start(ray, 1.0, true);
+      }
     }
   }
   template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,

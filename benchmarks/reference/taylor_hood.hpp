@@ -99,7 +99,8 @@ class TaylorHood {
  private:
   struct Surface {
     std::vector<BoundaryFace> faces;
-    std::vector<double> area;  ///< per face and point [m²]
+    std::vector<double> area;             ///< per face and point [m²]
+    std::vector<MaterialPoint> material;  ///< likewise
   };
   using Gradients = Eigen::Matrix<double, 3, 10>;
 
@@ -143,11 +144,6 @@ class TaylorHood {
   }
   double distance(std::size_t side, const Vec3d& x, const MaterialPoint& point, double advance) const {
     return side == 0 ? sphere_.distance(x - origin_ - advance * direction_) : carrier_.distance(x, point);
-  }
-  MaterialPoint material(const BoundaryFace& f, std::size_t k) const {
-    Vec3d at = Vec3d::Zero();
-    for (std::size_t a = 0; a < 6; ++a) at += shape_[k][a] * mesh_.nodes[std::size_t(f.nodes[a])];
-    return {at, f.patch};
   }
   Vec3d position(const BoundaryFace& f, std::size_t k, const Points& x) const {
     Vec3d at = Vec3d::Zero();
@@ -256,15 +252,17 @@ inline void TaylorHood::set_up_boundary(const Body& body, Symmetry planes) {
 }
 
 inline TaylorHood::Surface TaylorHood::surface(const std::vector<BoundaryFace>& faces) const {
-  Surface s{faces, {}};
+  Surface s{faces, {}, {}};
   for (const BoundaryFace& f : faces)
     for (std::size_t k = 0; k < std::size_t(face_points); ++k) {
-      Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
+      Vec3d at = Vec3d::Zero(), by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
       for (std::size_t a = 0; a < 6; ++a) {
+        at += shape_[k][a] * mesh_.nodes[std::size_t(f.nodes[a])];
         by_u += slope_[k][a][0] * mesh_.nodes[std::size_t(f.nodes[a])];
         by_v += slope_[k][a][1] * mesh_.nodes[std::size_t(f.nodes[a])];
       }
       s.area.push_back(by_u.cross(by_v).norm() / (2.0 * face_points));
+      s.material.push_back({at, f.patch});
     }
   return s;
 }
@@ -438,7 +436,7 @@ inline void TaylorHood::add_contact(
   };
   const auto visit = [&](std::size_t f, std::size_t k, const Vec3d& x) {
     const std::size_t id = f * face_points + k;
-    const MaterialPoint point = material(s.faces[f], k);
+    const MaterialPoint& point = s.material[id];
     const double gap = distance(side, x, point, at.advance);
     if (side == 0) overlap_ = std::max(overlap_, -gap);
     if (seen ? !(*seen)[side][id].active : gap >= 0.0) return;
@@ -490,8 +488,9 @@ inline Eigen::VectorXd TaylorHood::residual(const Place& at, const Contacts* see
 inline void TaylorHood::join_overlapping(const Place& at) {
   for (std::size_t side = 0; side < 2; ++side)
     near(side, at, [&](std::size_t f, std::size_t k, const Vec3d& x) {
-      Touching& t = contacts_[side][f * face_points + k];
-      if (!t.active && distance(side, x, material(surfaces_[side].faces[f], k), at.advance) < 0.0) t = {0.0, true};
+      const std::size_t id = f * face_points + k;
+      Touching& t = contacts_[side][id];
+      if (!t.active && distance(side, x, surfaces_[side].material[id], at.advance) < 0.0) t = {0.0, true};
     });
 }
 
@@ -529,10 +528,11 @@ inline void TaylorHood::take(const Step& step, double t, Place& at) {
   for (std::size_t side = 0; side < 2; ++side)
     for (std::size_t f = 0; f < surfaces_[side].faces.size(); ++f)
       for (std::size_t k = 0; k < std::size_t(face_points); ++k) {
-        Touching& c = contacts_[side][f * face_points + k];
+        const std::size_t id = f * face_points + k;
+        Touching& c = contacts_[side][id];
         if (!c.active) continue;
         const BoundaryFace& face = surfaces_[side].faces[f];
-        const DistanceSample d = sample(side, position(face, k, at.x), material(face, k), at.advance);
+        const DistanceSample d = sample(side, position(face, k, at.x), surfaces_[side].material[id], at.advance);
         const double moved = d.gradient.dot(position(face, k, step.x) - (side == 0 ? step.advance : 0.0) * direction_);
         c.pressure += t * (-constants_.penalty * (d.distance + moved) - c.pressure);
         if (c.pressure <= 0.0) c = {};

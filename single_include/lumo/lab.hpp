@@ -9227,8 +9227,7 @@ template <class Path> class Splatting {
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
   /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
   /// places and finer grids.
-  /// `follow(ray, exits)` traces one of them.
-  template <class Follow> void run(const RayPattern::Beam& beam, const OwenSobol& sequence, Follow&& follow) {
+  void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
     const std::uint32_t pairs =
         std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / rays_per_pair)));
     const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
@@ -9244,7 +9243,11 @@ template <class Path> class Splatting {
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          follow(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), &exits_);
+          path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
+              .mirror = beam.mirror,
+              .power_W = beam.power_W,
+              .gathers_direct = beam.source.has_intensity(),
+              .exits = &exits_});
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), triangles_about);
@@ -9573,24 +9576,25 @@ class Tracer {
     const FilmLaunch launch(body.scene, film_closes_m);
     Splatting splatting(path);
     for (const RayPattern::Beam& beam : pattern.beams()) {
-      // Few ways from a face and an emitter lead through an opening; those from air are bent twice.
-      const bool air = beam.source.in_air(), direct = !connected && beam.source.has_intensity() && !air;
-      const Vec3d axis = beam.mirror.cwiseProduct(beam.axis);
-      const auto follow = [&](const PrimaryRay& ray, std::vector<Exit>* exits) {
-        const auto start = [&](const PrimaryRay& from, double share, bool inside) {
-          path.run({.ray = from,
-              .mirror = beam.mirror,
-              .power_W = share * beam.power_W,
-              .inside = inside,
-              .gathers_direct = direct,
-              .exits = exits});
-        };
-        if (air) launch(ray, axis, start);
-        else start(ray, 1.0, true);
+      const bool air = beam.source.in_air();
+      if (config_.exit_rays > 0 && !connected && !air) {
+        splatting.run(beam, sequence);
+        continue;
+      }
+      // Few ways from a face and an emitter lead through an opening.
+      const bool direct = !connected && beam.source.has_intensity() && !air;
+      const auto start = [&](const PrimaryRay& ray, double share, bool inside) {
+        path.run({.ray = ray,
+            .mirror = beam.mirror,
+            .power_W = share * beam.power_W,
+            .inside = inside,
+            .gathers_direct = direct});
       };
-      if (config_.exit_rays > 0 && !connected) splatting.run(beam, sequence, follow);
-      else
-        for (std::uint32_t i = 0; i < beam.rays; ++i) follow(RayPattern::ray(beam, sequence, i), nullptr);
+      for (std::uint32_t i = 0; i < beam.rays; ++i) {
+        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
+        if (air) launch(ray, beam.mirror.cwiseProduct(beam.axis), start);
+        else start(ray, 1.0, true);
+      }
     }
   }
   template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,

@@ -3,6 +3,7 @@
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/tetgen.hpp"
+#include "morphology/closed.hpp"
 
 #include <map>
 #include <tuple>
@@ -70,6 +71,9 @@ TEST_CASE("The built section, carrier, thickness and volume are those of the dra
   FingerOptions soft = built_finger();
   soft.twin = Twin::held_top;
   CHECK(1e9 * finger(built_baseline(), dragon_skin(), soft).exact_volume_m3 == Approx(39723.5).margin(0.05));
+  soft.twin = Twin::bonded_base;
+  CHECK_THROWS_WITH(
+      finger(built_baseline(), dragon_skin(), soft), Catch::Contains("bonded_base of a pad with a cap of 5"));
 }
 
 TEST_CASE("Of the lattice's 4,201,470 designs 2,015,300 can be built", "[built]") {
@@ -112,13 +116,7 @@ TEST_CASE(
   for (const FingerDesign& d :
       {built_baseline(), FingerDesign{14.5, 4, 5, 12.5, 5}, FingerDesign{13, 7, 7.5, 14.5, 0}}) {
     const Body body = finger(d, solaris(), built_finger());
-    std::map<std::pair<int, int>, int> edges;
-    for (const Facet& f : body.facets)
-      for (std::size_t k = 0; k < f.loop.size(); ++k) ++edges[{f.loop[k], f.loop[(k + 1) % f.loop.size()]}];
-    for (const auto& [edge, count] : edges) {
-      CHECK(count == 1);
-      CHECK(edges.count({edge.second, edge.first}) == 1);
-    }
+    check_closed(body);
     CHECK(body.symmetry.x);
     CHECK_FALSE(body.symmetry.y);
     for (const Patch& p : body.patches) {

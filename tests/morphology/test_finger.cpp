@@ -1,6 +1,7 @@
 #include "catch.hpp"
 #include "lumo/mesh/size_field.hpp"
 #include "lumo/morphology/finger.hpp"
+#include "morphology/closed.hpp"
 
 #include <map>
 #include <random>
@@ -57,19 +58,13 @@ TEST_CASE("a finger is a closed, outward surface with the exact volume up to its
       o.mesh.contact_edge = 0.5e-3;
       o.mesh.max_turn_rad = 0.1;
       const Body b = finger(d, solaris(), o);
-      std::map<std::pair<int, int>, int> edges;
       double volume = 0.0;
-      for (const Facet& f : b.facets) {
-        for (std::size_t k = 0; k < f.loop.size(); ++k) ++edges[{f.loop[k], f.loop[(k + 1) % f.loop.size()]}];
+      for (const Facet& f : b.facets)
         for (std::size_t k = 1; k + 1 < f.loop.size(); ++k)
           volume += b.vertices[std::size_t(f.loop[0])].dot(
                         b.vertices[std::size_t(f.loop[k])].cross(b.vertices[std::size_t(f.loop[k + 1])])) /
                     6.0;
-      }
-      for (const auto& [edge, count] : edges) {
-        CHECK(count == 1);
-        CHECK(edges.count({edge.second, edge.first}) == 1);
-      }
+      check_closed(b);
       CHECK(4.0 * volume == Approx(b.exact_volume_m3).epsilon(2e-3));
     }
 }

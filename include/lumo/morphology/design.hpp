@@ -134,7 +134,7 @@ inline double euclidean_thickness(const FingerDesign& d, const PadDimensions& pa
   for (int k = 1; k <= pieces; ++k)
     if (squared(k * step) < squared(nearest * step)) nearest = k;
   const double low = std::max(0, nearest - 1) * step, high = std::min(pieces, nearest + 1) * step;
-  const double least = std::min({squared(0.0), squared(golden_section(squared, low, high, 60))});
+  const double least = std::min(squared(0.0), squared(golden_section(squared, low, high, 60)));
   return std::min(a - c, std::sqrt(least));
 }
 

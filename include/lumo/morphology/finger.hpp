@@ -23,21 +23,19 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
 namespace detail {
 
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
-  const bool supported = s.twin != Twin::unsupported_base && s.twin != Twin::held_top,
-             held = s.twin != Twin::unsupported_base;
+  const bool supported = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base: {
-      const double low = s.z[0] < 0.0 ? s.z[0] : 0.0;
-      return {"base", Plane{{0, 0, low}, -Vec3d::UnitZ()}, held, false, false, wall};
-    }
+    case SectionTag::base:
+      return {"base", Plane{{0, 0, std::min(0.0, s.z[0])}, -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::shoulder_wall:
-      return {"shoulder_wall", Plane{{1e-3 * s.pad.lip_end(), 0, 0}, -Vec3d::UnitX()}, held, false, false, wall};
+      return {"shoulder_wall", Plane{{1e-3 * s.pad.lip_end(), 0, 0}, -Vec3d::UnitX()}, supported, false, false, wall};
     case SectionTag::shoulder_top:
-      return {"shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, held, false, false, wall};
+      return {
+          "shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::void_inner:
       return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
     case SectionTag::void_roof:
@@ -54,11 +52,11 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
 
 inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
-  if (s.twin != Twin::none && s.twin != Twin::no_void) return;
+  if (!has_stem(s.twin)) return;
   const auto& led = o.leds;
   const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
   const Vec3d along(0, 0.5 * led.length_y, 0);
-  const double recess = s.pad.stem == Stem::free ? o.recess.depth : 0.0;
+  const double recess = s.lies_on_stem() ? o.recess.depth : 0.0;
   for (const double y : led_places(led)) {
     if (led.place == FingerOptions::Leds::Place::top) {
       body.emitters.push_back(RectangleEmitter{
@@ -87,10 +85,6 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
     return std::clamp(int(bin), 0, r.bins - 1);
   };
 }
-
-}  // namespace detail
-
-namespace detail {
 
 // Boundary of a sector that is swept along y, and its patches by what the section's edges are.
 class SweptBoundary {
@@ -126,25 +120,23 @@ inline Patch end_face(const char* name, double y, double outwards, const FingerO
       false, Dielectric{}};
 }
 
-// The quarter of a pad whose section is the same all along.
-inline void sweep_quarter(Body& body, const HalfSection& s, const FingerOptions& o) {
+// The sector of a pad whose section is the same all along: a quarter where the body is symmetric in y, else a half.
+inline void sweep_prism(Body& body, const HalfSection& s, const FingerOptions& o) {
   SweptBoundary boundary(body, s, o);
-  const double end_y = 0.5e-3 * o.pad.length;
-  const int n = int(s.x.size());
-  for (std::size_t k = 0; k < std::size_t(n); ++k)
-    for (const double y : {0.0, end_y}) boundary.vertex(s.x[k], y, s.z[k]);
-  for (int k = 0; k < n; ++k) {
-    const int next = (k + 1) % n;
-    boundary.facet({2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, boundary.patch(s.tag[std::size_t(k)]));
+  const double from = body.symmetry.y ? 0.0 : 1e-3 * o.pad.proximal_end(), to = 1e-3 * o.pad.distal_end();
+  const std::size_t n = s.x.size();
+  std::vector<int> near, far;
+  for (std::size_t k = 0; k < n; ++k) {
+    near.push_back(boundary.vertex(s.x[k], from, s.z[k]));
+    far.push_back(boundary.vertex(s.x[k], to, s.z[k]));
   }
-  const int end = boundary.add(end_face("end", end_y, 1.0, o));
-  std::vector<int> middle_loop, end_loop;
-  for (int k = 0; k < n; ++k) {
-    middle_loop.push_back(2 * k);
-    end_loop.push_back(2 * (n - 1 - k) + 1);
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::size_t next = (k + 1) % n;
+    boundary.facet({near[k], far[k], far[next], near[next]}, boundary.patch(s.tag[k]));
   }
-  boundary.facet(middle_loop, Body::mirror_patch);
-  boundary.facet(end_loop, end);
+  boundary.facet(near, body.symmetry.y ? Body::mirror_patch : boundary.add(end_face("proximal_end", from, -1.0, o)));
+  boundary.facet(
+      {far.rbegin(), far.rend()}, boundary.add(end_face(body.symmetry.y ? "end" : "distal_end", to, 1.0, o)));
 }
 
 // Lines of vertices on a cavity's roof, from its proximal end to its distal one, broken at the edges of ridges; empty
@@ -157,7 +149,7 @@ struct RoofSeams {
 // `axis` and `wall`: vertices at both ends of the roof's edges.
 inline RoofSeams add_seams(SweptBoundary& boundary, const HalfSection& s, const FingerOptions& o,
     const std::array<int, 2>& axis, const std::array<int, 2>& wall) {
-  if (s.pad.stem == Stem::bonded || has_soft_stem(s.twin)) return {};
+  if (!s.lies_on_stem()) return {};
   const StemLengths at(s, o);
   const bool ends_at_wall = at.outer <= at.stem;
   std::vector<double> breaks;
@@ -212,7 +204,7 @@ inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSectio
 
   // The cap's wall: against cavity and stem, and, where the carrier is a stair, against its block.
   const int base = place(SectionTag::base), wall = boundary.add({"cap_wall", Plane{{0, joint, 0}, -Vec3d::UnitY()},
-                                                false, false, s.twin != Twin::unsupported_base, Dielectric{}, false});
+                                                false, false, true, Dielectric{}, false});
   const bool stair = cap.z[0] < 0.0;
   const int corner = stair ? boundary.vertex(0.0, joint, 0.0) : low_joint;
   std::vector<int> upper{corner};
@@ -244,24 +236,6 @@ inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSectio
   boundary.facet(distal, boundary.add(end_face("distal_end", to, 1.0, o)));
 }
 
-// A solid pad of one section from end to end.
-inline void sweep_solid_half(Body& body, const HalfSection& s, const FingerOptions& o) {
-  SweptBoundary boundary(body, s, o);
-  const double from = 1e-3 * o.pad.proximal_end(), to = 1e-3 * o.pad.distal_end();
-  const int n = int(s.x.size());
-  std::vector<int> near, far;
-  for (std::size_t k = 0; k < std::size_t(n); ++k) {
-    near.push_back(boundary.vertex(s.x[k], from, s.z[k]));
-    far.push_back(boundary.vertex(s.x[k], to, s.z[k]));
-  }
-  for (std::size_t k = 0; k < std::size_t(n); ++k) {
-    const std::size_t next = (k + 1) % std::size_t(n);
-    boundary.facet({near[k], far[k], far[next], near[next]}, boundary.patch(s.tag[k]));
-  }
-  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
-  boundary.facet({far.rbegin(), far.rend()}, boundary.add(end_face("distal_end", to, 1.0, o)));
-}
-
 // Distance from p to the nearest edge of the stem's top and of its recesses [m].
 inline double distance_to_stem_edges(const Vec3d& p, const StemLengths& at, const std::vector<Ridge>& ridges) {
   const double x = std::abs(p.x()), beyond = std::max(0.0, x - at.stem);
@@ -291,7 +265,7 @@ inline Sizing finger_sizing(const Body& body, const HalfSection& s, const Finger
     return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
   };
   sizing.edge = below_the_dome;
-  if (s.pad.stem == Stem::bonded || s.twin == Twin::held_top) return sizing;
+  if (!s.lies_on_stem()) return sizing;
 
   const StemLengths at(s, o);
   const std::vector<Ridge> ridges = stem_ridges(o);
@@ -317,6 +291,9 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   const Chords chords{o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord};
   const HalfSection s = half_section(design, o.twin, chords, o.pad);
   const bool capped = o.pad.cap_length > 0.0;
+  if (capped && detail::has_soft_stem(o.twin))
+    throw InvalidArgument(message("twin ", to_string(o.twin), " of a pad with a cap of ", o.pad.cap_length,
+        " mm is not known, only of one without"));
   Body body;
   body.name = "finger";
   body.symmetry = {true, !capped};
@@ -326,14 +303,12 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   body.supports = carrier_supports(s, o);
   body.rigid_faces = carrier_faces(s, o);
   detail::add_light(body, s, silicone, o);
-  if (!capped) {
-    detail::sweep_quarter(body, s, o);
-  } else {
+  if (capped) {
     const HalfSection cap = cap_section(design, o.twin, chords, o.pad);
     body.exact_volume_m3 += 2.0 * cap.exact_area_m2() * 1e-3 * o.pad.cap_length;
-    if (o.twin == Twin::held_top) detail::sweep_solid_half(body, s, o);
-    else detail::sweep_capped_half(body, s, cap, o);
+    if (has_stem(o.twin)) detail::sweep_capped_half(body, s, cap, o);
   }
+  if (!capped || o.twin == Twin::held_top) detail::sweep_prism(body, s, o);
   body.sizing = detail::finger_sizing(body, s, o);
   return body;
 }

@@ -80,7 +80,7 @@ inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>
 /// What the patches of a finger on a free stem rest on: the cavity's roof on the stem's top, its walls on the stem's
 /// sides, both on the block between them, and the cap's wall on the stem's end.
 inline std::vector<Support> carrier_supports(const HalfSection& s, const FingerOptions& o) {
-  if (s.pad.stem == Stem::bonded || (s.twin != Twin::none && s.twin != Twin::no_void)) return {};
+  if (!s.lies_on_stem()) return {};
   const StemLengths at(s, o);
   const double l = at.half_length, h = at.height;
   std::vector<Support> supports;
@@ -157,10 +157,8 @@ inline std::vector<RigidFace> carrier_faces(const HalfSection& s, const FingerOp
   std::vector<RigidFace> faces;
   const detail::FaceList list{faces, Lambertian{o.carrier_albedo}};
   const double l = at.half_length;
-  if (s.twin != Twin::none && s.twin != Twin::no_void) return faces;
-  const bool lies = s.pad.stem == Stem::free;
-  if (!lies && s.design.w_v <= 0.0) return faces;
-  if (lies) detail::add_free_stem(list, at, o);
+  if (!has_stem(s.twin) || (!s.lies_on_stem() && s.design.w_v <= 0.0)) return faces;
+  if (s.lies_on_stem()) detail::add_free_stem(list, at, o);
   else list.add_pair("stem", {{at.stem, -l, 0}, {at.stem, l, 0}, {at.stem, l, at.height}, {at.stem, -l, at.height}});
   list.add_pair("base", {{at.stem, -l, 0}, {at.outer, -l, 0}, {at.outer, l, 0}, {at.stem, l, 0}});
   if (s.pad.cap_length > 0.0) detail::add_carrier_end(list, at, -1e-3 * s.pad.shoulder_height);

@@ -89,8 +89,7 @@ struct FingerOptions {
 inline FingerOptions plain_finger() { return {}; }
 
 /// The finger that the paper's authors built. Source: as built_pad(); lengths of LEDs and recesses, albedo and pivot
-/// are of the same code. Ours: the rounding of the carrier's edges (with sharp ones equilibria depend on the steps that
-/// lead to them), and that a side is seen by its normals.
+/// are of the same code. Ours: that a side is seen by its normals, and that the film of air over an LED never closes.
 inline FingerOptions built_finger() {
   FingerOptions o;
   o.pad = built_pad();

@@ -31,6 +31,9 @@ constexpr std::string_view to_string(Twin twin) {
   }
 }
 
+/// Is there a rigid stem under the silicone?
+constexpr bool has_stem(Twin twin) { return twin == Twin::none || twin == Twin::no_void; }
+
 /// What a boundary edge of the section is.
 enum class SectionTag {
   mirror,
@@ -57,6 +60,7 @@ struct HalfSection {
 
   double half_width_m() const { return 0.5e-3 * pad.width; }
   double height_m() const { return z.back(); }  ///< of the dome's apex over the base
+  bool lies_on_stem() const { return has_stem(twin) && pad.stem == Stem::free; }
   double length_m() const { return 1e-3 * (pad.length + pad.cap_length); }
   /// Exact area of the half section [m²].
   double exact_area_m2() const;
@@ -108,10 +112,6 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
   return angles;
 }
 
-}  // namespace detail
-
-namespace detail {
-
 // The polygon of a section, point by point.
 struct SectionPen {
   HalfSection& section;
@@ -142,7 +142,7 @@ inline void add_cavity(const SectionPen& pen, const HalfSection& s) {
     pen.add(0.0, 0.0, SectionTag::base);
     if (!has_void) return;
     pen.add(stem, 0.0, SectionTag::void_inner);
-  } else if (s.pad.stem == Stem::bonded) {
+  } else if (!s.lies_on_stem()) {
     pen.add(0.0, hs, SectionTag::stem_top);
     if (!has_void) {
       pen.add(stem, hs, SectionTag::stem_side);
@@ -150,8 +150,7 @@ inline void add_cavity(const SectionPen& pen, const HalfSection& s) {
       return;
     }
   }
-  const bool lies = !has_soft_stem(s.twin) && s.pad.stem == Stem::free;
-  pen.add(lies ? 0.0 : stem, hs, SectionTag::void_roof);
+  pen.add(s.lies_on_stem() ? 0.0 : stem, hs, SectionTag::void_roof);
   pen.add(outer, hs, SectionTag::void_wall);
   pen.add(outer, 0.0, SectionTag::base);
 }

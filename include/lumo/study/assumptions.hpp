@@ -91,7 +91,9 @@ inline bool same_mechanics(const FingerAssumptions& a, const FingerAssumptions& 
   const auto &f = a.finger, &g = b.finger;
   return a.silicone.mu_Pa == b.silicone.mu_Pa && a.silicone.lambda_Pa == b.silicone.lambda_Pa &&
          a.silicone.density_kg_per_m3 == b.silicone.density_kg_per_m3 && a.friction == b.friction && a.tilt == b.tilt &&
-         f.twin == g.twin && f.pad == g.pad && f.mesh == g.mesh && f.bonded_ends == g.bonded_ends;
+         f.twin == g.twin && f.pad == g.pad && f.mesh == g.mesh && f.bonded_ends == g.bonded_ends &&
+         f.pivot == g.pivot && f.recess.depth == g.recess.depth && f.recess.length_y == g.recess.length_y &&
+         led_places(f.leds) == led_places(g.leds);
 }
 
 /// All variants that the study compares with lumo's own assumptions.
