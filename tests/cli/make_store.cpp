@@ -76,13 +76,13 @@ Evaluation made_up(const Design& x, const lumo::Ensemble& ensemble) {
 
 TrialResult verdict(const Design& x, const CampaignProblem& problem, bool fails) {
   TrialResult v;
-  Json record = {{"theta_mm", numbers(x)}, {"material", problem.material}, {"ensemble", name(problem.ensemble)}};
+  Json record = {{"theta_mm", numbers(x)}, {"material", problem.material()}, {"ensemble", problem.ensemble()}};
   // What a page must show as it stands, and not obey.
   if (fails)
     v.why = "press: inverted at 15 N, </script><img src=x onerror=alert(1)> & \"quotes\", {{script}}, no UTF-8: \xff";
   if (fails) record["why"] = "see the entry";
   else {
-    const Evaluation e = made_up(x, contacts(problem.ensemble));
+    const Evaluation e = made_up(x, problem.asked.ensemble);
     v.outputs = {e.J_contact->value, e.J_obs->value};
     append(record, json(e));
   }
@@ -127,8 +127,9 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    const CampaignProblem problem{
-        argv[2], std::string(argv[3]) == "curved" ? lumo::program::Ensemble::curved : lumo::program::Ensemble::flat};
+    CampaignProblem problem;
+    problem.asked.pad.silicone = silicone(argv[2]);
+    if (std::string(argv[3]) == "curved") problem.asked.ensemble = curved_ensemble();
     std::string text = problem_text(problem);
     const std::string version = "\"results\": ";
     const std::size_t at = text.find(version) + version.size();

@@ -152,14 +152,13 @@ TEST_CASE("other assumptions on the finger: held ends, LEDs at the sides, one si
   o.readout.one_side = o.readout.in_space = true;
   o.touched = Absorber{};
   Silicone cloudy = dragon_skin();
-  cloudy.scattering_albedo = 0.5;
-  cloudy.anisotropy = 0.9;
+  cloudy = scattering_the_rest(cloudy, 0.5 * cloudy.absorption_per_m, 0.9);
   const Body b = finger(design, cloudy, o);
   for (const Patch& p : b.patches)
     if (p.name == "end") CHECK(p.bonded);
   CHECK(b.medium.scattering_albedo == 0.5);
   CHECK(b.medium.anisotropy == 0.9);
-  CHECK(b.medium.extinction_per_m == dragon_skin().extinction_per_m);
+  CHECK(b.medium.extinction_per_m == dragon_skin().extinction_per_m());
   CHECK(b.regions_in_space);
   CHECK(std::holds_alternative<Absorber>(b.touched));
   CHECK_FALSE(b.region_image_x);
@@ -190,8 +189,8 @@ TEST_CASE("other assumptions on the finger: held ends, LEDs at the sides, one si
   o.touched = Lambertian{1.2};
   CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("wets the pad"));
   o.touched = Absorber{};
-  cloudy.scattering_albedo = 1.5;
-  CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("scattering albedo"));
+  cloudy.scattering_per_m = -1.0;
+  CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("scattering of the silicone"));
 
   PadDimensions narrow;
   narrow.width = 20.0;

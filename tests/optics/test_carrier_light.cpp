@@ -61,8 +61,7 @@ TEST_CASE("Light of carrier faces behind a void: gathered, forwards and walked a
 }
 
 TEST_CASE("The same in a silicone that scatters", "[tracer]") {
-  Silicone turbid = dragon_skin();
-  turbid.scattering_albedo = turbid.anisotropy = 0.9;
+  const Silicone turbid = scattering_the_rest(dragon_skin(), 0.1 * dragon_skin().absorption_per_m, 0.9);
   three_ways<ScatteringMedium>({3, 12.5, 7, 8, 5}, turbid, 1 << 13, 1 << 13);
 }
 

@@ -118,6 +118,6 @@ TEST_CASE(
 
   o.designs = 3;  // a store may hold more than are asked for
   CHECK(Json::parse(run(o, scratch.path / "fewer"))["designs"].size() == 8);
-  o.tools.material = "Sol";
+  o.effective.type("--material", "silicone.name", "Sol");
   CHECK_THROWS_AS(run(o, scratch.path / "other"), StoreError);
 }

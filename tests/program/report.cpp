@@ -112,9 +112,9 @@ TEST_CASE("where nothing can touch, the edge of contact is at the last node that
 }
 
 TEST_CASE("a press in the page: whole micrometres, four triangles a face, the sphere above its depth") {
-  PressRequest request;
-  request.theta_mm = {5.0, 7.0, 8.0, 4.0, 1.0};
-  request.diameter_mm = 30.0;
+  Configuration request;
+  request.pad.theta_mm = {5.0, 7.0, 8.0, 4.0, 1.0};
+  request.touch.diameter_mm = 30.0;
   MechanicalState s;
   s.status = Status::converged;
   s.load_N = 2.0;
@@ -132,7 +132,7 @@ TEST_CASE("a press in the page: whole micrometres, four triangles a face, the sp
 }
 
 TEST_CASE("a press that fails leaves what is sound, and a sentence") {
-  PressRequest request;
+  Configuration request;
   MechanicalState good, bad;
   good.status = Status::converged;
   good.load_N = 5.0;

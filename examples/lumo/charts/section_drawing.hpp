@@ -11,9 +11,10 @@ struct SectionDrawing {
     Fill fill;
     std::vector<Point> loop;
   };
-  /// A measured length between two points; the dimension line runs along x or z, `shift` mm away from `from` across it.
+  /// A measured length between two points; the dimension line runs along x or z, `shift` mm away from `from` across it,
+  /// or straight from one to the other.
   struct Dimension {
-    enum class Along { x, z };
+    enum class Along { x, z, straight };
     Along along;
     Point from, to;
     double shift;
@@ -21,9 +22,13 @@ struct SectionDrawing {
 
     /// Ends of the dimension line.
     Point start() const {
+      if (along == Along::straight) return from;
       return along == Along::x ? Point{from[0], from[1] + shift} : Point{from[0] + shift, from[1]};
     }
-    Point end() const { return along == Along::x ? Point{to[0], from[1] + shift} : Point{from[0] + shift, to[1]}; }
+    Point end() const {
+      if (along == Along::straight) return to;
+      return along == Along::x ? Point{to[0], from[1] + shift} : Point{from[0] + shift, to[1]};
+    }
   };
 
   std::string title, subtitle;
@@ -135,10 +140,9 @@ class SectionPicture {
     const Paint thin{.stroke = plot::ink, .width = 0.9}, extension{.stroke = plot::grey, .width = 0.6};
     line(px(d.from), a, extension);
     line(px(d.to), b, extension);
-    const std::size_t along = d.along == SectionDrawing::Dimension::Along::x ? 0 : 1;
-    Point u{};
-    u[along] = b[along] > a[along] ? 1 : -1;
-    const bool inside = std::abs(b[along] - a[along]) > room_for_arrows;  // else the arrows point inwards from outside
+    const double length = std::max(1e-9, std::hypot(b[0] - a[0], b[1] - a[1]));
+    const Point u{(b[0] - a[0]) / length, (b[1] - a[1]) / length};
+    const bool inside = length > room_for_arrows;  // else the arrows point inwards from outside
     const double back = inside ? 0 : outside, way = inside ? 1 : -1;
     line({a[0] - back * u[0], a[1] - back * u[1]}, {b[0] + back * u[0], b[1] + back * u[1]}, thin);
     arrow(svg_, b, way * u[0], way * u[1]);

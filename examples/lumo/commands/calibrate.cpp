@@ -114,10 +114,10 @@ struct Calibrate : LogCommand {
     const Session& session = opened.session;
     if (session.theta_mm.size() != 5 || (session.material != "DS" && session.material != "Sol"))
       throw InputError(opened.session_place() + ": theta_mm and material (DS or Sol) must describe the nominal pad");
-    std::copy(session.theta_mm.begin(), session.theta_mm.end(), nominal.theta_mm.begin());
-    nominal.material = session.material;
+    std::copy(session.theta_mm.begin(), session.theta_mm.end(), nominal.pad.theta_mm.begin());
+    nominal.pad.silicone = silicone(session.material);
     try {
-      check_design(nominal);
+      require_feasible(nominal.pad.design(), nominal.pad.finger.pad);
       const Specimen specimen = measured(opened, progress);
       progress.finish();
       return shown(specimen, json);
@@ -138,7 +138,7 @@ struct Calibrate : LogCommand {
         press.depth_m, press.force_N, [&](double d) { return light.load_N(press.y_m, d); }, press.holds);
     s.gain_DN_per_electron = transfer.result().gain_DN_per_electron;
     s.lamps = lamp_level(lit.view(), dark.view(), s.gain_DN_per_electron);
-    s.mu_Pa = silicone(nominal.material).mu_Pa;
+    s.mu_Pa = nominal.pad.silicone.mu_Pa;
     const Interval& factor = s.stiffness.factor;
     s.found_Pa = {s.mu_Pa * factor.value, s.mu_Pa * factor.low, s.mu_Pa * factor.high};
     return s;

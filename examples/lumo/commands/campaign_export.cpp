@@ -43,7 +43,7 @@ struct CampaignExport : StoreCommand {
   bool csv = false;
 
   void declare(CLI::App& app) {
-    add_store(app);
+    add_store(app, store);
     add_flag(app, "--json", json, "Everything, as JSON");
     add_flag(app, "--csv", csv, "A table (default)")->excludes("--json");
   }

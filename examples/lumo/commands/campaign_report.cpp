@@ -39,16 +39,15 @@ std::string typed(const std::vector<std::string>& stores, const std::string& pag
 
 /// Presses the selected pads, each once, at y = 0 along z; what goes wrong is said in the page.
 void add_presses(Json& campaigns, int threads, Progress& progress) {
-  std::vector<PressRequest> requests;
+  std::vector<Configuration> requests;
   std::vector<std::pair<std::size_t, std::size_t>> wanted;  // campaign, request
   for (std::size_t c = 0; c < campaigns.size(); ++c) {
     if (campaigns[c]["design"].is_null()) continue;
     for (const double diameter_mm : pressed_diameters_mm) {
-      PressRequest request;
-      request.theta_mm = campaigns[c]["design"]["theta_mm"].get<std::array<double, 5>>();
-      request.material = campaigns[c]["material"].get<std::string>();
-      request.diameter_mm = diameter_mm;
-      if (campaigns[c]["mechanics"]["mode"] == "paper") request.mechanics = paper_mechanics();
+      Configuration request = configuration_of(campaigns[c]["configuration"]);
+      request.pad.theta_mm = campaigns[c]["design"]["theta_mm"].get<std::array<double, 5>>();
+      request.ensemble = {};
+      request.touch.diameter_mm = diameter_mm;
       const auto found = std::find(requests.begin(), requests.end(), request);
       wanted.emplace_back(c, std::size_t(found - requests.begin()));
       if (found == requests.end()) requests.push_back(request);
@@ -104,9 +103,9 @@ struct CampaignReport : Common {
       campaigns.push_back(campaign_model(campaign, store));
     }
     add_presses(campaigns, threads, progress);
-    for (const Variable& v : finger_space().variables)
+    const PadDimensions pad = configuration_of(campaigns.front()["configuration"]).pad.finger.pad;
+    for (const Variable& v : finger_space(pad).variables)
       variables.push_back({{"name", v.name}, {"unit", v.unit}, {"lower", v.lower}, {"upper", v.upper}});
-    const PadDimensions pad;
     return {{"lumo", version}, {"results_version", results_version}, {"plotly", chart_library_version()},
         {"command", typed(stores, path)}, {"variables", variables},
         {"pad", {{"width_mm", pad.width}, {"length_mm", pad.length}}}, {"campaigns", campaigns}};

@@ -21,31 +21,31 @@ template <class State> std::string line(const State& state, int id, const TrialR
          pace.after(wanted - done, !v.outputs.empty());
 }
 
-struct CampaignRun : StoreCommand {
-  EvaluationRequest request;
-  int evaluations = 160, seed = 1, threads = all_threads();
-  std::string source = "default";  ///< of candidates
+struct CampaignRun : Configured {
+  std::string store;
+  int threads = all_threads();
 
   void declare(CLI::App& app) {
-    StoreCommand::declare(app);
-    add_material(app, request.material);
-    add_ensemble(app, request.ensemble);
-    add_mode(app, request.mechanics);
-    add_ray_error(app, request.ray_error_percent);
-    add_whole(app, "--evaluations", evaluations, 1, 100000, "Successful evaluations to reach, default 160");
-    add_seed(app, seed, "Of the optimiser, default 1");
-    add_word(app, "--source", source, {"default", "paper"},
+    add_store(app, store);
+    add_common(app, *this);
+    declare_configuration(app);
+    add_material(app, effective);
+    add_ensemble(app, effective);
+    add_mode(app, effective);
+    add_ray_error(app, effective);
+    add_setting(app, effective, "--evaluations", "search.evaluations", "Successful evaluations to reach, default 160");
+    add_setting(app, effective, "--seed", "search.seed", "Of the optimiser, default 1");
+    add_setting(app, effective, "--source", "search.source",
         "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)");
     add_threads(app, threads);
   }
   Result run(Output&, Progress& progress) const {
-    const Evaluator evaluate = campaign_evaluator(request, threads, progress);
-    const CampaignProblem problem{request.material, request.ensemble, source, std::uint64_t(seed),
-        request.mechanics.paper, request.ray_error_percent};
+    const Evaluator evaluate = campaign_evaluator(asked(), threads, progress);
+    const CampaignProblem problem{asked()};
     tell_if_emptied(store, progress);
     SqliteJournal log(store, problem_text(problem));
     Pace pace;
-    const OptimizerStatus end = with_optimizer(problem, evaluations, [&](const auto& optimizer) {
+    const OptimizerStatus end = with_optimizer(problem, asked().search.evaluations, [&](const auto& optimizer) {
       return run_campaign(log, optimizer, evaluate,
           [&](const auto& state, int id, const TrialResult& v) { progress.note(line(state, id, v, pace)); });
     });

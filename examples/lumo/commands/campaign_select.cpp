@@ -15,13 +15,11 @@ namespace {
 
 /// Progressive-constraint gain at −30, 0, +30° [%] as the paper measured it on fabricated pads (Table II), d = 10 mm.
 struct PublishedGain {
-  const char* material;
-  Ensemble ensemble;
+  const char *material, *ensemble;
   std::array<double, 3> percent;
 };
-constexpr std::array<PublishedGain, 4> table_2 = {
-    {{"Sol", Ensemble::flat, {0.3, 19.8, 3.0}}, {"Sol", Ensemble::curved, {19.3, 21.0, 20.1}},
-        {"DS", Ensemble::flat, {-40.6, 11.5, -38.1}}, {"DS", Ensemble::curved, {13.9, 19.9, 14.3}}}};
+constexpr std::array<PublishedGain, 4> table_2 = {{{"Sol", "flat", {0.3, 19.8, 3.0}},
+    {"Sol", "curved", {19.3, 21.0, 20.1}}, {"DS", "flat", {-40.6, 11.5, -38.1}}, {"DS", "curved", {13.9, 19.9, 14.3}}}};
 constexpr std::array<double, 3> gain_angles_deg = {-30.0, 0.0, 30.0};
 constexpr int enough_for_a_model = 8;
 
@@ -55,16 +53,19 @@ Stability stability_of(const StoredCampaign& c, int seeds, int threads, Progress
 }
 
 std::array<double, 3> gain_of(const StoredCampaign& c, int threads, Progress& progress) {
-  lumo::Ensemble contacts = flat_ensemble();
+  Ensemble contacts = flat_ensemble();
   contacts.diameters_m = {10e-3};
   contacts.places_m = {0.0};
   contacts.angles_rad.clear();
   for (const double a : gain_angles_deg) contacts.angles_rad.push_back(a * pi / 180.0);
   const auto depths = [&](const std::array<double, 5>& theta_mm) {
-    return make_depths({theta_mm, c.problem.material}, c.problem.mechanics(), contacts, threads, progress);
+    Configuration o = c.problem.asked;
+    o.pad.theta_mm = theta_mm;
+    o.ensemble = contacts;
+    return make_depths(o, threads, progress);
   };
   const std::array<double, 5>& theta = c.trials[*c.selected].theta_mm;
-  const std::array<double, 5> reference = baseline_design().values();
+  const std::array<double, 5> reference = baseline_of(c.problem.asked).values();
   const std::vector<double> chosen = depths(theta), baseline = theta == reference ? chosen : depths(reference);
   std::array<double, 3> gain{};
   for (std::size_t k = 0; k < gain.size(); ++k) gain[k] = progressive_constraint_gain(chosen[k], baseline[k]);
@@ -89,7 +90,7 @@ Json selection_json(const Selection& r, const std::string& store) {
   const StoredCampaign& c = r.campaign;
   const StoredTrial& t = r.trial();
   const double contact = r.value("J_contact"), observation = r.value("J_obs");
-  Json j = {{"store", store}, {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)},
+  Json j = {{"store", store}, {"material", c.problem.material()}, {"ensemble", c.problem.ensemble()},
       {"evaluated", r.evaluated}, {"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"J_contact", contact},
       {"J_contact_err", number(value_at(t.record, "J_contact_err"))}, {"J_obs", observation},
       {"J_obs_err", number(value_at(t.record, "J_obs_err"))},
@@ -104,7 +105,7 @@ Json selection_json(const Selection& r, const std::string& store) {
   j["gain_percent"] = numbers(r.gain);
   j["table_2"] = Json::array();
   for (const PublishedGain& p : table_2)
-    j["table_2"].push_back({{"material", p.material}, {"ensemble", name(p.ensemble)}, {"gain_percent", p.percent}});
+    j["table_2"].push_back({{"material", p.material}, {"ensemble", p.ensemble}, {"gain_percent", p.percent}});
   return j;
 }
 
@@ -128,7 +129,7 @@ std::string selection_text(const Selection& r) {
   const double contact = r.value("J_contact"), observation = r.value("J_obs");
   std::string text =
       lumo::message("selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ",
-          c.problem.material, ", ", name(c.problem.ensemble), ", of ", r.evaluated, " evaluations\nJ_contact ",
+          c.problem.material(), ", ", c.problem.ensemble(), ", of ", r.evaluated, " evaluations\nJ_contact ",
           cell(contact, 4), " (", cell(100 * contact / r.best_contact, 1), " % of the best), J_obs ",
           scientific(observation), " (", cell(100 * observation / r.best_observation, 1), " % of the best)\n\n");
   text += stability_text(r);
@@ -139,9 +140,9 @@ std::string selection_text(const Selection& r) {
   };
   row("this design, computed", r.gain);
   for (const PublishedGain& p : table_2) {
-    const bool like = p.material == c.problem.material && p.ensemble == c.problem.ensemble;
-    row(std::string("paper, ") + p.material + " " + (p.ensemble == Ensemble::flat ? "Flat-Opt" : "Curved-Opt") +
-            (like ? " *" : ""),
+    const bool like = p.material == c.problem.material() && p.ensemble == c.problem.ensemble();
+    row(std::string("paper, ") + p.material + " " +
+            (p.ensemble == std::string_view("flat") ? "Flat-Opt" : "Curved-Opt") + (like ? " *" : ""),
         p.percent);
   }
   return text + "* same material and ensemble; measured on a fabricated pad whose theta the paper does not give\n";

@@ -26,21 +26,23 @@ std::string campaign_status(const std::string& store, bool as_json) {
   const int done = c.count(Trial::State::observed), failed = c.count(Trial::State::failed),
             open = c.count(Trial::State::pending);
   if (as_json) {
-    Json j = {{"store", store}, {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)},
-        {"mode", c.problem.paper ? "paper" : "default"}, {"source", c.problem.source}, {"seed", c.problem.seed},
-        {"evaluated", done}, {"failed", failed}, {"under_way", open}, {"hypervolume", number(c.hypervolume)},
-        {"seconds", number(seconds)}, {"digest", c.digest}, {"problem_digest", c.problem_digest},
-        {"results_version", c.problem.results}, {"results_version_of_lumo", results_version}};
+    Json j = {{"store", store}, {"material", c.problem.material()}, {"ensemble", c.problem.ensemble()},
+        {"mode", c.problem.asked.mechanics.paper ? "paper" : "default"}, {"source", c.problem.asked.search.source},
+        {"seed", c.problem.asked.search.seed}, {"evaluated", done}, {"failed", failed}, {"under_way", open},
+        {"hypervolume", number(c.hypervolume)}, {"seconds", number(seconds)}, {"digest", c.digest},
+        {"problem_digest", c.problem_digest}, {"results_version", c.problem.results},
+        {"results_version_of_lumo", results_version}};
     j["selected"] = c.selected ? summary(c.trials[*c.selected]) : Json(nullptr);
     j["front"] = Json::array();
     for (const StoredTrial& t : c.trials)
       if (t.on_front) j["front"].push_back(summary(t));
     return j.dump(2) + "\n";
   }
-  std::string text = lumo::message(store, ": ", c.problem.material, ", ", name(c.problem.ensemble),
-      c.problem.paper ? " ensemble, paper mode, source " : " ensemble, source ", c.problem.source, ", seed ",
-      c.problem.seed, "\n", done, " evaluated, ", failed, " failed, ", open, " under way; ", span(seconds),
-      " in evaluations\nhypervolume ", scientific(c.hypervolume), "\n");
+  std::string text = lumo::message(store, ": ", c.problem.material(), ", ", c.problem.ensemble(),
+      c.problem.asked.mechanics.paper ? " ensemble, paper mode, source " : " ensemble, source ",
+      c.problem.asked.search.source, ", seed ", c.problem.asked.search.seed, "\n", done, " evaluated, ", failed,
+      " failed, ", open, " under way; ", span(seconds), " in evaluations\nhypervolume ", scientific(c.hypervolume),
+      "\n");
   if (c.problem.results != results_version)
     text += lumo::message("results are of version ", c.problem.results, ", this lumo computes version ",
         results_version, ": they cannot be compared, nor the campaign continued\n");

@@ -6,15 +6,18 @@
 
 namespace lumo::program {
 
+inline void add_store(CLI::App& app, std::string& store) {
+  add_text(app, "--store", store, "FILE", "File that keeps the campaign")->required();
+}
+
 /// A command about one campaign's store.
 struct StoreCommand : Common {
   std::string store;
 
   void declare(CLI::App& app) {
-    add_store(app);
+    add_store(app, store);
     add_common(app, *this);
   }
-  void add_store(CLI::App& app) { add_text(app, "--store", store, "FILE", "File that keeps the campaign")->required(); }
 };
 
 /// What a store holds, as text or JSON. Throws StoreError.

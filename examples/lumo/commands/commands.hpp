@@ -11,11 +11,12 @@ namespace lumo::program {
 void add_commands(CommandLine& line);
 
 /// What the commands about one design share.
-struct DesignCommand : Common {
+struct DesignCommand : Configured {
   int threads = all_threads();
 
-  void declare_common(CLI::App& app, Pad& pad) {
-    add_pad(app, pad);
+  void declare_common(CLI::App& app) {
+    declare_configuration(app);
+    add_pad(app, effective);
     add_threads(app, threads);
     add_out(app, *this);
     add_common(app, *this);

@@ -7,18 +7,15 @@ namespace lumo::program {
 namespace {
 
 struct Evaluate : DesignCommand {
-  EvaluationRequest request;
-
   void declare(CLI::App& app) {
-    declare_common(app, request);
-    add_ensemble(app, request.ensemble);
-    add_ray_error(app, request.ray_error_percent);
-    add_mechanics(app, request.mechanics);
+    declare_common(app);
+    add_ensemble(app, effective);
+    add_ray_error(app, effective);
+    add_mechanics(app, effective);
   }
-  void check() const { check_design(request); }
   Result run(Output& files, Progress& progress) const {
-    const Evaluation result = make_evaluation(request, threads, progress);
-    return {present(request, json, result, files), failure_of(result.observations.scenarios)};
+    const Evaluation result = make_evaluation(asked(), threads, progress);
+    return {present(asked(), json, result, files), failure_of(result.observations.scenarios)};
   }
 };
 

@@ -76,8 +76,8 @@ Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
 
 /// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
 std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json, Output& files) {
-  const HalfSection s = casting_section(FingerDesign::from(pad_request.theta_mm));
-  const Silicone rubber = silicone(pad_request.material);
+  const HalfSection s = casting_section(pad_request.design());
+  const Silicone& rubber = pad_request.silicone;
   const std::vector<CastingPart> kit = casting_kit(s, o);
   const CastVolume volume = cast_volume(s, o);
   const std::vector<std::string> remarks = notes(s, o);
@@ -115,7 +115,7 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
   files.add("fabrication.json", report);
   if (as_json) return report;
   std::string text = theta_text(pad_request) + "\n" + table + "pad " + cell(1e9 * volume.pad, 0) + " mm³, " +
-                     cell(grams(volume.pad, rubber.density_kg_per_m3), 1) + " g of " + pad_request.material + " (" +
+                     cell(grams(volume.pad, rubber.density_kg_per_m3), 1) + " g of " + pad_request.material() + " (" +
                      short_number(rubber.density_kg_per_m3) + " kg/m³); with gate, vents and fits " +
                      cell(1e9 * volume.total(), 0) + " mm³, " + cell(cast_g, 1) + " g\nmix " + cell(0.5 * mix_g, 1) +
                      " g of A and " + cell(0.5 * mix_g, 1) + " g of B: " + short_number(100.0 * (reserve - 1.0)) +
@@ -124,13 +124,13 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
   return text;
 }
 
-struct Fabricate : Common {
-  Pad pad;
+struct Fabricate : Configured {
   CastingOptions casting;  ///< in m
 
   void declare(CLI::App& app) {
     namespace limits = casting_limits;
-    add_pad(app, pad);
+    declare_configuration(app);
+    add_pad(app, effective);
     add_text(app, "--out", out, "DIR", "Directory for the files; made when it is not there")->required();
     const auto length = [&](const char* option, double& into_m, const Limits& admitted_mm, const char* what) {
       const std::string help = lumo::message(what, " [mm], default ", short_number(1e3 * into_m));
@@ -147,8 +147,7 @@ struct Fabricate : Common {
     length("--vent", casting.vent_diameter, limits::vent_mm, "Diameter of the vents at the pad");
     add_common(app, *this);
   }
-  void check() const { check_design(pad); }
-  Result run(Output& files, Progress&) const { return kit_of(pad, casting, json, files); }
+  Result run(Output& files, Progress&) const { return kit_of(asked().pad, casting, json, files); }
 };
 
 }  // namespace

@@ -41,62 +41,63 @@ template <class Lab> void leave(const Lab& rig, Recording log, NewFolder& folder
 }
 
 /// The log of a virtual rig in a new folder.
-struct Lab : Common {
+struct Lab : Configured {
   std::function<LabPlan()> plan;  ///< none: of a hand
   bool to_20_N = false;           ///< with joint torque
-  ResponsesRequest pad;
+  ResponsesRequest light{.threads = all_threads()};
   std::string folder;
-  int seed = 1, joints = 1;
-  double noise = 1.0;                   ///< times the rig's
-  double stiffness = 1.0, lamps = 1.0;  ///< of the specimen, times the computed pad's
 
   explicit Lab(std::function<LabPlan()> p, bool with_torque = false) : plan(std::move(p)), to_20_N(with_torque) {
-    pad.material = "Sol";
-    pad.threads = all_threads();
+    effective = Effective({.pad = {.silicone = solaris()}});
   }
 
   void declare(CLI::App& app) {
-    add_theta(app, pad);
-    add_material(app, pad.material, "Silicone: Sol (Solaris, default) or DS (Dragon Skin)");
-    add_seed(app, seed, "Of everything random, default 1");
-    add_number(app, "--noise", noise, {0.0, 100.0}, "", "Times the rig's noises, default 1");
+    declare_configuration(app);
+    add_theta(app, effective);
+    add_material(app, effective, "Silicone: Sol (Solaris, default) or DS (Dragon Skin)");
+    add_setting(app, effective, "--seed", "lab.seed", "Of everything random, default 1");
+    add_setting(app, effective, "--noise", "lab.noise", "Times the rig's noises, default 1");
     if (to_20_N)
-      add_whole(
-          app, "--joints", joints, 1, 2, "Of the finger: 1 (default), or 2, whose torques alone give the place, too");
-    add_number(app, "--stiffness", stiffness, {0.8, 2.0}, "",
+      add_setting(app, effective, "--joints", "lab.joints",
+          "Of the finger: 1 (default), or 2, whose torques alone give the place, too");
+    add_setting(app, effective, "--stiffness", "lab.stiffness",
         "Of this specimen's silicone, times the nominal one, 0.8 to 2, default 1");
-    add_number(app, "--lamps", lamps, {0.1, 3.0}, "",
+    add_setting(app, effective, "--lamps", "lab.lamps",
         "Power of this specimen's LEDs, times the nominal one, 0.1 to 3, default 1");
-    add_text(app, "--cache", pad.cache, "DIR", "Folder that keeps computed responses, default: beside DIR");
+    add_text(app, "--cache", light.cache, "DIR", "Folder that keeps computed responses, default: beside DIR");
     add_flag(
-        app, "--coarse", pad.coarse, "Coarse mesh, few places, few rays: seconds instead of minutes, for trying out");
+        app, "--coarse", light.coarse, "Coarse mesh, few places, few rays: seconds instead of minutes, for trying out");
     add_text(app, "--out", folder, "DIR", "Folder of the log; must not be there, or be empty")->required();
-    add_threads(app, pad.threads);
+    add_threads(app, light.threads);
     add_common(app, *this);
   }
   void check() const {
-    if (to_20_N && stiffness < 1.0)
-      throw UsageError(lumo::message("--stiffness is ", stiffness,
+    if (to_20_N && asked().lab.stiffness < 1.0)
+      throw UsageError(lumo::message("--stiffness is ", asked().lab.stiffness,
           ", lab force goes to 20 N, which a softer pad than the computed one cannot be given"));
-    check_design(pad);
+    Configured::check();
     pictures();
   }
 
   Result run(Output&, Progress& progress) const {
     NewFolder made(folder);
-    const PadLight light(responses(pad, folder, progress));
-    const SideGeometry side = side_geometry(finger(FingerDesign::from(pad.theta_mm), silicone(pad.material)));
-    const auto whole_seed = std::uint64_t(seed);
+    const LabSettings& settings = asked().lab;
+    ResponsesRequest wanted = light;
+    wanted.pad = asked().pad;
+    const PadLight computed(responses(wanted, folder, progress));
+    const Pad& pad = asked().pad;
+    const SideGeometry side = side_geometry(finger(pad.design(), pad.silicone, pad.finger));
+    const auto whole_seed = std::uint64_t(settings.seed);
     Rig instruments;
-    instruments.specimen = {stiffness, lamps};
-    instruments.motor.joints = joints;
+    instruments.specimen = {settings.stiffness, settings.lamps};
+    instruments.motor.joints = settings.joints;
     if (!plan) {
-      const HandLab hand(light, hand_plan(whole_seed, 12, pad.coarse ? 13.0_mm : 0.0), whole_seed, noise,
+      const HandLab hand(computed, hand_plan(whole_seed, 12, light.coarse ? 13.0_mm : 0.0), whole_seed, settings.noise,
           {.rig = instruments, .side = side});
       leave(hand, {}, made, progress);
       return summary(hand, "grasps", hand.plan().grasps.size());
     }
-    const VirtualRig rig(light, plan(), whole_seed, noise, instruments, side);
+    const VirtualRig rig(computed, plan(), whole_seed, settings.noise, instruments, side);
     Recording log;
     log.wrenches = rig.wrenches();
     log.markers = rig.markers();
@@ -107,14 +108,16 @@ struct Lab : Common {
   template <class AnyRig> std::string summary(const AnyRig& rig, const char* what, std::size_t count) const {
     const auto touched =
         std::count_if(rig.truth().begin(), rig.truth().end(), [](const auto& t) { return in_contact(t); });
+    const LabSettings& settings = asked().lab;
     const std::size_t frames = rig.frames().size(), samples = rig.joints().size();
     if (json)
       return Json{{"out", folder}, {"frames", frames}, {"contact_frames", touched}, {what, count},
-                 {"joint_samples", samples}, {"seed", seed}, {"noise", noise}}
+                 {"joint_samples", samples}, {"seed", settings.seed}, {"noise", settings.noise},
+                 {"configuration", tree_of(asked())}}
                  .dump(2) +
              "\n";
     return lumo::message(folder, ": ", rig.plan().title, "; ", count, " ", what, ", ", frames, " pictures, ", touched,
-        " of them in contact, ", samples, " joint samples, seed ", seed, ", noise ", noise, "\n");
+        " of them in contact, ", samples, " joint samples, seed ", settings.seed, ", noise ", settings.noise, "\n");
   }
 };
 

@@ -7,12 +7,9 @@ namespace lumo::program {
 namespace {
 
 struct Mesh : DesignCommand {
-  PressRequest request;
-
-  void declare(CLI::App& app) { declare_common(app, request); }
-  void check() const { check_design(request); }
+  void declare(CLI::App& app) { declare_common(app); }
   Result run(Output& files, Progress& progress) const {
-    return present(request, json, make_mesh(request, progress), files);
+    return present(asked(), json, make_mesh(asked(), progress), files);
   }
 };
 

@@ -9,8 +9,8 @@ namespace {
 
 struct Press : PressCommand {
   Result run(Output& files, Progress& progress) const {
-    const PressResult result = make_press(request, progress);
-    return {present(request, json, result, files), failure_of(result.seen.scenarios)};
+    const PressResult result = make_press(asked(), progress);
+    return {present(asked(), json, result, files), failure_of(result.seen.scenarios)};
   }
 };
 

@@ -13,18 +13,15 @@ std::string failure_of(const std::vector<ScenarioRecord>& scenarios);
 
 /// A command that presses one sphere on one pad.
 struct PressCommand : DesignCommand {
-  PressRequest request;
-
   void declare(CLI::App& app) {
-    declare_common(app, request);
-    add_touch(app, request);
+    declare_common(app);
+    add_touch(app, effective);
     app.footer(
         "press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays "
         "where it is: nothing "
         "is removed.");
-    add_mechanics(app, request.mechanics);
+    add_mechanics(app, effective);
   }
-  void check() const { check_design(request); }
 };
 
 }  // namespace lumo::program

@@ -8,11 +8,8 @@ namespace lumo::program {
 namespace {
 
 struct Section : DesignCommand {
-  Pad pad;
-
-  void declare(CLI::App& app) { declare_common(app, pad); }
-  void check() const { check_design(pad); }
-  Result run(Output& files, Progress&) const { return present(pad, json, make_section(pad), files); }
+  void declare(CLI::App& app) { declare_common(app); }
+  Result run(Output& files, Progress&) const { return present(asked(), json, make_section(asked().pad), files); }
 };
 
 }  // namespace

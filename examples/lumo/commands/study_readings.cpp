@@ -3,6 +3,7 @@
 #include "charts/chart.hpp"
 #include "console/text.hpp"
 #include "report/records.hpp"
+#include "store/campaign_problem.hpp"
 #include "store/study_rows.hpp"
 
 #include "lumo/study/assumptions.hpp"
@@ -200,8 +201,8 @@ void StudyReadings::declare(CLI::App& app) {
 
 // The reference designs, then seeded ones.
 Problem StudyReadings::problem() const {
-  Problem p = study_problem(finger_space(), designs, std::uint64_t(seed));
-  const Problem search = finger_problem();
+  Problem p = study_problem(finger_space(asked().pad.finger.pad), designs, std::uint64_t(seed));
+  const Problem search = problem_of(asked(), designs);
   p.objectives = search.objectives;
   p.initial = search.initial;
   p.evaluations += int(p.initial.size());
@@ -210,10 +211,8 @@ Problem StudyReadings::problem() const {
 
 std::string StudyReadings::problem_text(const Problem& p) const {
   Json j = {{"study", "readings"}};
-  if (ensemble) {
-    append(j, conditions(tools.material, contacts_name(), contacts(*ensemble)));
-  } else {
-    append(j, conditions(tools.material, contacts_name()));
+  append(j, conditions(asked(), evaluation_groups));
+  if (!whole_ensemble()) {
     j["loads_N"] = pressed().front().loads_N;
     j["contacts"] = Json::array();
     for (const auto& s : pressed())
@@ -230,13 +229,13 @@ std::string StudyReadings::problem_text(const Problem& p) const {
 
 std::string StudyReadings::about() const {
   const std::string contacts =
-      ensemble ? std::string(name(*ensemble)) + " contacts" : "10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)";
-  return tools.material + ", " + contacts + (tools.coarse ? "; coarser meshes, fewer rays" : "");
+      whole_ensemble() ? contacts_name() + " contacts" : "10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)";
+  return asked().pad.material() + ", " + contacts + (tools.coarse ? "; coarser meshes, fewer rays" : "");
 }
 
 Result StudyReadings::run(Output& files, Progress& progress) const {
-  const Evaluator evaluate =
-      assumptions_evaluator(tools, pressed(), progress);  // before a store is opened, for the mesher forks
+  const Evaluator evaluate = assumptions_evaluator(
+      {asked(), tools.threads, tools.coarse}, pressed(), progress);  // before a store is opened, for the mesher forks
   const Problem search = problem();
   const std::vector<StudyRow> rows = study_rows(store, problem_text(search), search, evaluate, row_line, progress);
   const std::vector<Effect> list = effects(rows);
@@ -253,8 +252,8 @@ Result StudyReadings::run(Output& files, Progress& progress) const {
                                             "What other assumptions change in J_obs", "ΔJ_obs [% of J_obs]", 100.0}));
   }
   if (!json) return table(rows, list);
-  return whole({{"study", "readings"}, {"material", tools.material}, {"contacts", contacts_name()},
-                   {"coarse", tools.coarse}, {"seed", seed}},
+  return whole({{"study", "readings"}, {"material", asked().pad.material()}, {"contacts", contacts_name()},
+                   {"coarse", tools.coarse}, {"seed", seed}, {"configuration", tree_of(asked())}},
       rows, list);
 }
 

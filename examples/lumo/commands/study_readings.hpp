@@ -19,9 +19,9 @@ struct StudyReadings : StudyCommand {
 
  private:
   std::vector<Scenario<Sphere>> pressed() const {
-    return ensemble ? contacts(*ensemble).scenarios() : assumption_contacts();
+    return whole_ensemble() ? asked().ensemble.scenarios() : assumption_contacts();
   }
-  std::string_view contacts_name() const { return ensemble ? name(*ensemble) : "few"; }
+  std::string contacts_name() const { return whole_ensemble() ? name(asked().ensemble) : "few"; }
   Problem problem() const;
   std::string problem_text(const Problem& p) const;
   /// In the words of captions.

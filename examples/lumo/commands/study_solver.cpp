@@ -6,21 +6,17 @@ namespace lumo::program {
 namespace {
 
 struct StudySolver : DesignCommand {
-  PressRequest request;
-
   void declare(CLI::App& app) {
-    declare_common(app, request);
-    add_touch(app, request);
-    add_number(
-        app, "--size", request.mechanics.size_mm, {0.2, 10.0}, "mm", "Of all edges of the linear mesh [mm], default 1");
-    add_contact(app, request.mechanics);
+    declare_common(app);
+    add_touch(app, effective);
+    add_setting(app, effective, "--size", "mechanics.edge_mm", "Of all edges of the linear mesh [mm], default 1");
+    add_contact(app, effective);
   }
-  void check() const { check_design(request); }
   Result run(Output& files, Progress& progress) const {
-    const SolverStudy result = make_solver_study(request, threads, progress);
+    const SolverStudy result = make_solver_study(asked(), threads, progress);
     std::vector<ScenarioRecord> presses;
     for (const SolverRow& row : result.rows) presses.push_back(row.scenario);
-    return {present(request, json, result, files), failure_of(presses)};
+    return {present(asked(), json, result, files), failure_of(presses)};
   }
 };
 

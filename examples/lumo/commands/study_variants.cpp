@@ -24,26 +24,22 @@ struct Comparison {
 struct StudyPlan {
   std::string title;
   MatchedStudy study;
-  DesignSpace space;
   std::vector<Comparison> comparisons;
 };
 
 StudyPlan carrier_plan() {
-  return {"carrier", {{Twin::bonded_base, Twin::unsupported_base}, false}, finger_space(),
+  return {"carrier", {{Twin::bonded_base, Twin::unsupported_base}, false},
       {{"J_contact", "bonded_base", "ΔJ_contact against a soft pad bonded at its base", 4, ""},
           {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4,
               "40 of 40 above 0, median 0.121 (§IV-A; what its twin rests on is not said)"}}};
 }
 
 StudyPlan void_plan() {
-  StudyPlan plan = {"void", {{Twin::no_void}, true}, finger_space(),
+  return {"void", {{Twin::no_void}, true},
       {{"J_contact", "no_void", "ΔJ_contact against the same θ without voids", 4,
            "both signs, depending on the morphology (§IV-A)"},
           {"D", "no_void", "ΔD(1 N) against the same θ without voids", 0,
               "both signs, depending on the morphology (§IV-A)"}}};
-  Variable& gap = plan.space.variables.back();
-  gap.lower = gap.step;  // without a gap there is nothing to compare
-  return plan;
 }
 
 /// Of the design for an empty `variant`.
@@ -119,7 +115,7 @@ std::string picture(const std::vector<StudyRow>& rows, const Comparison& c, cons
 
 std::string table(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   std::string text;
-  for (const Variable& v : plan.space.variables) text += v.name + "_mm,";
+  for (const Variable& v : finger_space().variables) text += v.name + "_mm,";
   for (const std::string q : {"J_contact", "D"})
     if (q == "J_contact" || plan.study.light) text += q + "," + q + "_err,";
   for (const Comparison& c : plan.comparisons)
@@ -181,38 +177,47 @@ struct StudyVariants : StudyCommand {
     StudyCommand::declare(app, {"Feasible designs to compare, default 40",
                                    "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°"});
   }
-  std::string_view contacts_name() const { return ensemble ? name(*ensemble) : "middle"; }
-  std::string problem_text(const Problem& problem, const lumo::Ensemble& pressed) const {
+  /// Of the designs that are compared.
+  DesignSpace space() const {
+    DesignSpace s = finger_space(asked().pad.finger.pad);
+    if (plan.study.twins.front() == Twin::no_void)  // without a gap there is nothing to compare
+      s.variables.back().lower = s.variables.back().step;
+    return s;
+  }
+  std::string contacts_name() const { return whole_ensemble() ? name(asked().ensemble) : "middle"; }
+  std::string problem_text(const Problem& problem, const Configuration& computed) const {
     Json j = {{"study", plan.title}};
-    append(j, conditions(tools.material, contacts_name(), pressed));
+    append(j, conditions(computed, evaluation_groups));
     j["sobol"] = problem.sobol;
     j["seed"] = seed;
     return line_by_line(j);
   }
 
   Result run(Output& files, Progress& progress) const {
-    const lumo::Ensemble pressed = ensemble ? contacts(*ensemble) : middle_contacts();
+    StudyTools used = tools;
+    used.asked = asked();
+    if (!whole_ensemble()) used.asked.ensemble = middle_contacts();
     const Evaluator evaluate =
-        study_evaluator(tools, plan.study, pressed, progress);  // before a store is opened, for the mesher forks
+        study_evaluator(used, plan.study, progress);  // before a store is opened, for the mesher forks
     const auto line = [&](const StudyRow& row) {
       std::string text;
       for (const Comparison& c : plan.comparisons)
         text += "  " + c.variant + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
       return text;
     };
-    const Problem problem = study_problem(plan.space, designs, std::uint64_t(seed));
+    const Problem problem = study_problem(space(), designs, std::uint64_t(seed));
     const std::vector<StudyRow> rows =
-        study_rows(store, problem_text(problem, pressed), problem, evaluate, line, progress);
+        study_rows(store, problem_text(problem, used.asked), problem, evaluate, line, progress);
     const std::string file = "study_" + plan.title;
     files.add(file + ".csv", table(rows, plan));
     if (files.wanted())
       for (const Comparison& c : plan.comparisons)
         files.add(file + "_" + c.variant + "_" + c.quantity + ".svg",
-            picture(rows, c, lumo::message(tools.material, ", ", contacts_name(), " contacts")));
+            picture(rows, c, lumo::message(asked().pad.material(), ", ", contacts_name(), " contacts")));
     if (!json) return result_text(rows, plan);
-    return json_text(
-        {{"study", plan.title}, {"material", tools.material}, {"contacts", contacts_name()}, {"seed", seed}}, rows,
-        plan);
+    return json_text({{"study", plan.title}, {"material", asked().pad.material()}, {"contacts", contacts_name()},
+                         {"seed", seed}, {"configuration", tree_of(used.asked)}},
+        rows, plan);
   }
 };
 

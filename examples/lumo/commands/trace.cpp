@@ -8,8 +8,8 @@ namespace {
 
 struct Trace : PressCommand {
   Result run(Output& files, Progress& progress) const {
-    const TraceResult result = make_trace(request, threads, progress);
-    return {present(request, json, result, files), failure_of(result.press.seen.scenarios)};
+    const TraceResult result = make_trace(asked(), threads, progress);
+    return {present(asked(), json, result, files), failure_of(result.press.seen.scenarios)};
   }
 };
 

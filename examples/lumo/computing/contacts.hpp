@@ -1,9 +1,6 @@
 #pragma once
 
-#include "computing/request.hpp"
-#include "console/text.hpp"
-#include "lumo/morphology/silicone.hpp"
-#include "lumo/pipeline/ensemble.hpp"
+#include "configuration/effective.hpp"
 #include "report/json.hpp"
 
 #include <string>
@@ -11,33 +8,20 @@
 
 namespace lumo::program {
 
-/// The contacts that an ensemble's name stands for.
-inline lumo::Ensemble contacts(Ensemble e) { return e == Ensemble::flat ? flat_ensemble() : curved_ensemble(); }
-
 /// Raised whenever an evaluation of the same design gives other numbers than before, or a search asks for other designs
 /// after the same trials: old stores are then of another problem.
 inline constexpr int results_version = 11;
 
-/// Material with every number that decides a result, and what its contacts are called.
-inline Json conditions(const std::string& material, std::string_view contacts) {
-  const Silicone card = silicone(material);
-  return {{"results", results_version}, {"material", material}, {"shear_modulus_Pa", card.mu_Pa},
-      {"first_lame_parameter_Pa", card.lambda_Pa}, {"ensemble", contacts}};
-}
-
-/// The same with all numbers of the contacts, for the text by which a store knows its problem.
-inline Json conditions(const std::string& material, std::string_view title, const lumo::Ensemble& ensemble) {
-  const auto scaled = [](const std::vector<double>& values, double unit) {
-    Json a = Json::array();
-    for (const double v : values) a.push_back(as_typed(v / unit));
-    return a;
-  };
-  Json j = conditions(material, title);
-  append(
-      j, {{"diameters_mm", scaled(ensemble.diameters_m, 1e-3)}, {"angles_deg", scaled(ensemble.angles_rad, pi / 180.0)},
-             {"places_mm", scaled(ensemble.places_m, 1e-3)}, {"loads_N", ensemble.loads_N}});
+/// What decides the results of a store, besides its designs.
+inline Json conditions(const Configuration& o, const std::vector<std::string>& groups) {
+  Json j = {{"results", results_version}};
+  append(j, tree_of(o, groups));
   return j;
 }
+
+/// Groups of settings that decide an evaluation.
+inline const std::vector<std::string> evaluation_groups = {
+    "silicone", "finger", "leds", "readout", "mesh", "mechanics", "ensemble", "light"};
 
 /// One line a key, so that the line in which two problems differ can be shown.
 inline std::string line_by_line(const Json& object) {

@@ -12,21 +12,20 @@
 
 namespace lumo::program {
 
-Evaluation make_evaluation(const EvaluationRequest& r, int threads, Progress& progress) {
-  const auto pipeline = pipeline_for(r.material, r.mechanics, r.ray_error_percent);
-  return evaluate({FingerDesign::from(r.theta_mm), silicone(r.material), finger_options(r.mechanics)},
-      contacts(r.ensemble), pipeline, TbbExecutor{threads}, shown_in(progress));
+Evaluation make_evaluation(const Configuration& r, int threads, Progress& progress) {
+  const auto pipeline = pipeline_for(r);
+  return evaluate({r.pad.design(), r.pad.silicone, finger_options(r)}, r.ensemble, pipeline, TbbExecutor{threads},
+      shown_in(progress));
 }
 
-std::vector<double> make_depths(
-    const Pad& pad, const Mechanics& mechanics, const lumo::Ensemble& ensemble, int threads, Progress& progress) {
-  const auto pipeline = pipeline_for(pad.material, mechanics);
-  Body body = body_of(pad, mechanics);
+std::vector<double> make_depths(const Configuration& o, int threads, Progress& progress) {
+  const auto pipeline = pipeline_for(o);
+  Body body = body_of(o);
   body.regions = 0;
   std::vector<double> depths;
-  const auto observed = observe(body, ensemble.scenarios(), pipeline, TbbExecutor{threads}, shown_in(progress));
+  const auto observed = observe(body, o.ensemble.scenarios(), pipeline, TbbExecutor{threads}, shown_in(progress));
   for (const ScenarioRecord& s : observed.scenarios)
-    depths.push_back(is_scored(s.status, mechanics.holds()) ? 1e3 * s.states.back().depth_m : undefined);
+    depths.push_back(is_scored(s.status, o.mechanics.holds()) ? 1e3 * s.states.back().depth_m : undefined);
   return depths;
 }
 
@@ -98,28 +97,27 @@ template <class P> auto shared(P pipeline) { return std::make_shared<P>(std::mov
 
 }  // namespace
 
-Evaluator campaign_evaluator(const EvaluationRequest& o, int threads, Progress& progress) {
-  const auto pipeline = shared(pipeline_for(o.material, o.mechanics, o.ray_error_percent));
+Evaluator campaign_evaluator(const Configuration& o, int threads, Progress& progress) {
+  const auto pipeline = shared(pipeline_for(o));
   return [o, threads, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const Evaluation e = evaluate({FingerDesign::from(x), silicone(o.material), finger_options(o.mechanics)},
-          contacts(o.ensemble), *pipeline, TbbExecutor{threads}, report_stage);
+      const Evaluation e = evaluate({FingerDesign::from(x), o.pad.silicone, finger_options(o)}, o.ensemble, *pipeline,
+          TbbExecutor{threads}, report_stage);
       append(record, json(e));
       notes["seconds"] = json(e.observations.seconds);
       return trial_result(e, o.mechanics.holds());
     };
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}},
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.pad.material()}, {"ensemble", name(o.ensemble)}},
         run_notes(threads), progress, work);
   };
 }
 
-Evaluator study_evaluator(
-    const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
-  const auto pipeline = shared(pipeline_for(o.material, {}));
-  return [o, study, ensemble, &progress, pipeline](const Design& x) {
+Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, Progress& progress) {
+  const auto pipeline = shared(pipeline_for(o.asked));
+  return [o, study, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const auto variants = compare_variants({FingerDesign::from(x), silicone(o.material)}, ensemble, study, *pipeline,
-          TbbExecutor{o.threads}, report_stage);
+      const auto variants = compare_variants({FingerDesign::from(x), o.asked.pad.silicone, finger_options(o.asked)},
+          o.asked.ensemble, study, *pipeline, TbbExecutor{o.threads}, report_stage);
       TrialResult verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
@@ -132,14 +130,15 @@ Evaluator study_evaluator(
       else if (verdict.why.empty()) verdict.why = "objective: the loads do not define the terms of J_contact";
       return verdict;
     };
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);
+    return recorded(
+        {{"theta_mm", numbers(x)}, {"material", o.asked.pad.material()}}, run_notes(o.threads), progress, work);
   };
 }
 
 Evaluator assumptions_evaluator(
     const StudyTools& o, const std::vector<Scenario<Sphere>>& contacts, Progress& progress) {
   const double edges = o.coarse ? 1.4 : 1.0;
-  auto usual_tools = pipeline_for(o.material, {});
+  auto usual_tools = pipeline_for(o.asked);
   if (o.coarse) {
     usual_tools.tracer = Light<ExitPower>({.rays_per_emitter = 1 << 14, .carrier_rays = 1 << 13, .exit_rays = 1 << 16});
     usual_tools.rays.tolerance = 0.04;
@@ -150,19 +149,20 @@ Evaluator assumptions_evaluator(
     const auto work = [&](Json& record, Json&, const ProgressReport& report_stage) {
       const auto tools_for = [&](const FingerAssumptions& reading) {
         auto tools = *pipeline;
-        Mechanics mechanics;
+        Mechanics mechanics = o.asked.mechanics;
         mechanics.friction = reading.friction;
         tools.simulator = simulation(mechanics, reading.silicone);
         return tools;
       };
       const std::vector<AssumptionVariant> rows = assumption_variants();
-      FingerAssumptions usual{silicone(o.material), {}};
+      FingerAssumptions usual{o.asked.pad.silicone, finger_options(o.asked), o.asked.mechanics.friction};
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
       const auto results = evaluate_assumptions(
           FingerDesign::from(x), {usual, rows, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);
       return put_assumptions(record, rows, results);
     };
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);
+    return recorded(
+        {{"theta_mm", numbers(x)}, {"material", o.asked.pad.material()}}, run_notes(o.threads), progress, work);
   };
 }
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "computing/request.hpp"
+#include "configuration/configuration.hpp"
 #include "console/progress.hpp"
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/pipeline/ensemble.hpp"
@@ -13,29 +13,28 @@
 
 namespace lumo::program {
 
-Evaluation make_evaluation(const EvaluationRequest& request, int threads, Progress& progress);
+Evaluation make_evaluation(const Configuration& request, int threads, Progress& progress);
 
-/// Depth [mm] at the last load of each scenario, without light; undefined where no equilibrium was found.
-std::vector<double> make_depths(
-    const Pad& pad, const Mechanics& mechanics, const lumo::Ensemble& ensemble, int threads, Progress& progress);
+/// Depth [mm] at the last load of each scenario of the ensemble, without light; undefined where no equilibrium was
+/// found.
+std::vector<double> make_depths(const Configuration& request, int threads, Progress& progress);
 
 /// Evaluates a design for a store; what goes wrong is in the verdict. Make it before the store is opened, for the
 /// mesher forks.
 using Evaluator = std::function<TrialResult(const Design& theta_mm)>;
 
 /// Both objectives, with the request's material, contacts and mechanics.
-Evaluator campaign_evaluator(const EvaluationRequest& request, int threads, Progress& progress);
+Evaluator campaign_evaluator(const Configuration& request, int threads, Progress& progress);
 
 /// What a study computes each design with.
 struct StudyTools {
-  std::string material = "DS";
+  Configuration asked = {};
   int threads = 1;
   bool coarse = false;  ///< coarser meshes, fewer rays
 };
 
 /// The value is the design's J_contact, and the record has that of its variants, too.
-Evaluator study_evaluator(
-    const StudyTools& tools, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress);
+Evaluator study_evaluator(const StudyTools& tools, const MatchedStudy& study, Progress& progress);
 
 /// Values are the design's objectives, and the record has those under all assumptions, lumo's own first.
 Evaluator assumptions_evaluator(

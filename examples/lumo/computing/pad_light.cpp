@@ -1,6 +1,7 @@
 #include "computing/pad_light.hpp"
 
 #include "computing/tools.hpp"
+#include "configuration/effective.hpp"
 #include "console/text.hpp"
 #include "console/version.hpp"
 
@@ -18,7 +19,7 @@ struct PadSettings {
   Focus focus;
   Light<SideSight>::Config rays;
 
-  explicit PadSettings(bool coarse) {
+  PadSettings(const FingerOptions& of, bool coarse) : finger(of) {
     // A half as fine about the contact as elsewhere: depths are within 0.2 % of the default mesh's (y = 5 mm, 1 to 20
     // N), in less than half of the time.
     focus = {0.4e-3, 0.2, 0.8};
@@ -42,23 +43,23 @@ struct PadSettings {
 }  // namespace
 
 std::string pad_responses_key(const Pad& o, bool coarse) {
-  const PadSettings s(coarse);
-  return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ",
-      1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ", 1e3 * s.grid.spacing_m, " mm, loads ",
-      joined(s.grid.load_N), " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ",
-      1e3 * s.finger.mesh.contact_edge, " mm, rays ", s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ",
-      s.rays.exit_rays, ", bins ", s.sight.bins);
+  const PadSettings s(o.finger, coarse);
+  return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ",
+      text_of(tree_of({.pad = o}, {"silicone", "finger", "leds", "mesh"}), -1), ", sphere ", 1e3 * s.grid.diameter_m,
+      " mm, ", s.grid.places, " places every ", 1e3 * s.grid.spacing_m, " mm, loads ", joined(s.grid.load_N),
+      " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge, " mm, rays ",
+      s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
 }
 
 PadResponses make_pad_responses(const Pad& o, bool coarse, int threads, Progress& progress) {
-  const PadSettings s(coarse);
-  auto pipeline = pipeline_for(o.material, {}, 100.0 * RayRefinement{}.tolerance, Light<SideSight>(s.rays, s.sight));
+  const PadSettings s(o.finger, coarse);
+  auto pipeline = pipeline_for<SideSight>({.pad = o}, Light<SideSight>(s.rays, s.sight));
   pipeline.focus = s.focus;
   pipeline.rays.rounds = 0;
-  const Body body = finger(FingerDesign::from(o.theta_mm), silicone(o.material), s.finger);
+  const Body body = finger(o.design(), o.silicone, s.finger);
   PadResponses r = observe_pad(body, s.sight, s.grid, pipeline, TbbExecutor{threads}, shown_in(progress));
   r.theta_mm.assign(o.theta_mm.begin(), o.theta_mm.end());
-  r.material = o.material;
+  r.material = o.material();
   return r;
 }
 

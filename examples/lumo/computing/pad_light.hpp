@@ -1,6 +1,6 @@
 #pragma once
 
-#include "computing/request.hpp"
+#include "configuration/configuration.hpp"
 #include "console/progress.hpp"
 
 #include "lumo/lab/pad_responses.hpp"

@@ -5,7 +5,6 @@
 
 #include "lumo/mesh/quality.hpp"
 
-#include <map>
 #include <new>
 
 namespace lumo::program {
@@ -13,11 +12,11 @@ namespace lumo::program {
 namespace {
 
 template <class P>
-TetMesh mesh_of(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
+TetMesh mesh_of(const Configuration& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
   const Stopwatch watch;
   progress.stage("mesh");
-  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher,
-      pipeline.focus, pipeline.mesh_order);
+  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o.touch)},
+      pipeline.mesher, pipeline.focus, pipeline.mesh_order);
   progress.step();
   seconds = watch.seconds();
   return mesh;
@@ -30,7 +29,8 @@ std::vector<double> per_power(const Response& r, const std::vector<double>& watt
 }
 
 /// The part of a press that a trace shares.
-template <class P> PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress) {
+template <class P>
+PressResult pressed(const Configuration& o, const Body& body, const P& pipeline, Progress& progress) {
   PressResult result;
   Observations& seen = result.seen;
   seen.seconds = {undefined, undefined, undefined, undefined};
@@ -39,7 +39,7 @@ template <class P> PressResult pressed(const PressRequest& o, const Body& body, 
   seen.elements = result.mesh.tets.size();
   const Stopwatch watch;
   progress.stage("press");
-  const Scenario<Sphere> scenario = scenario_of(o);
+  const Scenario<Sphere> scenario = scenario_of(o.touch);
   result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
   seen.scenarios = {record_of(body, result.mesh, scenario, result.states, pipeline.mechanical_error)};
   seen.seconds.mechanics = watch.seconds();
@@ -49,34 +49,32 @@ template <class P> PressResult pressed(const PressRequest& o, const Body& body, 
 
 }  // namespace
 
-MeshResult make_mesh(const PressRequest& o, Progress& progress) {
+MeshResult make_mesh(const Configuration& o, Progress& progress) {
   MeshResult result;
-  const Body body = body_of(o, o.mechanics);
-  result.mesh = mesh_of(o, body, pipeline_for(o.material, o.mechanics), progress, result.seconds);
+  const Body body = body_of(o);
+  result.mesh = mesh_of(o, body, pipeline_for(o), progress, result.seconds);
   result.quality = measure(result.mesh);
   result.exact_volume_m3 = body.exact_volume_m3;
   return result;
 }
 
-PressResult make_press(const PressRequest& o, Progress& progress) {
+PressResult make_press(const Configuration& o, Progress& progress) {
   const Stopwatch watch;
-  PressResult result = pressed(o, body_of(o, o.mechanics), pipeline_for(o.material, o.mechanics), progress);
+  PressResult result = pressed(o, body_of(o), pipeline_for(o), progress);
   result.seen.seconds.total = watch.seconds();
   return result;
 }
 
-std::vector<PressOutcome> make_presses(const std::vector<PressRequest>& requests, int threads, Progress& progress) {
-  std::map<std::pair<std::string, bool>, decltype(pipeline_for("", {}))> pipelines;  // all before threads start
-  for (const PressRequest& o : requests)
-    if (const std::pair kind(o.material, o.mechanics.paper); !pipelines.contains(kind))
-      pipelines.emplace(kind, pipeline_for(o.material, o.mechanics));
+std::vector<PressOutcome> make_presses(const std::vector<Configuration>& requests, int threads, Progress& progress) {
+  std::vector<decltype(pipeline_for(Configuration{}))> pipelines;  // all before threads start
+  for (const Configuration& o : requests) pipelines.push_back(pipeline_for(o));
   std::vector<PressOutcome> outcomes(requests.size());
   progress.stage("press", int(requests.size()));
   TbbExecutor{threads}.for_each(requests.size(), [&](std::size_t k) {
-    const PressRequest& o = requests[k];
+    const Configuration& o = requests[k];
     Progress silent(true);
     try {
-      outcomes[k].press = pressed(o, body_of(o, o.mechanics), pipelines.at({o.material, o.mechanics.paper}), silent);
+      outcomes[k].press = pressed(o, body_of(o), pipelines[k], silent);
     } catch (const Error& e) {
       outcomes[k].why = e.what();
     } catch (const std::bad_alloc&) {
@@ -87,10 +85,10 @@ std::vector<PressOutcome> make_presses(const std::vector<PressRequest>& requests
   return outcomes;
 }
 
-TraceResult make_trace(const PressRequest& o, int threads, Progress& progress) {
+TraceResult make_trace(const Configuration& o, int threads, Progress& progress) {
   const Stopwatch watch;
-  const Body body = body_of(o, o.mechanics);
-  const auto pipeline = pipeline_for(o.material, o.mechanics);
+  const Body body = body_of(o);
+  const auto pipeline = pipeline_for(o);
   TraceResult result;
   PressResult& press = result.press;
   press = pressed(o, body, pipeline, progress);
@@ -99,7 +97,7 @@ TraceResult make_trace(const PressRequest& o, int threads, Progress& progress) {
 
   const Stopwatch light;
   progress.stage("trace", int(press.states.size()) + 1);
-  const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o), press.states.back().status);
+  const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o.touch), press.states.back().status);
   std::vector<Response> responses(press.states.size() + 1);  // the unloaded one first
   TbbExecutor{threads}.for_each(responses.size(), [&](std::size_t k) {
     responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh)

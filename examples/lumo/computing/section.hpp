@@ -1,7 +1,7 @@
 #pragma once
 
 #include "charts/section_drawing.hpp"
-#include "computing/request.hpp"
+#include "configuration/configuration.hpp"
 
 namespace lumo::program {
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "computing/mechanics.hpp"
+#include "configuration/mechanics.hpp"
 
 #include "lumo/mechanics/contact/scenario.hpp"
 #include "lumo/mechanics/contact/state.hpp"

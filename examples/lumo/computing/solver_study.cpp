@@ -22,10 +22,11 @@ struct Meshed {
   TetMesh mesh;
 };
 
-Meshed meshed(const PressRequest& o, const Mechanics& m, const TetgenMesher& mesher) {
-  const Body body = body_of(o, m);
-  return {body, mesh_for_contact(
-                    body, mesh_body(body, mesher), std::vector{scenario_of(o)}, mesher, focus_of(m), m.mesh_order())};
+Meshed meshed(Configuration o, const Mechanics& m, const TetgenMesher& mesher) {
+  o.mechanics = m;
+  const Body body = body_of(o);
+  return {body, mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario_of(o.touch)}, mesher, focus_of(o),
+                    m.mesh_order())};
 }
 
 /// Equilibria under the forces that other states reached, in their order; none where it was not found. Forces are
@@ -58,10 +59,10 @@ void compare(SolverState& out, const MechanicalState& state, const MechanicalSta
   out.distance_relative = std::sqrt(apart / size);
 }
 
-SolverRow row(const PressRequest& o, const std::string& name, const Mechanics& m, const Meshed& on,
+SolverRow row(const Configuration& o, const std::string& name, const Mechanics& m, const Meshed& on,
     const std::vector<MechanicalState>& states) {
   SolverRow row{
-      name, m, on.mesh.nodes.size(), on.mesh.tets.size(), record_of(on.body, on.mesh, scenario_of(o), states)};
+      name, m, on.mesh.nodes.size(), on.mesh.tets.size(), record_of(on.body, on.mesh, scenario_of(o.touch), states)};
   for (const MechanicalState& s : states) row.states.push_back({s.status == Status::held ? s.met_force_N : undefined});
   return row;
 }
@@ -107,9 +108,9 @@ void compare(std::vector<SolverRow>& rows, const std::vector<Press>& presses, co
 
 }  // namespace
 
-SolverStudy make_solver_study(const PressRequest& o, int threads, Progress& progress) {
-  const FingerDesign design = FingerDesign::from(o.theta_mm);
-  const Silicone card = silicone(o.material);
+SolverStudy make_solver_study(const Configuration& o, int threads, Progress& progress) {
+  const FingerDesign design = o.pad.design();
+  const Silicone& card = o.pad.silicone;
   SolverStudy study;
   study.pad_height_mm = design.h_fp + design.h_ep;
   Mechanics quadratic = o.mechanics, linear = o.mechanics;
@@ -124,7 +125,7 @@ SolverStudy make_solver_study(const PressRequest& o, int threads, Progress& prog
   const Meshed graded = meshed(o, quadratic, mesher);
   progress.step();
 
-  const Scenario<Sphere> scenario = scenario_of(o);
+  const Scenario<Sphere> scenario = scenario_of(o.touch);
   std::vector<Press> presses = {{"VBD, 10 sweeps", descent(linear, 10), &even},
       {"VBD, 100 sweeps", descent(linear, 100), &even}, {"quasi-static, linear", linear, &even},
       {"quasi-static, quadratic", quadratic, &graded}};

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "computing/request.hpp"
+#include "configuration/configuration.hpp"
 #include "console/output.hpp"
 #include "console/progress.hpp"
 #include "report/report.hpp"
@@ -38,10 +38,10 @@ struct SolverStudy {
 /// `lumo study solver`: one press of one finger by vertex block descent with 10 and with 100 sweeps, and in equilibrium
 /// on the same linear and on the default quadratic mesh. Throws MeshError; a solve that ends badly is a status in its
 /// row.
-SolverStudy make_solver_study(const PressRequest& request, int threads, Progress& progress);
+SolverStudy make_solver_study(const Configuration& request, int threads, Progress& progress);
 
-std::string present(const PressRequest& request, bool as_json, const SolverStudy& study, Output& files);
+std::string present(const Configuration& request, bool as_json, const SolverStudy& study, Output& files);
 /// The same as one page that opens from disk.
-std::string solver_page(const PressRequest& request, const SolverStudy& study);
+std::string solver_page(const Configuration& request, const SolverStudy& study);
 
 }  // namespace lumo::program

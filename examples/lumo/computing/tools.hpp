@@ -11,6 +11,7 @@
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -21,14 +22,20 @@ template <ExitReadout Readout> using Light =
     Tracer<ScatteringMedium, Readout, Embree>;  // without scattering, BeerLambert to the last bit
 
 /// Make it before threads start: the mesher forks a helper process.
-template <ExitReadout Readout = ExitPower> auto pipeline_for(const std::string& material, const Mechanics& m,
-    double ray_error_percent = 100.0 * RayRefinement{}.tolerance, Light<Readout> light = Light<Readout>()) {
+template <ExitReadout Readout = ExitPower>
+auto pipeline_for(const Configuration& o, std::optional<Light<Readout>> light = std::nullopt) {
+  const Mechanics& m = o.mechanics;
+  typename Light<Readout>::Config rays;
+  rays.rays_per_emitter = o.light.rays_per_emitter;
+  rays.carrier_rays = o.light.carrier_rays;
+  rays.exit_rays = o.light.exit_rays;
   Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{
-      TetgenMesher{}, simulation(m, silicone(material)), std::move(light)};
-  p.focus = focus_of(m);
+      TetgenMesher{}, simulation(m, o.pad.silicone), light ? *std::move(light) : Light<Readout>(rays)};
+  p.focus = focus_of(o);
   p.mesh_order = m.mesh_order();
   p.accept_held = m.holds();
-  p.rays.tolerance = ray_error_percent / 100.0;
+  p.rays.tolerance = o.light.ray_error_percent / 100.0;
+  p.rays.rounds = o.light.rounds;
   p.mirror_once = !m.holds();  // sweeps visit vertices one after the other: what they leave is not its own mirror image
   return p;
 }

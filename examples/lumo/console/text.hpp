@@ -1,6 +1,6 @@
 #pragma once
 
-#include "computing/mechanics.hpp"
+#include "configuration/mechanics.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/drawing/svg.hpp"
 

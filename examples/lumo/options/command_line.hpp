@@ -70,6 +70,11 @@ class CommandLine {
  private:
   template <Command C> static int run(C& command) {
     if constexpr (requires { command.check(); }) command.check();
+    if constexpr (requires { command.printed_instead(); })
+      if (const auto text = command.printed_instead()) {
+        print(*text);
+        return ok;
+      }
     Output files(command.out);
     Progress progress(command.quiet);
     return hand_over(command.run(files, progress), files, progress);

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "computing/request.hpp"
+#include "configuration/configuration.hpp"
 #include "console/text.hpp"
 
 #include <nlohmann/json.hpp>
@@ -47,7 +47,7 @@ inline void append(Json& to, const Json& from) {
 }
 
 /// The design that a result belongs to; the first keys of every result.
-inline Json heading(const Pad& o) { return {{"theta_mm", numbers(o.theta_mm)}, {"material", o.material}}; }
+inline Json heading(const Pad& o) { return {{"theta_mm", numbers(o.theta_mm)}, {"material", o.material()}}; }
 
 inline Json json(const Mechanics& m) {
   return {{"mode", m.paper ? "paper" : "default"}, {"solver", name(m.solver)}, {"element", name(m.element)},

@@ -1,6 +1,7 @@
 #include "report/present.hpp"
 
 #include "charts/contact_picture.hpp"
+#include "configuration/effective.hpp"
 #include "console/text.hpp"
 #include "lumo/mesh/vtu.hpp"
 #include "report/records.hpp"
@@ -9,7 +10,7 @@
 
 namespace lumo::program {
 
-std::string theta_text(const Pad& o) { return "θ = [" + joined(o.theta_mm, ", ") + "] mm, " + o.material; }
+std::string theta_text(const Pad& o) { return "θ = [" + joined(o.theta_mm, ", ") + "] mm, " + o.material(); }
 
 namespace {
 
@@ -136,8 +137,8 @@ std::string ledger_text(const EnergyLedger& ledger) {
 }
 
 /// Head, scenario and, with light, what was seen of it.
-Json press_json(const PressRequest& o, const PressResult& p, bool light) {
-  Json j = heading(o);
+Json press_json(const Configuration& o, const PressResult& p, bool light) {
+  Json j = heading(o.pad);
   j["mechanics"] = json(o.mechanics);
   append(j, json(p.scenario()));
   if (light) {
@@ -146,18 +147,18 @@ Json press_json(const PressRequest& o, const PressResult& p, bool light) {
   }
   j["mesh"] = mesh_size(p.seen.nodes, p.seen.elements);
   j["seconds"] = json(p.seen.seconds);
+  j["configuration"] = tree_of(o);
   return j;
 }
 
-std::string press_text(const PressRequest& o, const PressResult& p) {
-  return theta_text(o) + "; " + scenario_text(p.scenario()) + "\n" + how(o.mechanics) + state_table(p.scenario());
+std::string press_text(const Configuration& o, const PressResult& p) {
+  return theta_text(o.pad) + "; " + scenario_text(p.scenario()) + "\n" + how(o.mechanics) + state_table(p.scenario());
 }
 
 /// One curve for each scenario, one colour for each diameter, in order of appearance.
-LineChart ensemble_curves(const EvaluationRequest& o, const std::vector<ScenarioRecord>& scenarios) {
-  LineChart chart =
-      force_depth_chart(o, std::string(name(o.ensemble)) + " ensemble, " + std::to_string(scenarios.size()) +
-                               " scenarios; one curve per place along the finger");
+LineChart ensemble_curves(const Configuration& o, const std::vector<ScenarioRecord>& scenarios) {
+  LineChart chart = force_depth_chart(o.pad, name(o.ensemble) + " ensemble, " + std::to_string(scenarios.size()) +
+                                                 " scenarios; one curve per place along the finger");
   std::vector<double> seen;
   for (const ScenarioRecord& s : scenarios) {
     const auto place = std::size_t(std::find(seen.begin(), seen.end(), s.diameter_m) - seen.begin());
@@ -169,10 +170,10 @@ LineChart ensemble_curves(const EvaluationRequest& o, const std::vector<Scenario
   return chart;
 }
 
-BarChart hardest_pair(const EvaluationRequest& o, const Evaluation& e) {
+BarChart hardest_pair(const Configuration& o, const Evaluation& e) {
   const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
   const std::vector<double>& unloaded = e.observations.unloaded_response;
-  BarChart chart = response_chart(o, "The two places that are hardest to tell apart",
+  BarChart chart = response_chart(o.pad, "The two places that are hardest to tell apart",
       sphere_text(a.diameter_m, a.angle_rad) + ", " + short_number(a.load_N) + " N", unloaded.size());
   for (const ObservedState* side : {&a, &b})
     for (const StateRecord& s : e.observations.scenarios[side->scenario].states)
@@ -182,9 +183,9 @@ BarChart hardest_pair(const EvaluationRequest& o, const Evaluation& e) {
   return chart;
 }
 
-std::string evaluation_text(const EvaluationRequest& o, const Evaluation& e) {
+std::string evaluation_text(const Configuration& o, const Evaluation& e) {
   const Observations& seen = e.observations;
-  std::string text = theta_text(o) + ", " + std::string(name(o.ensemble)) + " ensemble, " +
+  std::string text = theta_text(o.pad) + ", " + name(o.ensemble) + " ensemble, " +
                      std::to_string(seen.scenarios.size()) + " scenarios\n" + how(o.mechanics) +
                      "J_contact = " + cell(value_of(e.J_contact), 4) + " ± " + cell(error_of(e.J_contact), 4);
   if (e.worst_contact) text += "   worst: " + scenario_text(seen.scenarios[*e.worst_contact]);
@@ -206,19 +207,20 @@ std::string scenario_text(const ScenarioRecord& s) {
   return sphere_text(s.diameter_m, s.angle_rad) + ", y = " + y_text(s.y_m) + " mm";
 }
 
-std::string present(const Pad& o, bool as_json, const SectionDrawing& section, Output& files) {
+std::string present(const Configuration& o, bool as_json, const SectionDrawing& section, Output& files) {
   const std::string svg = draw(section);
   files.add("section.svg", svg);
   if (!as_json) return files.wanted() ? section.title + "\n" + section.subtitle + "\n" : svg;
-  Json j = heading(o);
+  Json j = heading(o.pad);
   for (const auto& d : section.dimensions) {
-    const std::size_t along = d.along == SectionDrawing::Dimension::Along::x ? 0 : 1;
-    j["dimensions_mm"][d.label.substr(0, d.label.find(' '))] = number(std::abs(d.to[along] - d.from[along]));
+    const Point a = d.start(), b = d.end();
+    j["dimensions_mm"][d.label.substr(0, d.label.find(' '))] = number(std::hypot(b[0] - a[0], b[1] - a[1]));
   }
+  j["configuration"] = tree_of(o);
   return dump(j);
 }
 
-std::string present(const Pad& o, bool as_json, const MeshResult& m, Output& files) {
+std::string present(const Configuration& o, bool as_json, const MeshResult& m, Output& files) {
   if (files.wanted()) {
     std::ostringstream vtu;
     write_vtu(vtu, m.mesh);
@@ -227,34 +229,36 @@ std::string present(const Pad& o, bool as_json, const MeshResult& m, Output& fil
   const double volume_mm3 = 1e9 * m.quality.volume_m3, exact_mm3 = 1e9 * m.exact_volume_m3;
   const std::size_t nodes = m.mesh.nodes.size(), elements = m.mesh.tets.size(), faces = m.mesh.faces.size();
   if (!as_json)
-    return theta_text(o) + "\n" + size_text(nodes, elements) + ", " + std::to_string(faces) +
+    return theta_text(o.pad) + "\n" + size_text(nodes, elements) + ", " + std::to_string(faces) +
            " boundary faces\nvolume " + cell(volume_mm3, 2) + " mm³ (exact " + cell(exact_mm3, 2) +
            " mm³)\nsmallest Jacobian ratio " + cell(m.quality.min_jacobian_ratio, 3) + ", smallest dihedral angle " +
            cell(m.quality.min_dihedral_deg, 1) + "°\n";
-  Json j = heading(o);
+  Json j = heading(o.pad);
   append(j, {{"mesh", mesh_size(nodes, elements)}, {"boundary_faces", faces}, {"volume_mm3", number(volume_mm3)},
                 {"exact_volume_mm3", number(exact_mm3)}, {"min_jacobian_ratio", number(m.quality.min_jacobian_ratio)},
-                {"min_dihedral_deg", number(m.quality.min_dihedral_deg)}, {"seconds", number(m.seconds)}});
+                {"min_dihedral_deg", number(m.quality.min_dihedral_deg)}, {"seconds", number(m.seconds)},
+                {"configuration", tree_of(o)}});
   return dump(j);
 }
 
-std::string present(const PressRequest& o, bool as_json, const PressResult& p, Output& files) {
-  if (files.wanted()) add_press(o, p, files);
+std::string present(const Configuration& o, bool as_json, const PressResult& p, Output& files) {
+  if (files.wanted()) add_press(o.pad, p, files);
   return as_json ? dump(press_json(o, p, false)) : press_text(o, p);
 }
 
-std::string present(const PressRequest& o, bool as_json, const TraceResult& t, Output& files) {
+std::string present(const Configuration& o, bool as_json, const TraceResult& t, Output& files) {
   const PressResult& p = t.press;
   const std::vector<StateRecord>& states = p.scenario().states;
   const std::vector<double>& unloaded = p.seen.unloaded_response;
   if (files.wanted()) {
-    BarChart chart = response_chart(o, "Change of light in each region", scenario_text(p.scenario()), unloaded.size());
+    BarChart chart =
+        response_chart(o.pad, "Change of light in each region", scenario_text(p.scenario()), unloaded.size());
     for (const StateRecord& s : states)
       chart.series.push_back(response_bars(
           short_number(s.load_N) + " N", shade(int(chart.series.size()), int(states.size())), s, unloaded));
     files.add("response.svg", draw(chart));
     files.add("trace.csv", csv(p.seen.scenarios, true));
-    add_press(o, p, files);
+    add_press(o.pad, p, files);
   }
   if (as_json) return dump(press_json(o, p, true));
   std::string text = press_text(o, p) + "response per emitted power, regions from proximal to distal\n";
@@ -268,12 +272,13 @@ std::string present(const PressRequest& o, bool as_json, const TraceResult& t, O
   return text + ledger_text(p.seen.ledger);
 }
 
-std::string present(const EvaluationRequest& o, bool as_json, const Evaluation& e, Output& files) {
-  Json j = heading(o);
+std::string present(const Configuration& o, bool as_json, const Evaluation& e, Output& files) {
+  Json j = heading(o.pad);
   j["mechanics"] = json(o.mechanics);
   j["ensemble"] = name(o.ensemble);
   append(j, json(e));
   j["seconds"] = json(e.observations.seconds);
+  j["configuration"] = tree_of(o);
   if (files.wanted()) {
     files.add("evaluation.json", dump(j));
     files.add("evaluation.csv", csv(e.observations.scenarios, true));

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "charts/section_drawing.hpp"
-#include "computing/request.hpp"
+#include "configuration/configuration.hpp"
 #include "console/output.hpp"
 #include "lumo/pipeline/evaluate.hpp"
 #include "report/report.hpp"
@@ -15,10 +15,10 @@ namespace lumo::program {
 std::string theta_text(const Pad& pad);
 std::string scenario_text(const ScenarioRecord& scenario);
 
-std::string present(const Pad& request, bool as_json, const SectionDrawing& section, Output& files);
-std::string present(const Pad& request, bool as_json, const MeshResult& mesh, Output& files);
-std::string present(const PressRequest& request, bool as_json, const PressResult& press, Output& files);
-std::string present(const PressRequest& request, bool as_json, const TraceResult& trace, Output& files);
-std::string present(const EvaluationRequest& request, bool as_json, const Evaluation& evaluation, Output& files);
+std::string present(const Configuration& request, bool as_json, const SectionDrawing& section, Output& files);
+std::string present(const Configuration& request, bool as_json, const MeshResult& mesh, Output& files);
+std::string present(const Configuration& request, bool as_json, const PressResult& press, Output& files);
+std::string present(const Configuration& request, bool as_json, const TraceResult& trace, Output& files);
+std::string present(const Configuration& request, bool as_json, const Evaluation& evaluation, Output& files);
 
 }  // namespace lumo::program

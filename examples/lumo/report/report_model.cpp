@@ -136,24 +136,24 @@ Json machine_model(const StoredCampaign& campaign) {
 }  // namespace
 
 std::string campaign_name(const CampaignProblem& problem) {
-  return problem.material + ", " + std::string(name(problem.ensemble)) + (problem.paper ? ", paper mode" : "");
+  return problem.material() + ", " + problem.ensemble() + (problem.asked.mechanics.paper ? ", paper mode" : "");
 }
 
 Json campaign_model(const StoredCampaign& c, const std::string& store) {
-  Json j = {{"store", store}, {"name", campaign_name(c.problem)}, {"material", c.problem.material},
-      {"ensemble", name(c.problem.ensemble)}, {"source", c.problem.source}, {"mechanics", json(c.problem.mechanics())},
-      {"seed", c.problem.seed}, {"digest", c.digest}, {"problem", c.problem_text}, {"problem_digest", c.problem_digest},
-      {"results_version", c.problem.results}, {"hypervolume", number(c.hypervolume)}, {"machine", machine_model(c)},
-      {"trials", Json::array()}, {"model_check", {model_check(c, "J_contact"), model_check(c, "J_obs")}},
-      {"design", nullptr}};
+  Json j = {{"store", store}, {"name", campaign_name(c.problem)}, {"material", c.problem.material()},
+      {"ensemble", c.problem.ensemble()}, {"source", c.problem.asked.search.source},
+      {"mechanics", json(c.problem.asked.mechanics)}, {"configuration", tree_of(c.problem.asked, evaluation_groups)},
+      {"seed", c.problem.asked.search.seed}, {"digest", c.digest}, {"problem", c.problem_text},
+      {"problem_digest", c.problem_digest}, {"results_version", c.problem.results},
+      {"hypervolume", number(c.hypervolume)}, {"machine", machine_model(c)}, {"trials", Json::array()},
+      {"model_check", {model_check(c, "J_contact"), model_check(c, "J_obs")}}, {"design", nullptr}};
   const std::vector<Design> first = starts(c.problem);
   for (const StoredTrial& t : c.trials) j["trials"].push_back(trial_model(t, first));
   if (!c.selected) return j;
 
   const StoredTrial& best = c.trials[*c.selected];
-  Pad design;
+  Pad design = c.problem.asked.pad;
   design.theta_mm = best.theta_mm;
-  design.material = c.problem.material;
   j["design"] = {{"theta_mm", numbers(best.theta_mm)}, {"section", section_model(make_section(design))},
       {"unloaded_response", all_numbers(member(best.record, "unloaded_response"))},
       {"scenarios", scenario_models(best.record)}, {"presses", Json::array()}};

@@ -29,8 +29,8 @@ Json outlines(const TetMesh& mesh, const std::vector<double>& field) {
 
 }  // namespace
 
-Json press_model(const PressRequest& request, const PressOutcome& outcome) {
-  Json j = {{"diameter_mm", request.diameter_mm}, {"note", outcome.why}, {"states", Json::array()}};
+Json press_model(const Configuration& request, const PressOutcome& outcome) {
+  Json j = {{"diameter_mm", request.touch.diameter_mm}, {"note", outcome.why}, {"states", Json::array()}};
   if (!outcome.press) return j;
   const PressResult& press = *outcome.press;
   const TetMesh& mesh = press.mesh;
@@ -48,7 +48,7 @@ Json press_model(const PressRequest& request, const PressOutcome& outcome) {
     }
   j["triangles"] = std::move(triangles);
   j["rest_um"] = micrometres(mesh.nodes, nodes);
-  const double apex_mm = request.theta_mm[0] + request.theta_mm[1];
+  const double apex_mm = request.pad.theta_mm[0] + request.pad.theta_mm[1];
   for (const MechanicalState& s : press.states) {
     if (!is_scored(s.status, request.mechanics.holds())) {
       j["note"] = lumo::message("no equilibrium at ", s.load_N, " N (", to_string(s.status), ")");
@@ -57,7 +57,8 @@ Json press_model(const PressRequest& request, const PressOutcome& outcome) {
     Json pressure = Json::array();
     for (const std::size_t n : nodes) pressure.push_back(rounded(1e-3 * s.pressure_Pa[n], 0.125));
     j["states"].push_back({{"load_N", s.load_N}, {"depth_mm", 1e3 * s.depth_m},
-        {"sphere_z_mm", apex_mm + 0.5 * request.diameter_mm - 1e3 * s.depth_m},  // the sphere meets the apex first
+        {"sphere_z_mm",
+            apex_mm + 0.5 * request.touch.diameter_mm - 1e3 * s.depth_m},  // the sphere meets the apex first
         {"contact_area_mm2", 1e6 * s.contact_area_m2}, {"reference_area_mm2", 1e6 * s.reference_area_m2},
         {"displacement_um", micrometres(s.displacement, nodes)}, {"pressure_kPa", std::move(pressure)},
         {"outlines_mm", outlines(mesh, s.contact_field)}});

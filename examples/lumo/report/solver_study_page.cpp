@@ -1,6 +1,7 @@
 #include "computing/solver_study.hpp"
 
 #include "charts/chart.hpp"
+#include "configuration/effective.hpp"
 #include "console/text.hpp"
 #include "page/page.hpp"
 #include "report/json.hpp"
@@ -60,8 +61,8 @@ std::vector<std::string> cells(const SolverRow& r) {
       cell(value_of(q.form), 4), cell(value_of(q.stable), 4), cell(value_of(q.stiff), 4), cell(score(r), 4)};
 }
 
-std::string subject(const PressRequest& o, const SolverStudy& study) {
-  return theta_text(o) + "; " + scenario_text(study.rows.front().scenario);
+std::string subject(const Configuration& o, const SolverStudy& study) {
+  return theta_text(o.pad) + "; " + scenario_text(study.rows.front().scenario);
 }
 
 constexpr std::string_view meaning =
@@ -139,7 +140,7 @@ std::string html_row(const std::vector<std::string>& cells, const std::string& t
 
 }  // namespace
 
-std::string solver_page(const PressRequest& o, const SolverStudy& study) {
+std::string solver_page(const Configuration& o, const SolverStudy& study) {
   std::string page = page::solver_study;
   page += "<h1>One press, four ways</h1>\n<p>" + subject(o, study) +
           "</p>\n<h2>Solvers</h2>\n<div class=\"scroll\"><table>\n" + html_row(row_columns, "th");
@@ -159,12 +160,13 @@ std::string solver_page(const PressRequest& o, const SolverStudy& study) {
   return page + "</table></div>\n</html>\n";
 }
 
-std::string present(const PressRequest& o, bool as_json, const SolverStudy& study, Output& files) {
+std::string present(const Configuration& o, bool as_json, const SolverStudy& study, Output& files) {
   Json j = {{"study", "solver"}};
-  append(j, heading(o));
-  append(j, {{"diameter_mm", o.diameter_mm}, {"angle_deg", o.angle_deg}, {"y_mm", o.y_mm},
+  append(j, heading(o.pad));
+  append(j, {{"diameter_mm", o.touch.diameter_mm}, {"angle_deg", o.touch.angle_deg}, {"y_mm", o.touch.y_mm},
                 {"pad_height_mm", study.pad_height_mm}, {"rows", Json::array()}});
   for (const SolverRow& r : study.rows) j["rows"].push_back(json(r));
+  j["configuration"] = tree_of(o);
   const std::string whole = j.dump(2) + "\n";
   if (files.wanted()) {
     files.add("study_solver.json", whole);

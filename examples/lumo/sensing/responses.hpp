@@ -1,6 +1,6 @@
 #pragma once
 
-#include "computing/request.hpp"
+#include "configuration/configuration.hpp"
 #include "console/progress.hpp"
 
 #include "lumo/lab/pad_responses.hpp"
@@ -13,7 +13,8 @@ namespace lumo::program {
 using namespace sense;
 
 /// A pad's light, and where it is kept.
-struct ResponsesRequest : Pad {
+struct ResponsesRequest {
+  Pad pad;
   bool coarse = false;
   int threads = 1;
   std::optional<std::string> cache;  ///< folder; else beside `log`

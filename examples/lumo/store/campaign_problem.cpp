@@ -24,20 +24,18 @@ Json with_limits(const LinearConstraint& c) {
 }
 
 Json problem_json(const CampaignProblem& p) {
-  const Problem problem = finger_problem(1, p.seed);
+  const Problem problem = problem_of(p.asked, 1);
   Json j = {{"campaign", 1}};
-  append(j, conditions(p.material, name(p.ensemble), contacts(p.ensemble)));
-  if (p.paper) j["mechanics"] = json(p.mechanics());
+  append(j, conditions(p.asked, evaluation_groups));
   for (const Variable& v : problem.space.variables)
     j["variable " + v.name] = {{"lower", v.lower}, {"upper", v.upper}, {"step", v.step}, {"unit", v.unit}};
   for (const LinearConstraint& c : problem.space.constraints) j["constraint " + c.name] = with_limits(c);
   for (const Objective& o : problem.objectives)
     j["objective " + o.name] = {{"goal", o.maximize ? "maximize" : "minimize"}, {"reference", o.reference}};
-  j["ray_error_percent"] = p.ray_error_percent;
   j["initial"] = problem.initial;
   j["sobol"] = problem.sobol;
-  j["source"] = p.source;
-  j["seed"] = p.seed;
+  j["source"] = p.asked.search.source;
+  j["seed"] = p.asked.search.seed;
   return j;
 }
 
@@ -55,6 +53,29 @@ bool same_search(const Json& a, const Json& b) {
   return search(a) == search(b);
 }
 
+Configuration configuration_in(const Json& problem) {
+  Json tree = Json::object();
+  for (const std::string& group : evaluation_groups) tree[group] = problem.at(group);
+  return configuration_of(tree);
+}
+
+/// Of stores up to results 10, which knew one finger.
+Configuration before_configurations(const Json& problem) {
+  Configuration c;
+  c.pad.finger = plain_finger();
+  c.pad.silicone = silicone(problem.at("material").get<std::string>());
+  c.ensemble = problem.at("ensemble").get<std::string>() == "curved" ? curved_ensemble() : flat_ensemble();
+  if (problem.contains("mechanics")) c.mechanics = paper_mechanics();
+  if (problem.contains("ray_error_percent")) c.light.ray_error_percent = problem["ray_error_percent"].get<double>();
+  return c;
+}
+
+References references_in(const Json& problem) {
+  Json built = Json::array();
+  for (const FingerDesign& d : built_references()) built.push_back(d.values());
+  return problem.at("initial") == built ? References::built : References::plain;
+}
+
 }  // namespace
 
 std::string problem_text(const CampaignProblem& p) { return line_by_line(problem_json(p)); }
@@ -63,17 +84,15 @@ CampaignProblem read_problem(const std::string& text, const std::string& store) 
   const Json j = Json::parse(text, nullptr, false);
   try {
     CampaignProblem p;
-    p.material = j.at("material").get<std::string>();
-    p.ensemble = j.at("ensemble").get<std::string>() == "curved" ? Ensemble::curved : Ensemble::flat;
-    p.paper = j.contains("mechanics");
     p.results = j.at("results").get<int>();
-    if (j.contains("ray_error_percent") || p.results == results_version)
-      p.ray_error_percent = j.at("ray_error_percent").get<double>();
-    p.source = j.at("source").get<std::string>();
-    p.seed = j.at("seed").get<std::uint64_t>();
+    p.asked = j.at("ensemble").is_string() ? before_configurations(j) : configuration_in(j);
+    p.asked.search.source = j.at("source").get<std::string>();
+    p.asked.search.seed = j.at("seed").get<int>();
+    p.asked.search.references = references_in(j);
     if (p.results == results_version ? text == problem_text(p) : same_search(j, problem_json(p))) return p;
   } catch (const nlohmann::json::exception&) {
-  } catch (const InvalidArgument&) {  // an unknown silicone
+  } catch (const Misfit&) {
+  } catch (const Error&) {  // an unknown silicone or key
   }
   throw InputError("store '" + store + "' belongs to another problem, or to another version of lumo");
 }

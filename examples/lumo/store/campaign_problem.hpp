@@ -20,17 +20,13 @@ extern template class Optimizer<RbfKernel, LogNehvi, FreshCandidates>;
 
 namespace lumo::program {
 
-/// What a store of a campaign was made for.
+/// What a store of a campaign was made for: θ, the touch, the lab and how many evaluations are wanted apart.
 struct CampaignProblem {
-  std::string material = "DS";
-  Ensemble ensemble = Ensemble::flat;
-  std::string source = "default";  ///< of candidates: "paper" or "default"
-  std::uint64_t seed = 1;
-  bool paper = false;  ///< the paper's mechanics, whose held states are scored
-  double ray_error_percent = 100.0 * RayRefinement{}.tolerance;  ///< wanted standard error of J_obs by rays
+  Configuration asked = {};
   int results = results_version;  ///< of the evaluations; another version's can be read, not continued
 
-  Mechanics mechanics() const { return paper ? paper_mechanics() : Mechanics{}; }
+  const std::string& material() const { return asked.pad.material(); }
+  std::string ensemble() const { return name(asked.ensemble); }
 };
 
 /// One line a key, with every number that decides the results; how many evaluations are wanted is not among them.
@@ -44,8 +40,18 @@ template <class Use> auto with_optimizer(const Problem& problem, const std::stri
   if (source == "paper") return use(Optimizer<RbfKernel, LogNehvi, FreshCandidates>(problem));
   return use(Optimizer<>(problem));
 }
+/// The designs that a search of this kind starts with.
+inline std::vector<FingerDesign> designs_of(References references) {
+  return references == References::built ? built_references() : reference_designs();
+}
+inline FingerDesign baseline_of(const Configuration& o) {
+  return o.search.references == References::built ? built_baseline() : baseline_design();
+}
+inline Problem problem_of(const Configuration& o, int evaluations) {
+  return finger_problem(evaluations, std::uint64_t(o.search.seed), o.pad.finger.pad, designs_of(o.search.references));
+}
 template <class Use> auto with_optimizer(const CampaignProblem& p, int evaluations, Use&& use) {
-  return with_optimizer(finger_problem(evaluations, p.seed), p.source, std::forward<Use>(use));
+  return with_optimizer(problem_of(p.asked, evaluations), p.asked.search.source, std::forward<Use>(use));
 }
 
 }  // namespace lumo::program

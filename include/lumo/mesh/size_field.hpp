@@ -126,6 +126,7 @@ struct Focus {
 
   /// All edges `factor` times as long.
   constexpr Focus scaled(double factor) const { return {factor * finest, factor * growth, factor * depth_growth}; }
+  bool operator==(const Focus&) const = default;
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.

@@ -286,8 +286,7 @@ inline Sizing finger_sizing(const Body& body, const HalfSection& s, const Finger
 
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
-  require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
-  require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
+  validate(silicone);
   const Chords chords{o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord};
   const HalfSection s = half_section(design, o.twin, chords, o.pad);
   const bool capped = o.pad.cap_length > 0.0;

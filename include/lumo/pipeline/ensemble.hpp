@@ -16,6 +16,7 @@ struct Ensemble {
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
   TiltPlane tilt = TiltPlane::xz;
 
+  bool operator==(const Ensemble&) const = default;
   std::vector<Scenario<Sphere>> scenarios() const {
     std::vector<Scenario<Sphere>> all;
     for (double d : diameters_m)
@@ -32,6 +33,22 @@ inline Ensemble flat_ensemble() { return {}; }
 inline Ensemble curved_ensemble() {
   Ensemble e;
   e.angles_rad = {-30 * pi / 180, -15 * pi / 180, 0.0, 15 * pi / 180, 30 * pi / 180};
+  return e;
+}
+
+/// What the authors' public code presses, three spheres to 10 N: 21 pad-normal contacts, or 75 under five angles at the
+/// five inner places. The paper has a fourth sphere, 15 N, and all seven places. Source: the first author's public code
+/// (dokkev/fingertip-design-framework, August 2026).
+inline Ensemble authors_flat_ensemble() {
+  Ensemble e;
+  e.diameters_m = {10e-3, 15e-3, 20e-3};
+  e.loads_N = {1.0, 2.0, 5.0, 10.0};
+  return e;
+}
+inline Ensemble authors_curved_ensemble() {
+  Ensemble e = authors_flat_ensemble();
+  e.angles_rad = curved_ensemble().angles_rad;
+  e.places_m = {-11e-3, -5.5e-3, 0.0, 5.5e-3, 11e-3};
   return e;
 }
 

@@ -26,9 +26,9 @@ struct FingerAssumptions {
   bool operator==(const FingerAssumptions&) const = default;
 };
 
-/// Another assumption about one quantity.
+/// Another assumption about one quantity. By its key, a word without blanks, it is asked for.
 struct AssumptionVariant {
-  std::string quantity, value;
+  std::string key, quantity, value;
   std::function<void(FingerAssumptions&)> apply;
 
   std::string name() const { return quantity + ": " + value; }
@@ -96,43 +96,87 @@ inline bool same_mechanics(const FingerAssumptions& a, const FingerAssumptions& 
          led_places(f.leds) == led_places(g.leds);
 }
 
-/// All variants that the study compares with lumo's own assumptions.
-inline std::vector<AssumptionVariant> assumption_variants() {
-  using Changed = FingerAssumptions;
-  const auto scattering = [](double albedo) {
-    return [albedo](Changed& a) {
-      a.silicone.scattering_albedo = albedo;
-      a.silicone.anisotropy = 0.9;
-    };
+namespace detail {
+
+using Apply = std::function<void(FingerAssumptions&)>;
+
+inline Apply with_friction(double mu) {
+  return [mu](FingerAssumptions& a) { a.friction = mu; };
+}
+inline Apply with_stiffness(double factor) {
+  return [factor](FingerAssumptions& a) { a.silicone.mu_Pa *= factor; };
+}
+inline Apply with_carrier(double albedo) {
+  return [albedo](FingerAssumptions& a) { a.finger.carrier_albedo = albedo; };
+}
+inline Apply wetted_by(SurfaceOptics tool) {
+  return [tool](FingerAssumptions& a) { a.finger.touched = tool; };
+}
+/// That share of the extinction is scattering.
+inline Apply with_scattering(double albedo) {
+  return [albedo](FingerAssumptions& a) {
+    a.silicone = scattering_the_rest(a.silicone, (1.0 - albedo) * a.silicone.extinction_per_m(), 0.9);
   };
-  const auto friction = [](double mu) { return [mu](Changed& a) { a.friction = mu; }; };
-  const auto carrier = [](double albedo) { return [albedo](Changed& a) { a.finger.carrier_albedo = albedo; }; };
-  const auto stiffer = [](double factor) { return [factor](Changed& a) { a.silicone.mu_Pa *= factor; }; };
-  const auto wetted = [](SurfaceOptics tool) { return [tool](Changed& a) { a.finger.touched = tool; }; };
+}
+inline Apply absorbing(double per_m, double anisotropy) {
+  return [=](FingerAssumptions& a) { a.silicone = scattering_the_rest(a.silicone, per_m, anisotropy); };
+}
+
+/// How the pad is built and held.
+inline std::vector<AssumptionVariant> assumptions_about_the_pad() {
+  using Changed = FingerAssumptions;
   return {
-      {"pad width", "20 mm, t_min only above",
+      {"narrow_pad", "pad width", "20 mm, t_min only above",
           [](Changed& a) {
             a.finger.pad.width = 20.0;
             a.finger.pad.thickness = Thickness::above;
           }},
-      {"end faces", "held, clear", [](Changed& a) { a.finger.bonded_ends = true; }},
-      {"tilt plane", "y–z", [](Changed& a) { a.tilt = TiltPlane::yz; }},
-      {"friction", "0.3", friction(0.3)},
-      {"friction", "0.5", friction(0.5)},
-      {"friction", "1", friction(1.0)},
-      {"shear modulus", "−10 %", stiffer(0.9)},
-      {"shear modulus", "+10 %", stiffer(1.1)},
-      {"LEDs", "on the sides", [](Changed& a) { a.finger.leds.place = FingerOptions::Leds::Place::sides; }},
-      {"visible normal", "|n_x| ≥ 0.9", [](Changed& a) { a.finger.readout.min_abs_nx = 0.9; }},
-      {"visible side", "one", [](Changed& a) { a.finger.readout.one_side = true; }},
-      {"bins", "in space", [](Changed& a) { a.finger.readout.in_space = true; }},
-      {"scattering albedo", "0.5, g = 0.9", scattering(0.5)},
-      {"scattering albedo", "0.9, g = 0.9", scattering(0.9)},
-      {"indenter", "wetted, black", wetted(Absorber{})},
-      {"indenter", "wetted, white (0.8)", wetted(Lambertian{0.8})},
-      {"carrier albedo", "0.5", carrier(0.5)},
-      {"carrier albedo", "0.95", carrier(0.95)},
+      {"held_ends", "end faces", "held, clear", [](Changed& a) { a.finger.bonded_ends = true; }},
+      {"tilt_along", "tilt plane", "y–z", [](Changed& a) { a.tilt = TiltPlane::yz; }},
+      {"friction_0.3", "friction", "0.3", with_friction(0.3)},
+      {"friction_0.5", "friction", "0.5", with_friction(0.5)},
+      {"friction_1", "friction", "1", with_friction(1.0)},
+      {"softer", "shear modulus", "−10 %", with_stiffness(0.9)},
+      {"stiffer", "shear modulus", "+10 %", with_stiffness(1.1)},
   };
+}
+
+/// Where light starts, what it meets and what is seen of it.
+inline std::vector<AssumptionVariant> assumptions_about_light() {
+  using Changed = FingerAssumptions;
+  return {
+      {"leds_on_sides", "LEDs", "on the sides",
+          [](Changed& a) { a.finger.leds.place = FingerOptions::Leds::Place::sides; }},
+      {"steep_sides_seen", "visible normal", "|n_x| ≥ 0.9", [](Changed& a) { a.finger.readout.min_abs_nx = 0.9; }},
+      {"one_side_seen", "visible side", "one", [](Changed& a) { a.finger.readout.one_side = true; }},
+      {"bins_in_space", "bins", "in space", [](Changed& a) { a.finger.readout.in_space = true; }},
+      {"scattering_0.5", "scattering albedo", "0.5, g = 0.9", with_scattering(0.5)},
+      {"scattering_0.9", "scattering albedo", "0.9, g = 0.9", with_scattering(0.9)},
+      {"wetted_black", "indenter", "wetted, black", wetted_by(Absorber{})},
+      {"wetted_white", "indenter", "wetted, white (0.8)", wetted_by(Lambertian{0.8})},
+      {"carrier_0.5", "carrier albedo", "0.5", with_carrier(0.5)},
+      {"carrier_0.95", "carrier albedo", "0.95", with_carrier(0.95)},
+  };
+}
+
+}  // namespace detail
+
+/// All variants that the study compares with lumo's own assumptions.
+inline std::vector<AssumptionVariant> assumption_variants() {
+  std::vector<AssumptionVariant> all = detail::assumptions_about_the_pad();
+  for (AssumptionVariant& v : detail::assumptions_about_light()) all.push_back(std::move(v));
+  return all;
+}
+
+/// How much of a silicone's extinction is absorbed [1/m], where the paper takes all of it: the rest is scattered.
+inline std::vector<AssumptionVariant> absorption_variants() {
+  std::vector<AssumptionVariant> all;
+  for (const int per_m : {7, 20, 41, 71}) {
+    const std::string n = std::to_string(per_m);
+    all.push_back({"absorbed_" + n, "absorbed", n + " per m, g = 0", detail::absorbing(per_m, 0.0)});
+    all.push_back({"absorbed_" + n + "_forward", "absorbed", n + " per m, g = 0.9", detail::absorbing(per_m, 0.9)});
+  }
+  return all;
 }
 
 /// A design under the usual assumptions, then under each variant; a failure in one leaves the others whole. Equilibria

@@ -1,0 +1,99 @@
+#pragma once
+
+#include "configuration/mechanics.hpp"
+
+#include "lumo/mesh/size_field.hpp"
+#include "lumo/morphology/design.hpp"
+#include "lumo/morphology/finger_options.hpp"
+#include "lumo/morphology/silicone.hpp"
+#include "lumo/pipeline/ensemble.hpp"
+
+#include <array>
+#include <string>
+#include <string_view>
+#include <vector>
+
+/// All that can be asked of a computation, in one value. Each member of it has a setting: configuration/settings.hpp.
+namespace lumo::program {
+
+/// A finger: its design, its silicone, and what is assumed of it.
+struct Pad {
+  std::array<double, 5> theta_mm = baseline_design().values();
+  Silicone silicone = dragon_skin();
+  FingerOptions finger = plain_finger();
+
+  const std::string& material() const { return silicone.name; }
+  FingerDesign design() const { return FingerDesign::from(theta_mm); }
+  bool operator==(const Pad&) const = default;
+};
+
+/// A sphere that is pressed on the pad.
+struct Touch {
+  double diameter_mm = 10.0;
+  double angle_deg = 0.0;  ///< from the pad's normal
+  double y_mm = 0.0;       ///< along the finger
+  std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
+  TiltPlane tilt = TiltPlane::xz;
+
+  bool operator==(const Touch&) const = default;
+};
+
+/// Rays, and how exact J_obs is to be by them.
+struct LightEffort {
+  double ray_error_percent = 1.5;  ///< wanted standard error of J_obs by rays
+  int rounds = 17;                 ///< of refinement, at most
+  int rays_per_emitter = 1 << 16, carrier_rays = 1 << 15, exit_rays = 1 << 18;  ///< of the first round
+
+  bool operator==(const LightEffort&) const = default;
+};
+
+enum class References { built, plain };
+
+/// The search for the best design.
+struct Search {
+  int evaluations = 160, seed = 1;
+  std::string source = "default";             ///< of candidates: "default" or "paper"
+  References references = References::plain;  ///< the designs that it starts with
+
+  bool operator==(const Search&) const = default;
+};
+
+/// A virtual rig and the specimen in it.
+struct LabSettings {
+  int seed = 1, joints = 1;
+  double noise = 1.0;                   ///< times the rig's
+  double stiffness = 1.0, lamps = 1.0;  ///< of the specimen, times the computed pad's
+
+  bool operator==(const LabSettings&) const = default;
+};
+
+struct Configuration {
+  Pad pad;
+  Touch touch;
+  Ensemble ensemble;
+  Mechanics mechanics;
+  Focus focus;  ///< of meshes about contacts
+  LightEffort light;
+  Search search;
+  LabSettings lab;
+
+  bool operator==(const Configuration&) const = default;
+};
+
+/// Ensembles that have a name.
+struct NamedEnsemble {
+  std::string_view name;
+  Ensemble ensemble;
+};
+inline std::vector<NamedEnsemble> named_ensembles() {
+  return {{"flat", flat_ensemble()}, {"curved", curved_ensemble()}, {"flat-authors", authors_flat_ensemble()},
+      {"curved-authors", authors_curved_ensemble()}};
+}
+/// "own" for one that has none.
+inline std::string name(const Ensemble& ensemble) {
+  for (const NamedEnsemble& known : named_ensembles())
+    if (known.ensemble == ensemble) return std::string(known.name);
+  return "own";
+}
+
+}  // namespace lumo::program
