@@ -27,8 +27,8 @@ struct Setting {
   Kind kind;
   Mark mark;
   std::string help;
-  std::function<Json(const Configuration&)> get;
-  std::function<void(Configuration&, const Json&)> put;  ///< of a value that fits
+  std::function<Json(const Configuration&)> get = {};
+  std::function<void(Configuration&, const Json&)> put = {};  ///< of a value that fits
   Limits limits{0.0, 0.0};
   std::string unit = {};
   std::vector<std::string> words = {};  ///< those there are; empty: any
