@@ -38,27 +38,13 @@ void add_files(const HalfSection& s, const CastingOptions& o, const std::vector<
   std::vector<PrintItem> carrier, mould;
   for (const CastingPart& part : kit) {
     add(files, part.name + ".stl", [&](std::ostream& out) { write_stl(out, part.printed); });
-    (part.name == "carrier" ? carrier : mould).push_back({part.name, part.printed, part.copies});
+    (part.stays ? carrier : mould).push_back({part.name, part.printed, part.copies});
   }
   add(files, "carrier.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(carrier), Zip{}); });
   add(files, "mould.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(mould), Zip{}); });
   add(files, "casting_section", section_drawing(s, o));
   add(files, "led_strip", strip_drawing(s, o));
   if (s.design.w_v > 0.0) add(files, "core", core_drawing(s, o));
-}
-
-/// What a printer or a caster has to know about this design.
-std::vector<std::string> notes(const HalfSection& s, const CastingOptions& o) {
-  std::vector<std::string> list;
-  const CastingLayout at(s, o);
-  if (at.void_width > 0.0 && at.void_width < CastingOptions::thinnest_wall)
-    list.push_back("the cores are " + short_number(1e3 * at.void_width) +
-                   " mm thick, less than two lines of a 0.4 mm nozzle: cut them from sheet, by core.dxf");
-  const double beside = at.stem_x - 0.5 * o.strip_width - o.clearance;
-  if (beside < CastingOptions::thinnest_wall - 1e-9)
-    list.push_back("the carrier is " + short_number(1e3 * beside) +
-                   " mm thick beside the LED strip, less than two lines of a 0.4 mm nozzle");
-  return list;
 }
 
 double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m3 * density_kg_per_m3; }
@@ -75,12 +61,14 @@ Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
 }
 
 /// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
-std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json, Output& files) {
-  const HalfSection s = casting_section(FingerDesign::from(pad_request.theta_mm));
+std::string kit_of(
+    const Pad& pad_request, const FingerOptions& finger, const CastingOptions& chosen, bool as_json, Output& files) {
+  const HalfSection s = casting_section(FingerDesign::from(pad_request.theta_mm), finger.pad);
+  const CastingOptions o = chosen.made_for(finger);
   const Silicone rubber = silicone(pad_request.material);
   const std::vector<CastingPart> kit = casting_kit(s, o);
   const CastVolume volume = cast_volume(s, o);
-  const std::vector<std::string> remarks = notes(s, o);
+  const std::vector<std::string> remarks = casting_notes(s, o);
   const Vec3d direction = opening_direction();
   const double draft_deg =
       std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3d(-direction))) *
@@ -88,7 +76,7 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
   const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
 
   Json j = heading(pad_request);
-  j["options_mm"] = {{"clearance", mm(o.clearance)}, {"plate", mm(o.plate)}, {"wall", mm(o.wall)},
+  j["options_mm"] = {{"clearance", mm(o.clearance)}, {"plate", mm(CastingLayout(s, o).plate)}, {"wall", mm(o.wall)},
       {"strip_width", mm(o.strip_width)}, {"strip_height", mm(o.strip_height)}, {"gate", mm(o.gate_diameter)},
       {"vent", mm(o.vent_diameter)}};
   j["parts"] = Json::array();
@@ -148,7 +136,7 @@ struct Fabricate : Common {
     add_common(app, *this);
   }
   void check() const { check_design(pad); }
-  Result run(Output& files, Progress&) const { return kit_of(pad, casting, json, files); }
+  Result run(Output& files, Progress&) const { return kit_of(pad, plain_finger(), casting, json, files); }
 };
 
 }  // namespace
