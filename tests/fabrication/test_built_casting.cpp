@@ -26,7 +26,7 @@ const std::vector<Known> known{{{5, 9, 7.6, 6, 2}, 372.46, 602.06, 23495.5},
 std::vector<FingerDesign> built_designs() {
   std::vector<FingerDesign> designs = built_references();
   for (const Known& k : known) designs.push_back(k.design);
-  for (const FingerDesign& d : random_designs(12, 17, built_pad())) designs.push_back(d);
+  for (const FingerDesign& d : random_designs(6, 17, built_pad())) designs.push_back(d);
   return designs;
 }
 
