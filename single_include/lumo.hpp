@@ -2566,24 +2566,53 @@ struct RigidFace {
   SurfaceOptics optics = Lambertian{};
 };
 
-/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495).
+/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495), where extinction
+/// is one number: all of it is absorption here, as the paper uses it.
 struct Silicone {
   std::string name;
   double density_kg_per_m3;
   double mu_Pa;      ///< shear modulus
   double lambda_Pa;  ///< Lamé's first parameter
   double refractive_index;
-  double extinction_per_m;         ///< absorption and scattering together
-  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
-                                   ///< takes all of it as absorption
-  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
+  double absorption_per_m;
+  double scattering_per_m = 0.0;  ///< for a ScatteringMedium; BeerLambert takes it as absorption, too
+  double anisotropy = 0.0;        ///< mean cosine of the angle of scattering
 
+  double extinction_per_m() const { return absorption_per_m + scattering_per_m; }
+  Medium medium() const {
+    const double extinction = extinction_per_m();
+    return {refractive_index, extinction, scattering_per_m > 0.0 ? scattering_per_m / extinction : 0.0, anisotropy};
+  }
   bool operator==(const Silicone&) const = default;
-  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
 };
+
+/// The silicone with the same extinction, of which only `absorbed_per_m` [1/m] is absorption; more than there is
+/// absorbs all. The paper gives one extinction for each silicone and takes it as absorption.
+inline Silicone scattering_the_rest(Silicone card, double absorbed_per_m, double anisotropy) {
+  const double extinction = card.extinction_per_m();
+  card.absorption_per_m = std::min(absorbed_per_m, extinction);
+  card.scattering_per_m = extinction - card.absorption_per_m;
+  card.anisotropy = anisotropy;
+  return card;
+}
 
 inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
 inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
+
+/// What validate() admits.
+inline constexpr Limits densities_kg_per_m3{1.0, 1e5}, shear_moduli_Pa{1.0, 1e12}, lame_parameters_Pa{0.0, 1e15},
+    refractive_indices{1.0, 4.0}, extinctions_per_m{0.0, 1e6}, anisotropies{-0.999, 0.999};
+
+/// Throws InvalidArgument for a number that is out of range.
+inline void validate(const Silicone& s) {
+  require_in_range("density of the silicone", s.density_kg_per_m3, densities_kg_per_m3, "kg/m3");
+  require_in_range("shear modulus of the silicone", s.mu_Pa, shear_moduli_Pa, "Pa");
+  require_in_range("first Lame parameter of the silicone", s.lambda_Pa, lame_parameters_Pa, "Pa");
+  require_in_range("refractive index of the silicone", s.refractive_index, refractive_indices, "");
+  require_in_range("absorption of the silicone", s.absorption_per_m, extinctions_per_m, "1/m");
+  require_in_range("scattering of the silicone", s.scattering_per_m, extinctions_per_m, "1/m");
+  require_in_range("anisotropy of scattering", s.anisotropy, anisotropies, "");
+}
 
 /// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
 inline Silicone silicone(std::string_view name) {
@@ -3480,8 +3509,7 @@ inline Sizing finger_sizing(const Body& body, const HalfSection& s, const Finger
 
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
-  require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
-  require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
+  validate(silicone);
   const Chords chords{o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord};
   const HalfSection s = half_section(design, o.twin, chords, o.pad);
   const bool capped = o.pad.cap_length > 0.0;
@@ -4054,6 +4082,7 @@ struct Focus {
 
   /// All edges `factor` times as long.
   constexpr Focus scaled(double factor) const { return {factor * finest, factor * growth, factor * depth_growth}; }
+  bool operator==(const Focus&) const = default;
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
@@ -13584,6 +13613,7 @@ struct Ensemble {
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
   TiltPlane tilt = TiltPlane::xz;
 
+  bool operator==(const Ensemble&) const = default;
   std::vector<Scenario<Sphere>> scenarios() const {
     std::vector<Scenario<Sphere>> all;
     for (double d : diameters_m)
@@ -13600,6 +13630,22 @@ inline Ensemble flat_ensemble() { return {}; }
 inline Ensemble curved_ensemble() {
   Ensemble e;
   e.angles_rad = {-30 * pi / 180, -15 * pi / 180, 0.0, 15 * pi / 180, 30 * pi / 180};
+  return e;
+}
+
+/// What the authors' public code presses, three spheres to 10 N: 21 pad-normal contacts, or 75 under five angles at the
+/// five inner places. The paper has a fourth sphere, 15 N, and all seven places. Source: the first author's public code
+/// (dokkev/fingertip-design-framework, August 2026).
+inline Ensemble authors_flat_ensemble() {
+  Ensemble e;
+  e.diameters_m = {10e-3, 15e-3, 20e-3};
+  e.loads_N = {1.0, 2.0, 5.0, 10.0};
+  return e;
+}
+inline Ensemble authors_curved_ensemble() {
+  Ensemble e = authors_flat_ensemble();
+  e.angles_rad = curved_ensemble().angles_rad;
+  e.places_m = {-11e-3, -5.5e-3, 0.0, 5.5e-3, 11e-3};
   return e;
 }
 
@@ -16847,13 +16893,14 @@ template <Journal J, class O, class Evaluate, class Watch> OptimizerStatus run_c
 
 namespace lumo {
 
-/// The paper's search: J_contact and J_obs as large as can be over θ, from five reference and eight Sobol designs.
-/// Source: paper §III-D.
-inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
+/// The paper's search: J_contact and J_obs as large as can be over θ, from the references (the paper has five) and
+/// eight Sobol designs. Source: paper §III-D.
+inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1, const PadDimensions& pad = {},
+    const std::vector<FingerDesign>& references = reference_designs()) {
   Problem p;
-  p.space = finger_space();
+  p.space = finger_space(pad);
   p.objectives = {{"J_contact", true, 0.0}, {"J_obs", true, 0.0}};
-  for (const FingerDesign& d : reference_designs()) {
+  for (const FingerDesign& d : references) {
     const auto x = d.values();
     p.initial.emplace_back(x.begin(), x.end());
   }

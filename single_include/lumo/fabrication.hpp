@@ -662,534 +662,6 @@ struct Symmetry {
 
 #endif
 
-// ---- lumo/geometry/closed_surface.hpp
-#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
-#define SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
-
-namespace lumo {
-
-/// A flat polygon of a surface, by vertex numbers, counter-clockwise seen from outside.
-struct Facet {
-  std::vector<int> loop;
-  int patch = -1;  ///< number of the part of the surface that it belongs to; negative: of none
-};
-
-/// A closed polyhedral surface.
-struct ClosedSurface {
-  std::vector<Vec3d> vertices;  ///< [m] or any unit: what reads it is scale-free
-  std::vector<Facet> facets;    ///< closed, manifold, counter-clockwise seen from outside
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/emitter.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
-
-namespace lumo {
-
-/// Sine (≥ 0) and cosine of the angle between a direction and an axis.
-struct Polar {
-  double sine, cosine;
-};
-
-/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same
-/// ways, evenly round an axis. Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of
-/// the directions that polar() draws; with it direct light is gathered backwards, which has less noise, without it (a
-/// collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the air beside the body,
-/// not into the body; its light is traced forward. Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)²
-/// (there is less noise where point(1−u, 1−v) lies opposite it about `center`); polar(u) is monotone; mirrored(m), m =
-/// (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same
-/// source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
-template <class E>
-concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
-  { e.center } -> std::convertible_to<Vec3d>;
-  { e.power_W } -> std::convertible_to<double>;
-  { e.channel } -> std::convertible_to<int>;
-  { e.axis() } -> std::convertible_to<Vec3d>;
-  { e.point(u, u) } -> std::convertible_to<Vec3d>;
-  { e.polar(u) } -> std::convertible_to<Polar>;
-  { e.mirrored(m) } -> std::convertible_to<E>;
-};
-
-/// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
-struct RectangleEmitter {
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m]
-  double power_W = 1.0;
-  int channel = 0;      ///< colour channel
-  bool in_air = false;  ///< radiates into the air beside the body
-
-  Vec3d axis() const {
-    const Vec3d &u = half_u, &v = half_v;
-    return u.cross(v).normalized();
-  }
-  Vec3d point(double u, double v) const {
-    const Vec3d &c = center, &to_u = half_u, &to_v = half_v;
-    return c + (2.0 * u - 1.0) * to_u + (2.0 * v - 1.0) * to_v;
-  }
-  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
-  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  RectangleEmitter mirrored(const Vec3d& m) const;
-};
-
-static_assert(EmitterModel<RectangleEmitter>);
-
-/// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
-inline void validate(const RectangleEmitter& e) {
-  if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
-  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
-}
-
-/// Any model of EmitterModel: a value, cheap to copy.
-class Emitter {
- public:
-  template <class E>
-  requires(!std::same_as<E, Emitter> && EmitterModel<E>) Emitter(const E& model)
-      : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
-
-  Vec3d center() const { return calls_->center(model_.get()); }
-  double power_W() const { return calls_->power_W(model_.get()); }
-  int channel() const { return calls_->channel(model_.get()); }
-  Vec3d axis() const { return calls_->axis(model_.get()); }
-  Vec3d point(double u, double v) const { return calls_->point(model_.get(), u, v); }
-  Polar polar(double u) const { return calls_->polar(model_.get(), u); }
-  bool has_intensity() const { return calls_->intensity != nullptr; }
-  bool in_air() const { return calls_->in_air(model_.get()); }
-  /// [W/sr]; only where has_intensity().
-  double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
-  Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
-  /// Its model, if it is an E.
-  template <EmitterModel E> const E* as() const {
-    return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr;
-  }
-  bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
-  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what
-  /// the model's own validate() refuses.
-  void validate() const;
-
- private:
-  struct Calls {
-    Vec3d (*center)(const void*);
-    double (*power_W)(const void*);
-    int (*channel)(const void*);
-    Vec3d (*axis)(const void*);
-    Vec3d (*point)(const void*, double, double);
-    Polar (*polar)(const void*, double);
-    double (*intensity)(const void*, double);  ///< or null
-    bool (*in_air)(const void*);
-    Emitter (*mirrored)(const void*, const Vec3d&);
-    void (*validate)(const void*);
-  };
-  template <class E> static const E& model(const void* e) { return *static_cast<const E*>(e); }
-  template <class E> static constexpr auto intensity_of() -> double (*)(const void*, double) {
-    if constexpr (requires(const E& e) {
-                    { e.intensity(0.5) } -> std::convertible_to<double>;
-                  })
-      return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
-    else return nullptr;
-  }
-  template <class E> static const Calls calls;
-
-  std::shared_ptr<const void> model_;
-  const Calls* calls_;
-};
-
-/// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
-inline void validate(const std::vector<Emitter>& emitters);
-
-/// Number of colour channels: one more than the highest; 0 without emitters.
-inline int color_count(const std::vector<Emitter>& emitters) {
-  int count = 0;
-  for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
-  return count;
-}
-
-// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is
-// standard.
-inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
-  RectangleEmitter image = *this;
-  image.center = m.cwiseProduct(center);
-  image.half_u = m.cwiseProduct(half_u);
-  image.half_v = m.cwiseProduct(half_v) * m.prod();
-  Eigen::Index k = 0;
-  image.half_u.cwiseAbs().maxCoeff(&k);
-  if (image.half_u[k] < 0.0) {
-    image.half_u = -image.half_u;
-    image.half_v = -image.half_v;
-  }
-  return image;
-}
-
-namespace detail {
-
-/// What the model's own validate() says, if it has one.
-template <class E> void validate_model(const E& model) {
-  if constexpr (requires { validate(model); }) validate(model);
-}
-
-}  // namespace detail
-
-template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
-    [](const void* e) -> double { return model<E>(e).power_W; },
-    [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
-    [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
-    [](const void* e) -> bool {
-      if constexpr (requires {
-                      { model<E>(e).in_air } -> std::convertible_to<bool>;
-                    })
-        return model<E>(e).in_air;
-      else return false;
-    },
-    [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
-    [](const void* e) { detail::validate_model(model<E>(e)); }};
-
-inline void Emitter::validate() const {
-  require_positive("emitter power", power_W(), "W");
-  require_in_range("emitter channel", channel(), 0, 255, "");
-  if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
-  calls_->validate(model_.get());
-  if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
-  if (!(std::abs(axis().norm() - 1.0) < 1e-9))
-    throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
-}
-
-inline void validate(const std::vector<Emitter>& emitters) {
-  if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
-  for (const Emitter& e : emitters) e.validate();
-  for (int c = 0; c < color_count(emitters); ++c)
-    if (std::none_of(emitters.begin(), emitters.end(), [&](const Emitter& e) { return e.channel() == c; }))
-      throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
-}
-
-/// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source:
-/// Shirley & Chiu, "A Low Distortion Map Between Disk and Square", J. Graphics Tools 2 (1997).
-inline Vec3d on_unit_disc(double u, double v, const Vec3d& t1, const Vec3d& t2) {
-  const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
-  if (a == 0.0 && b == 0.0) return Vec3d::Zero();
-  const bool steep = std::abs(b) > std::abs(a);
-  const double r = steep ? b : a, turn = steep ? 0.5 * pi - 0.25 * pi * (a / b) : 0.25 * pi * (b / a);
-  return r * (std::cos(turn) * t1 + std::sin(turn) * t2);
-}
-
-/// Point of the disc about `center` with unit normal `n`; the same for every description of it.
-inline Vec3d on_disc(const Vec3d& center, const Vec3d& n, double radius_m, double u, double v) {
-  Vec3d t1, t2;
-  tangents(n, t1, t2);
-  return center + radius_m * on_unit_disc(u, v, t1, t2);
-}
-
-/// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
-struct DiscEmitter {
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  Vec3d normal{0.0, 0.0, 1.0};  ///< unit
-  double radius_m = 0.5e-3;
-  double power_W = 1.0;
-  int channel = 0;  ///< colour channel
-
-  Vec3d axis() const { return normal; }
-  Vec3d point(double u, double v) const { return on_disc(center, normal, radius_m, u, v); }
-  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
-  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  DiscEmitter mirrored(const Vec3d& m) const {
-    return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel};
-  }
-};
-
-inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }
-
-static_assert(EmitterModel<DiscEmitter>);
-
-/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the
-/// light starts out of it.
-struct PointEmitter {
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  double power_W = 1.0;
-  int channel = 0;  ///< colour channel
-
-  Vec3d axis() const { return Vec3d::UnitZ(); }
-  Vec3d point(double, double) const { return center; }
-  Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
-  double intensity(double) const { return power_W / (4.0 * pi); }
-  PointEmitter mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), power_W, channel}; }
-};
-
-static_assert(EmitterModel<PointEmitter>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/shape.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
-
-namespace lumo {
-
-/// An exact surface that a patch of a body lies on.
-/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
-template <class S>
-concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
-  { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
-  { shape.normal(p) } -> std::convertible_to<Vec3d>;
-};
-
-/// The plane through `point` with outward unit normal `direction`.
-struct Plane {
-  Vec3d point{0.0, 0.0, 0.0};
-  Vec3d direction{0.0, 0.0, 1.0};
-
-  Vec3d closest_point(const Vec3d& p) const { return p - direction.dot(p - point) * direction; }
-  Vec3d normal(const Vec3d&) const { return direction; }
-};
-
-/// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
-struct EllipticCylinder {
-  Vec3d center{0.0, 0.0, 0.0};
-  double semi_x = 1.0;
-  double semi_z = 1.0;
-
-  Vec3d closest_point(const Vec3d& p) const;
-  Vec3d normal(const Vec3d& p) const;
-};
-
-/// Sphere of `radius` [m] about `center`; the body is inside.
-struct SphereShape {
-  Vec3d center{0.0, 0.0, 0.0};
-  double radius = 1.0;
-
-  Vec3d closest_point(const Vec3d& p) const { return center + radius * normal(p); }
-  Vec3d normal(const Vec3d& p) const {
-    const Vec3d d = p - center;
-    const double r = d.norm();
-    return r > 0.0 ? Vec3d(d / r) : Vec3d(Vec3d::UnitZ());
-  }
-};
-
-using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
-
-inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
-  return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
-}
-inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
-  return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
-}
-
-// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of
-// a convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would
-// leave the bracket, so that it converges for every aspect ratio and every point.
-inline Vec3d EllipticCylinder::closest_point(const Vec3d& p) const {
-  const double px = std::abs(p.x() - center.x());
-  const double pz = std::max(0.0, p.z() - center.z());
-  const double side = p.x() < center.x() ? -1.0 : 1.0;
-  const bool x_major = semi_x >= semi_z;
-  const double a = x_major ? semi_x : semi_z, b = x_major ? semi_z : semi_x;
-  const double u = x_major ? px : pz, v = x_major ? pz : px;  // along the major and the minor axis
-  double fu = 0.0, fv = 0.0;
-  if (v > 0.0) {
-    if (u > 0.0) {
-      const double r = (a / b) * (a / b), e = r - 1.0, zu = r * u / a, zv = v / b;
-      double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
-      for (int i = 0; i < 200; ++i) {
-        const double x = zu / (t + e), y = zv / t, excess = x * x + y * y - 1.0;
-        (excess > 0.0 ? low : high) = t;
-        const double step = 0.5 * excess / (x * x / (t + e) + y * y / t), next = t + step;
-        const bool close = std::abs(step) <= 1e-9 * t;  // then the error that is left is the square of this
-        t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
-        if (close || !(low < high)) break;
-      }
-      fu = r * u / (t + e);
-      fv = v / t;
-    } else {
-      fv = b;
-    }
-  } else {
-    const double c = a * a - b * b;
-    if (a * u < c) {
-      fu = a * a * u / c;
-      fv = b * std::sqrt(std::max(0.0, 1.0 - (fu / a) * (fu / a)));
-    } else {
-      fu = a;
-    }
-  }
-  return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
-}
-
-inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
-  const Vec3d foot = closest_point(p) - center;
-  return Vec3d(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
-}
-
-static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/silicone.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
-
-namespace lumo {
-
-/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
-/// extinction needs.
-struct Medium {
-  double refractive_index = 1.0;
-  double extinction_per_m = 0.0;   ///< absorption and scattering together
-  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
-  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
-};
-
-/// How light meets a surface.
-struct Dielectric {
-  bool operator==(const Dielectric&) const = default;
-};  ///< smooth interface: Fresnel reflection and refraction
-struct Lambertian {
-  double albedo = 0.8;
-  bool operator==(const Lambertian&) const = default;
-};  ///< diffuse, opaque
-struct Mirror {
-  double reflectance = 1.0;
-  bool operator==(const Mirror&) const = default;
-};  ///< specular, opaque
-struct Absorber {
-  bool operator==(const Absorber&) const = default;
-};  ///< black
-using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
-
-/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
-/// from the lit side.
-struct RigidFace {
-  std::string name;
-  std::vector<Vec3d> corners;  ///< [m]
-  SurfaceOptics optics = Lambertian{};
-};
-
-/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495).
-struct Silicone {
-  std::string name;
-  double density_kg_per_m3;
-  double mu_Pa;      ///< shear modulus
-  double lambda_Pa;  ///< Lamé's first parameter
-  double refractive_index;
-  double extinction_per_m;         ///< absorption and scattering together
-  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
-                                   ///< takes all of it as absorption
-  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
-
-  bool operator==(const Silicone&) const = default;
-  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
-};
-
-inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
-inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
-
-/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
-inline Silicone silicone(std::string_view name) {
-  for (const Silicone& card : {dragon_skin(), solaris()})
-    if (card.name == name) return card;
-  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/morphology/body.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
-
-namespace lumo {
-
-/// A part of a body's closed surface on which all tags are the same.
-struct Patch {
-  std::string name;
-  Shape shape = Plane{};       ///< the exact surface; mesh nodes of the patch lie on it
-  bool bonded = false;         ///< fixed to the carrier (closed set: its edge nodes are fixed too)
-  bool contactable = false;    ///< the indenter may touch it
-  bool meets_carrier = false;  ///< may come to rest on the carrier
-  SurfaceOptics optics = Dielectric{};
-  bool visible = true;  ///< on the outside: light that leaves here may lie in a region
-};
-
-/// A rigid axis-aligned box that the silicone can come to rest on.
-struct RigidBox {
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
-};
-
-/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
-/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
-/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
-/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
-/// does.
-struct Support {
-  std::string patch;            ///< name of the patch that rests here; others pass through
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
-};
-
-/// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
-struct Sizing {
-  std::function<double(const Vec3d&)> edge;  ///< across y [m]
-  double stretch_y = 1.0;                    ///< edges along y are this much longer
-  /// Finer edges [m] at a place when a tool touches the body at another; empty: none are wanted.
-  std::function<double(const Vec3d& place, const Vec3d& touch)> edge_under_touch;
-};
-
-/// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
-/// SI units, finger frame (x lateral, y along the finger, z outward normal).
-struct Body {
-  static constexpr int mirror_patch = -1;
-
-  std::string name;
-  std::vector<Patch> patches;
-  std::vector<Vec3d> vertices;  ///< of the boundary of the meshed sector [m]
-  /// Closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves. Facet::patch: index into `patches`, or
-  /// mirror_patch for a face in a symmetry plane.
-  std::vector<Facet> facets;
-  Symmetry symmetry;  ///< the whole body is the sector and its mirror images
-  Sizing sizing;
-  double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
-
-  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
-  std::vector<Support> supports;  ///< what patches rest on
-  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
-
-  Medium medium;        ///< inside
-  Medium surroundings;  ///< outside (air)
-  /// What light in the body meets where a tool touches; Dielectric: a film of air is left between
-  SurfaceOptics touched = Dielectric{};
-  std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
-  std::vector<Emitter> emitters;
-  /// Height of the film of air over an emitter in air at which it begins to close [m]; 0: where the body reaches the
-  /// emitter; nullopt: never.
-  std::optional<double> film_closes_m = 0.0;
-  int regions = 0;  ///< number of readout regions
-  /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
-  std::function<int(const Vec3d& position, const Vec3d& normal)> region;
-  bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
-  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
-  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
-};
-
-/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch
-/// describes.
-inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
-  const Vec3d fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
-  return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
-}
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/core/design_space.hpp
 #ifndef SINGLE_INCLUDE_LUMO_CORE_DESIGN_SPACE_HPP
 #define SINGLE_INCLUDE_LUMO_CORE_DESIGN_SPACE_HPP
@@ -1741,6 +1213,105 @@ inline double HalfSection::exact_area_m2() const {
 
 #endif
 
+// ---- lumo/morphology/silicone.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+
+namespace lumo {
+
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the
+/// extinction needs.
+struct Medium {
+  double refractive_index = 1.0;
+  double extinction_per_m = 0.0;   ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering
+};
+
+/// How light meets a surface.
+struct Dielectric {
+  bool operator==(const Dielectric&) const = default;
+};  ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian {
+  double albedo = 0.8;
+  bool operator==(const Lambertian&) const = default;
+};  ///< diffuse, opaque
+struct Mirror {
+  double reflectance = 1.0;
+  bool operator==(const Mirror&) const = default;
+};  ///< specular, opaque
+struct Absorber {
+  bool operator==(const Absorber&) const = default;
+};  ///< black
+using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
+
+/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen
+/// from the lit side.
+struct RigidFace {
+  std::string name;
+  std::vector<Vec3d> corners;  ///< [m]
+  SurfaceOptics optics = Lambertian{};
+};
+
+/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495), where extinction
+/// is one number: all of it is absorption here, as the paper uses it.
+struct Silicone {
+  std::string name;
+  double density_kg_per_m3;
+  double mu_Pa;      ///< shear modulus
+  double lambda_Pa;  ///< Lamé's first parameter
+  double refractive_index;
+  double absorption_per_m;
+  double scattering_per_m = 0.0;  ///< for a ScatteringMedium; BeerLambert takes it as absorption, too
+  double anisotropy = 0.0;        ///< mean cosine of the angle of scattering
+
+  double extinction_per_m() const { return absorption_per_m + scattering_per_m; }
+  Medium medium() const {
+    const double extinction = extinction_per_m();
+    return {refractive_index, extinction, scattering_per_m > 0.0 ? scattering_per_m / extinction : 0.0, anisotropy};
+  }
+  bool operator==(const Silicone&) const = default;
+};
+
+/// The silicone with the same extinction, of which only `absorbed_per_m` [1/m] is absorption; more than there is
+/// absorbs all. The paper gives one extinction for each silicone and takes it as absorption.
+inline Silicone scattering_the_rest(Silicone card, double absorbed_per_m, double anisotropy) {
+  const double extinction = card.extinction_per_m();
+  card.absorption_per_m = std::min(absorbed_per_m, extinction);
+  card.scattering_per_m = extinction - card.absorption_per_m;
+  card.anisotropy = anisotropy;
+  return card;
+}
+
+inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
+inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
+
+/// What validate() admits.
+inline constexpr Limits densities_kg_per_m3{1.0, 1e5}, shear_moduli_Pa{1.0, 1e12}, lame_parameters_Pa{0.0, 1e15},
+    refractive_indices{1.0, 4.0}, extinctions_per_m{0.0, 1e6}, anisotropies{-0.999, 0.999};
+
+/// Throws InvalidArgument for a number that is out of range.
+inline void validate(const Silicone& s) {
+  require_in_range("density of the silicone", s.density_kg_per_m3, densities_kg_per_m3, "kg/m3");
+  require_in_range("shear modulus of the silicone", s.mu_Pa, shear_moduli_Pa, "Pa");
+  require_in_range("first Lame parameter of the silicone", s.lambda_Pa, lame_parameters_Pa, "Pa");
+  require_in_range("refractive index of the silicone", s.refractive_index, refractive_indices, "");
+  require_in_range("absorption of the silicone", s.absorption_per_m, extinctions_per_m, "1/m");
+  require_in_range("scattering of the silicone", s.scattering_per_m, extinctions_per_m, "1/m");
+  require_in_range("anisotropy of scattering", s.anisotropy, anisotropies, "");
+}
+
+/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
+inline Silicone silicone(std::string_view name) {
+  for (const Silicone& card : {dragon_skin(), solaris()})
+    if (card.name == name) return card;
+  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/finger_options.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_OPTIONS_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_OPTIONS_HPP
@@ -1881,6 +1452,533 @@ inline void validate(const FingerOptions& o) {
     require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
   if (const auto* mirror = std::get_if<Mirror>(&o.touched))
     require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/casting_options.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_OPTIONS_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_OPTIONS_HPP
+
+namespace lumo {
+
+inline constexpr Chords casting_chords{.longest_m = 0.5e-3, .max_turn_rad = 0.05, .shortest_m = 0.05e-3};
+
+/// The section of a feasible design for making things, where it has a cavity: its chords leave the curve by less than 5
+/// µm, a tenth of what printers resolve. Throws InfeasibleDesign.
+inline HalfSection casting_section(const FingerDesign& design, const PadDimensions& pad = {}) {
+  return half_section(design, Twin::none, casting_chords, pad);
+}
+
+/// The same of the cap of a pad that has one. Throws InvalidArgument for one without.
+inline HalfSection casting_cap_section(const HalfSection& section) {
+  return cap_section(section.design, section.twin, casting_chords, section.pad);
+}
+
+/// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within
+/// what the sources in docs/fabrication.md advise.
+struct CastingOptions {
+  double clearance = 0.2e-3;      ///< on each side between printed parts that are put together: FDM 0.2 mm, SLA 0.1 mm
+  double plate = 4.0e-3;          ///< thickness of a flat carrier's plate; that of a stair is the pad's own
+  double flange = 3.0e-3;         ///< of the plate beyond the pad's long sides: the mould seals on it
+  double tab = 7.0e-3;            ///< of the plate beyond the pad's ends, with the mounting holes
+  double hole_diameter = 3.4e-3;  ///< of the mounting holes: M3, ISO 273 medium
+  double strip_width = 2.0e-3;    ///< of the LED strip
+  double strip_height = 0.9e-3;   ///< of the LED strip with its LEDs: 0.3 mm flexible circuit and 0.6 mm LED
+  double wall = 8.0e-3;           ///< of the mould about the pad
+  double rim = 3.0e-3;            ///< how far the mould reaches down the plate's edge, which it is centred by; less on
+                                  ///< a stair
+  double gate_diameter = 4.0e-3;  ///< at the pad; a Luer tip fits
+  double vent_diameter = 2.0e-3;  ///< at the pad: the smallest hole that FDM prints well
+  double circuit = 0.3e-3;  ///< of strip_height, without LEDs: it lies below the stem's recesses, if there are any
+  FingerOptions::Leds leds = {};      ///< on the strip, centred on the stem, facing up
+  FingerOptions::Recess recess = {};  ///< of a stem on which the silicone lies free
+
+  /// Of the smallest wall that is printed: two lines of a 0.4 mm nozzle.
+  static constexpr double thinnest_wall = 0.8e-3;
+
+  /// The same for a finger with these LEDs and recesses.
+  CastingOptions made_for(const FingerOptions& finger) const {
+    CastingOptions o = *this;
+    o.leds = finger.leds;
+    o.recess = finger.recess;
+    return o;
+  }
+};
+
+/// Limits of the options in mm, for checks and for help texts.
+namespace casting_limits {
+inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0},
+    strip_height_mm{0.2, 1.5};
+inline constexpr Limits stair_plate_mm{1.5, 20.0}, shoulder_height_mm{2.0, 30.0};
+inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
+/// Least silicone above the stem and beside the voids with their fits [mm]: the design's 5 mm less what clearances and
+/// rounding take.
+inline constexpr double above_stem_mm = 4.9, beside_void_mm = 4.55;
+/// Least wall of the stem on each side of the LED strip's pocket, and of its end beyond the strip [m].
+inline constexpr double beside_strip = 0.6e-3, beyond_strip = 1.0e-3;
+/// Least thickness of a recess's floor over the LED strip, which LEDs reach through: two layers [mm].
+inline constexpr double over_circuit_mm = 0.4;
+}  // namespace casting_limits
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/closed_surface.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_CLOSED_SURFACE_HPP
+
+namespace lumo {
+
+/// A flat polygon of a surface, by vertex numbers, counter-clockwise seen from outside.
+struct Facet {
+  std::vector<int> loop;
+  int patch = -1;  ///< number of the part of the surface that it belongs to; negative: of none
+};
+
+/// A closed polyhedral surface.
+struct ClosedSurface {
+  std::vector<Vec3d> vertices;  ///< [m] or any unit: what reads it is scale-free
+  std::vector<Facet> facets;    ///< closed, manifold, counter-clockwise seen from outside
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/emitter.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
+
+namespace lumo {
+
+/// Sine (≥ 0) and cosine of the angle between a direction and an axis.
+struct Polar {
+  double sine, cosine;
+};
+
+/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same
+/// ways, evenly round an axis. Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of
+/// the directions that polar() draws; with it direct light is gathered backwards, which has less noise, without it (a
+/// collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the air beside the body,
+/// not into the body; its light is traced forward. Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)²
+/// (there is less noise where point(1−u, 1−v) lies opposite it about `center`); polar(u) is monotone; mirrored(m), m =
+/// (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same
+/// source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+template <class E>
+concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
+  { e.center } -> std::convertible_to<Vec3d>;
+  { e.power_W } -> std::convertible_to<double>;
+  { e.channel } -> std::convertible_to<int>;
+  { e.axis() } -> std::convertible_to<Vec3d>;
+  { e.point(u, u) } -> std::convertible_to<Vec3d>;
+  { e.polar(u) } -> std::convertible_to<Polar>;
+  { e.mirrored(m) } -> std::convertible_to<E>;
+};
+
+/// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
+struct RectangleEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m]
+  double power_W = 1.0;
+  int channel = 0;      ///< colour channel
+  bool in_air = false;  ///< radiates into the air beside the body
+
+  Vec3d axis() const {
+    const Vec3d &u = half_u, &v = half_v;
+    return u.cross(v).normalized();
+  }
+  Vec3d point(double u, double v) const {
+    const Vec3d &c = center, &to_u = half_u, &to_v = half_v;
+    return c + (2.0 * u - 1.0) * to_u + (2.0 * v - 1.0) * to_v;
+  }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  RectangleEmitter mirrored(const Vec3d& m) const;
+};
+
+static_assert(EmitterModel<RectangleEmitter>);
+
+/// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
+inline void validate(const RectangleEmitter& e) {
+  if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
+  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
+}
+
+/// Any model of EmitterModel: a value, cheap to copy.
+class Emitter {
+ public:
+  template <class E>
+  requires(!std::same_as<E, Emitter> && EmitterModel<E>) Emitter(const E& model)
+      : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
+
+  Vec3d center() const { return calls_->center(model_.get()); }
+  double power_W() const { return calls_->power_W(model_.get()); }
+  int channel() const { return calls_->channel(model_.get()); }
+  Vec3d axis() const { return calls_->axis(model_.get()); }
+  Vec3d point(double u, double v) const { return calls_->point(model_.get(), u, v); }
+  Polar polar(double u) const { return calls_->polar(model_.get(), u); }
+  bool has_intensity() const { return calls_->intensity != nullptr; }
+  bool in_air() const { return calls_->in_air(model_.get()); }
+  /// [W/sr]; only where has_intensity().
+  double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
+  Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
+  /// Its model, if it is an E.
+  template <EmitterModel E> const E* as() const {
+    return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr;
+  }
+  bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
+  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what
+  /// the model's own validate() refuses.
+  void validate() const;
+
+ private:
+  struct Calls {
+    Vec3d (*center)(const void*);
+    double (*power_W)(const void*);
+    int (*channel)(const void*);
+    Vec3d (*axis)(const void*);
+    Vec3d (*point)(const void*, double, double);
+    Polar (*polar)(const void*, double);
+    double (*intensity)(const void*, double);  ///< or null
+    bool (*in_air)(const void*);
+    Emitter (*mirrored)(const void*, const Vec3d&);
+    void (*validate)(const void*);
+  };
+  template <class E> static const E& model(const void* e) { return *static_cast<const E*>(e); }
+  template <class E> static constexpr auto intensity_of() -> double (*)(const void*, double) {
+    if constexpr (requires(const E& e) {
+                    { e.intensity(0.5) } -> std::convertible_to<double>;
+                  })
+      return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
+    else return nullptr;
+  }
+  template <class E> static const Calls calls;
+
+  std::shared_ptr<const void> model_;
+  const Calls* calls_;
+};
+
+/// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
+inline void validate(const std::vector<Emitter>& emitters);
+
+/// Number of colour channels: one more than the highest; 0 without emitters.
+inline int color_count(const std::vector<Emitter>& emitters) {
+  int count = 0;
+  for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
+  return count;
+}
+
+// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is
+// standard.
+inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
+  RectangleEmitter image = *this;
+  image.center = m.cwiseProduct(center);
+  image.half_u = m.cwiseProduct(half_u);
+  image.half_v = m.cwiseProduct(half_v) * m.prod();
+  Eigen::Index k = 0;
+  image.half_u.cwiseAbs().maxCoeff(&k);
+  if (image.half_u[k] < 0.0) {
+    image.half_u = -image.half_u;
+    image.half_v = -image.half_v;
+  }
+  return image;
+}
+
+namespace detail {
+
+/// What the model's own validate() says, if it has one.
+template <class E> void validate_model(const E& model) {
+  if constexpr (requires { validate(model); }) validate(model);
+}
+
+}  // namespace detail
+
+template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
+    [](const void* e) -> double { return model<E>(e).power_W; },
+    [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+    [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
+    [](const void* e) -> bool {
+      if constexpr (requires {
+                      { model<E>(e).in_air } -> std::convertible_to<bool>;
+                    })
+        return model<E>(e).in_air;
+      else return false;
+    },
+    [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
+    [](const void* e) { detail::validate_model(model<E>(e)); }};
+
+inline void Emitter::validate() const {
+  require_positive("emitter power", power_W(), "W");
+  require_in_range("emitter channel", channel(), 0, 255, "");
+  if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
+  calls_->validate(model_.get());
+  if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
+  if (!(std::abs(axis().norm() - 1.0) < 1e-9))
+    throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
+}
+
+inline void validate(const std::vector<Emitter>& emitters) {
+  if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
+  for (const Emitter& e : emitters) e.validate();
+  for (int c = 0; c < color_count(emitters); ++c)
+    if (std::none_of(emitters.begin(), emitters.end(), [&](const Emitter& e) { return e.channel() == c; }))
+      throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
+}
+
+/// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source:
+/// Shirley & Chiu, "A Low Distortion Map Between Disk and Square", J. Graphics Tools 2 (1997).
+inline Vec3d on_unit_disc(double u, double v, const Vec3d& t1, const Vec3d& t2) {
+  const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
+  if (a == 0.0 && b == 0.0) return Vec3d::Zero();
+  const bool steep = std::abs(b) > std::abs(a);
+  const double r = steep ? b : a, turn = steep ? 0.5 * pi - 0.25 * pi * (a / b) : 0.25 * pi * (b / a);
+  return r * (std::cos(turn) * t1 + std::sin(turn) * t2);
+}
+
+/// Point of the disc about `center` with unit normal `n`; the same for every description of it.
+inline Vec3d on_disc(const Vec3d& center, const Vec3d& n, double radius_m, double u, double v) {
+  Vec3d t1, t2;
+  tangents(n, t1, t2);
+  return center + radius_m * on_unit_disc(u, v, t1, t2);
+}
+
+/// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
+struct DiscEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d normal{0.0, 0.0, 1.0};  ///< unit
+  double radius_m = 0.5e-3;
+  double power_W = 1.0;
+  int channel = 0;  ///< colour channel
+
+  Vec3d axis() const { return normal; }
+  Vec3d point(double u, double v) const { return on_disc(center, normal, radius_m, u, v); }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  DiscEmitter mirrored(const Vec3d& m) const {
+    return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel};
+  }
+};
+
+inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }
+
+static_assert(EmitterModel<DiscEmitter>);
+
+/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the
+/// light starts out of it.
+struct PointEmitter {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  double power_W = 1.0;
+  int channel = 0;  ///< colour channel
+
+  Vec3d axis() const { return Vec3d::UnitZ(); }
+  Vec3d point(double, double) const { return center; }
+  Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
+  double intensity(double) const { return power_W / (4.0 * pi); }
+  PointEmitter mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), power_W, channel}; }
+};
+
+static_assert(EmitterModel<PointEmitter>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/shape.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
+
+namespace lumo {
+
+/// An exact surface that a patch of a body lies on.
+/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
+template <class S>
+concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
+  { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
+  { shape.normal(p) } -> std::convertible_to<Vec3d>;
+};
+
+/// The plane through `point` with outward unit normal `direction`.
+struct Plane {
+  Vec3d point{0.0, 0.0, 0.0};
+  Vec3d direction{0.0, 0.0, 1.0};
+
+  Vec3d closest_point(const Vec3d& p) const { return p - direction.dot(p - point) * direction; }
+  Vec3d normal(const Vec3d&) const { return direction; }
+};
+
+/// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
+struct EllipticCylinder {
+  Vec3d center{0.0, 0.0, 0.0};
+  double semi_x = 1.0;
+  double semi_z = 1.0;
+
+  Vec3d closest_point(const Vec3d& p) const;
+  Vec3d normal(const Vec3d& p) const;
+};
+
+/// Sphere of `radius` [m] about `center`; the body is inside.
+struct SphereShape {
+  Vec3d center{0.0, 0.0, 0.0};
+  double radius = 1.0;
+
+  Vec3d closest_point(const Vec3d& p) const { return center + radius * normal(p); }
+  Vec3d normal(const Vec3d& p) const {
+    const Vec3d d = p - center;
+    const double r = d.norm();
+    return r > 0.0 ? Vec3d(d / r) : Vec3d(Vec3d::UnitZ());
+  }
+};
+
+using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
+
+inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
+  return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
+}
+inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
+  return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
+}
+
+// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of
+// a convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would
+// leave the bracket, so that it converges for every aspect ratio and every point.
+inline Vec3d EllipticCylinder::closest_point(const Vec3d& p) const {
+  const double px = std::abs(p.x() - center.x());
+  const double pz = std::max(0.0, p.z() - center.z());
+  const double side = p.x() < center.x() ? -1.0 : 1.0;
+  const bool x_major = semi_x >= semi_z;
+  const double a = x_major ? semi_x : semi_z, b = x_major ? semi_z : semi_x;
+  const double u = x_major ? px : pz, v = x_major ? pz : px;  // along the major and the minor axis
+  double fu = 0.0, fv = 0.0;
+  if (v > 0.0) {
+    if (u > 0.0) {
+      const double r = (a / b) * (a / b), e = r - 1.0, zu = r * u / a, zv = v / b;
+      double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
+      for (int i = 0; i < 200; ++i) {
+        const double x = zu / (t + e), y = zv / t, excess = x * x + y * y - 1.0;
+        (excess > 0.0 ? low : high) = t;
+        const double step = 0.5 * excess / (x * x / (t + e) + y * y / t), next = t + step;
+        const bool close = std::abs(step) <= 1e-9 * t;  // then the error that is left is the square of this
+        t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
+        if (close || !(low < high)) break;
+      }
+      fu = r * u / (t + e);
+      fv = v / t;
+    } else {
+      fv = b;
+    }
+  } else {
+    const double c = a * a - b * b;
+    if (a * u < c) {
+      fu = a * a * u / c;
+      fv = b * std::sqrt(std::max(0.0, 1.0 - (fu / a) * (fu / a)));
+    } else {
+      fu = a;
+    }
+  }
+  return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
+}
+
+inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
+  const Vec3d foot = closest_point(p) - center;
+  return Vec3d(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
+}
+
+static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/body.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
+
+namespace lumo {
+
+/// A part of a body's closed surface on which all tags are the same.
+struct Patch {
+  std::string name;
+  Shape shape = Plane{};       ///< the exact surface; mesh nodes of the patch lie on it
+  bool bonded = false;         ///< fixed to the carrier (closed set: its edge nodes are fixed too)
+  bool contactable = false;    ///< the indenter may touch it
+  bool meets_carrier = false;  ///< may come to rest on the carrier
+  SurfaceOptics optics = Dielectric{};
+  bool visible = true;  ///< on the outside: light that leaves here may lie in a region
+};
+
+/// A rigid axis-aligned box that the silicone can come to rest on.
+struct RigidBox {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
+};
+
+/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
+/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
+/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
+/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
+/// does.
+struct Support {
+  std::string patch;            ///< name of the patch that rests here; others pass through
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
+};
+
+/// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
+struct Sizing {
+  std::function<double(const Vec3d&)> edge;  ///< across y [m]
+  double stretch_y = 1.0;                    ///< edges along y are this much longer
+  /// Finer edges [m] at a place when a tool touches the body at another; empty: none are wanted.
+  std::function<double(const Vec3d& place, const Vec3d& touch)> edge_under_touch;
+};
+
+/// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
+/// SI units, finger frame (x lateral, y along the finger, z outward normal).
+struct Body {
+  static constexpr int mirror_patch = -1;
+
+  std::string name;
+  std::vector<Patch> patches;
+  std::vector<Vec3d> vertices;  ///< of the boundary of the meshed sector [m]
+  /// Closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves. Facet::patch: index into `patches`, or
+  /// mirror_patch for a face in a symmetry plane.
+  std::vector<Facet> facets;
+  Symmetry symmetry;  ///< the whole body is the sector and its mirror images
+  Sizing sizing;
+  double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
+
+  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
+  std::vector<Support> supports;  ///< what patches rest on
+  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
+
+  Medium medium;        ///< inside
+  Medium surroundings;  ///< outside (air)
+  /// What light in the body meets where a tool touches; Dielectric: a film of air is left between
+  SurfaceOptics touched = Dielectric{};
+  std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
+  std::vector<Emitter> emitters;
+  /// Height of the film of air over an emitter in air at which it begins to close [m]; 0: where the body reaches the
+  /// emitter; nullopt: never.
+  std::optional<double> film_closes_m = 0.0;
+  int regions = 0;  ///< number of readout regions
+  /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
+  std::function<int(const Vec3d& position, const Vec3d& normal)> region;
+  bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
+  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
+};
+
+/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch
+/// describes.
+inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
+  const Vec3d fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
+  return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
 }
 
 }  // namespace lumo
@@ -2050,380 +2148,49 @@ inline std::vector<RigidFace> carrier_faces(const HalfSection& s, const FingerOp
 
 #endif
 
-// ---- lumo/morphology/finger.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
-#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+// ---- lumo/fabrication/casting_layout.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_LAYOUT_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_LAYOUT_HPP
 
 namespace lumo {
-
-/// The whole finger of a feasible design as a body. The quarter x ≥ 0, y ≥ 0 of a pad without a cap is described, the
-/// half x ≥ 0 of one with a cap; the rest is mirrored. Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A
-/// and Table I.
-inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
-
-namespace detail {
-
-inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
-  const bool supported = s.twin != Twin::unsupported_base;
-  const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
-  const SurfaceOptics wall = Lambertian{o.carrier_albedo};
-  switch (tag) {
-    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
-    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base:
-      return {"base", Plane{{0, 0, std::min(0.0, s.z[0])}, -Vec3d::UnitZ()}, supported, false, false, wall};
-    case SectionTag::shoulder_wall:
-      return {"shoulder_wall", Plane{{1e-3 * s.pad.lip_end(), 0, 0}, -Vec3d::UnitX()}, supported, false, false, wall};
-    case SectionTag::shoulder_top:
-      return {
-          "shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, supported, false, false, wall};
-    case SectionTag::void_inner:
-      return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
-    case SectionTag::void_roof:
-      return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
-    case SectionTag::void_wall:
-      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported,
-          Dielectric{}, false};
-    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
-    default:
-      return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
-          Dielectric{}};
-  }
-}
-
-inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
-  body.medium = silicone.medium();
-  if (!has_stem(s.twin)) return;
-  const auto& led = o.leds;
-  const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
-  const Vec3d along(0, 0.5 * led.length_y, 0);
-  const double recess = s.lies_on_stem() ? o.recess.depth : 0.0;
-  for (const double y : led_places(led)) {
-    if (led.place == FingerOptions::Leds::Place::top) {
-      body.emitters.push_back(RectangleEmitter{
-          {0, y, height - recess}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0, recess > 0.0});
-      continue;
-    }
-    const bool air = s.design.w_v > 0.0;
-    require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
-    for (const double side : {1.0,
-             -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
-      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along,
-          {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
-  }
-  const auto r = o.readout;
-  body.film_closes_m = o.recess.film_closes;
-  body.touched = o.touched;
-  body.regions = r.bins;
-  body.regions_in_space = r.in_space;
-  std::vector<int> other_end;
-  for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
-  body.region_image_y = other_end;
-  if (r.one_side) body.region_image_x.reset();
-  body.region = [r](const Vec3d& p, const Vec3d& n) {
-    if ((r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
-    const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;
-    return std::clamp(int(bin), 0, r.bins - 1);
-  };
-}
-
-// Boundary of a sector that is swept along y, and its patches by what the section's edges are.
-class SweptBoundary {
- public:
-  SweptBoundary(Body& body, const HalfSection& section, const FingerOptions& options)
-      : body_(body), section_(section), options_(options) {}
-
-  int vertex(double x, double y, double z) {
-    body_.vertices.emplace_back(x, y, z);
-    return int(body_.vertices.size()) - 1;
-  }
-  void facet(std::vector<int> loop, int patch) { body_.facets.push_back({std::move(loop), patch}); }
-  int patch(SectionTag tag) {
-    if (tag == SectionTag::mirror) return Body::mirror_patch;
-    int& patch = patch_of_[std::size_t(tag)];
-    if (patch < 0) patch = add(finger_patch(tag, section_, options_));
-    return patch;
-  }
-  int add(Patch p) {
-    body_.patches.push_back(std::move(p));
-    return int(body_.patches.size()) - 1;
-  }
-
- private:
-  Body& body_;
-  const HalfSection& section_;
-  const FingerOptions& options_;
-  std::vector<int> patch_of_ = std::vector<int>(std::size_t(SectionTag::dome) + 1, -1);
-};
-
-inline Patch end_face(const char* name, double y, double outwards, const FingerOptions& o) {
-  return {name, Plane{{0, y, 0}, outwards * Vec3d::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false,
-      false, Dielectric{}};
-}
-
-// The sector of a pad whose section is the same all along: a quarter where the body is symmetric in y, else a half.
-inline void sweep_prism(Body& body, const HalfSection& s, const FingerOptions& o) {
-  SweptBoundary boundary(body, s, o);
-  const double from = body.symmetry.y ? 0.0 : 1e-3 * o.pad.proximal_end(), to = 1e-3 * o.pad.distal_end();
-  const std::size_t n = s.x.size();
-  std::vector<int> near, far;
-  for (std::size_t k = 0; k < n; ++k) {
-    near.push_back(boundary.vertex(s.x[k], from, s.z[k]));
-    far.push_back(boundary.vertex(s.x[k], to, s.z[k]));
-  }
-  for (std::size_t k = 0; k < n; ++k) {
-    const std::size_t next = (k + 1) % n;
-    boundary.facet({near[k], far[k], far[next], near[next]}, boundary.patch(s.tag[k]));
-  }
-  boundary.facet(near, body.symmetry.y ? Body::mirror_patch : boundary.add(end_face("proximal_end", from, -1.0, o)));
-  boundary.facet(
-      {far.rbegin(), far.rend()}, boundary.add(end_face(body.symmetry.y ? "end" : "distal_end", to, 1.0, o)));
-}
-
-// Lines of vertices on a cavity's roof, from its proximal end to its distal one, broken at the edges of ridges; empty
-// on a stem that holds the silicone.
-struct RoofSeams {
-  std::vector<int> axis, stem;  // x = 0, and above the stem's edge
-  bool at_wall(int first_of_wall) const { return stem.front() == first_of_wall; }
-};
-
-// `axis` and `wall`: vertices at both ends of the roof's edges.
-inline RoofSeams add_seams(SweptBoundary& boundary, const HalfSection& s, const FingerOptions& o,
-    const std::array<int, 2>& axis, const std::array<int, 2>& wall) {
-  if (!s.lies_on_stem()) return {};
-  const StemLengths at(s, o);
-  const bool ends_at_wall = at.outer <= at.stem;
-  std::vector<double> breaks;
-  for (const auto& [low, high] : recess_floors(stem_ridges(o))) breaks.insert(breaks.end(), {low, high});
-  RoofSeams seams{{axis[0]}, {ends_at_wall ? wall[0] : boundary.vertex(at.stem, -at.half_length, at.height)}};
-  for (const double y : breaks) {
-    seams.axis.push_back(boundary.vertex(0.0, y, at.height));
-    seams.stem.push_back(boundary.vertex(at.stem, y, at.height));
-  }
-  seams.axis.push_back(axis[1]);
-  seams.stem.push_back(ends_at_wall ? wall[1] : boundary.vertex(at.stem, at.half_length, at.height));
-  return seams;
-}
-
-// A roof cut along its seams; `loop` is that of the whole: near and far end at the axis, far and near end at the wall.
-inline void add_roof(SweptBoundary& boundary, const RoofSeams& seams, const std::vector<int>& loop, int patch) {
-  for (std::size_t i = 0; i + 1 < seams.axis.size(); ++i)
-    boundary.facet({seams.axis[i], seams.axis[i + 1], seams.stem[i + 1], seams.stem[i]}, patch);
-  if (seams.at_wall(loop[3])) return;
-  std::vector<int> beside(seams.stem);
-  beside.insert(beside.end(), {loop[2], loop[3]});
-  boundary.facet(beside, patch);
-}
-
-// The half of a pad with a solid cap. Points of the section inside its outline end where the cap begins, those of the
-// outline go on.
-inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSection& cap, const FingerOptions& o) {
-  SweptBoundary boundary(body, s, o);
-  const double from = 1e-3 * o.pad.proximal_end(), joint = 0.5e-3 * o.pad.length, to = 1e-3 * o.pad.distal_end();
-  const int n = int(s.x.size());
-  const auto place = [&](SectionTag tag) { return int(std::find(s.tag.begin(), s.tag.end(), tag) - s.tag.begin()); };
-  const int side = place(SectionTag::side);
-  std::vector<int> near, far;  // vertices of each point
-  for (int k = 0; k < n; ++k) {
-    const double x = s.x[std::size_t(k)], z = s.z[std::size_t(k)];
-    near.push_back(boundary.vertex(x, from, z));
-    far.push_back(boundary.vertex(x, k < side ? joint : to, z));
-  }
-  const int low_joint = boundary.vertex(0.0, joint, cap.z[0]), low_end = boundary.vertex(0.0, to, cap.z[0]);
-  const RoofSeams seams = add_seams(boundary, s, o, {near[0], far[0]}, {near[1], far[1]});
-  for (int k = 0; k + 1 < n; ++k) {
-    const std::size_t i = std::size_t(k);
-    std::vector<int> loop{near[i], far[i]};
-    if (k + 1 == side) loop.insert(loop.end(), {low_joint, low_end});  // this plane goes on under the cap
-    loop.insert(loop.end(), {far[i + 1], near[i + 1]});
-    if (!seams.stem.empty() && k == 0) add_roof(boundary, seams, loop, boundary.patch(s.tag[i]));
-    else if (!seams.stem.empty() && k == 1 && seams.at_wall(near[1])) {
-      loop.insert(loop.begin() + 1, seams.stem.begin() + 1, seams.stem.end() - 1);
-      boundary.facet(loop, boundary.patch(s.tag[i]));
-    } else boundary.facet(loop, boundary.patch(s.tag[i]));
-  }
-
-  // The cap's wall: against cavity and stem, and, where the carrier is a stair, against its block.
-  const int base = place(SectionTag::base), wall = boundary.add({"cap_wall", Plane{{0, joint, 0}, -Vec3d::UnitY()},
-                                                false, false, true, Dielectric{}, false});
-  const bool stair = cap.z[0] < 0.0;
-  const int corner = stair ? boundary.vertex(0.0, joint, 0.0) : low_joint;
-  std::vector<int> upper{corner};
-  for (int k = base; k >= 0; --k) {
-    if (k == 0 && !seams.stem.empty() && !seams.at_wall(near[1])) upper.push_back(seams.stem.back());
-    upper.push_back(far[std::size_t(k)]);
-  }
-  boundary.facet(upper, wall);
-  std::vector<int> mirror{near[std::size_t(n - 1)], far[std::size_t(n - 1)], low_end, low_joint};
-  if (stair) {
-    const int block =
-        boundary.add({"cap_block", Plane{{0, joint, 0}, -Vec3d::UnitY()}, false, false, false, Dielectric{}, false});
-    std::vector<int> lower{low_joint};
-    for (int k = side - 1; k >= base; --k) lower.push_back(far[std::size_t(k)]);
-    lower.push_back(corner);
-    boundary.facet(lower, block);
-    mirror.push_back(corner);
-  }
-  mirror.push_back(far[0]);
-  if (!seams.axis.empty()) mirror.insert(mirror.end(), seams.axis.rbegin() + 1, seams.axis.rend() - 1);
-  mirror.push_back(near[0]);
-  boundary.facet(mirror, Body::mirror_patch);
-
-  if (!seams.stem.empty() && !seams.at_wall(near[1])) near.insert(near.begin() + 1, seams.stem.front());
-  boundary.facet(near, boundary.add(end_face("proximal_end", from, -1.0, o)));
-  std::vector<int> distal;
-  for (int k = n - 1; k >= side; --k) distal.push_back(far[std::size_t(k)]);
-  distal.push_back(low_end);
-  boundary.facet(distal, boundary.add(end_face("distal_end", to, 1.0, o)));
-}
-
-// Distance from p to the nearest edge of the stem's top and of its recesses [m].
-inline double distance_to_stem_edges(const Vec3d& p, const StemLengths& at, const std::vector<Ridge>& ridges) {
-  const double x = std::abs(p.x()), beyond = std::max(0.0, x - at.stem);
-  double least = std::numeric_limits<double>::infinity();
-  const auto add = [&](double dx, double dy, double dz) {
-    least = std::min(least, std::sqrt(dx * dx + dy * dy + dz * dz));
-  };
-  const double dz = p.z() - at.height;
-  add(x - at.stem, std::max(0.0, std::abs(p.y()) - at.half_length), dz);
-  for (const Ridge& r : ridges) {
-    add(beyond, p.y() - r.low, dz);
-    add(beyond, p.y() - r.high, dz);
-  }
-  return least;
-}
-
-inline Sizing finger_sizing(const Body& body, const HalfSection& s, const FingerOptions& o) {
-  const auto mesh = o.mesh;
-  std::vector<Shape> touchable;
-  for (const Patch& p : body.patches)
-    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
-  Sizing sizing;
-  sizing.stretch_y = mesh.stretch_y;
-  const auto below_the_dome = [mesh, touchable](const Vec3d& p) {
-    double depth = std::numeric_limits<double>::infinity();
-    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
-    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
-  };
-  sizing.edge = below_the_dome;
-  if (!s.lies_on_stem()) return sizing;
-
-  const StemLengths at(s, o);
-  const std::vector<Ridge> ridges = stem_ridges(o);
-  sizing.edge = [mesh, below_the_dome, at](const Vec3d& p) {
-    const double dx = std::max(0.0, std::abs(p.x()) - at.stem), dz = p.z() - at.height;
-    return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
-  };
-  // The edges' pressure has to be resolved where it is high: below the tool.
-  sizing.edge_under_touch = [mesh, at, ridges](const Vec3d& p, const Vec3d& touch) {
-    const double growth_along = 0.25 * mesh.growth;  // the load spreads along the finger
-    const double along = std::max(0.0, std::abs(p.y() - touch.y()) - at.height);
-    return mesh.seam_edge + mesh.growth * distance_to_stem_edges(p, at, ridges) + growth_along * along;
-  };
-  return sizing;
-}
-
-}  // namespace detail
-
-inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
-  validate(o);
-  require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
-  require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
-  const Chords chords{o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord};
-  const HalfSection s = half_section(design, o.twin, chords, o.pad);
-  const bool capped = o.pad.cap_length > 0.0;
-  if (capped && detail::has_soft_stem(o.twin))
-    throw InvalidArgument(message("twin ", to_string(o.twin), " of a pad with a cap of ", o.pad.cap_length,
-        " mm is not known, only of one without"));
-  Body body;
-  body.name = "finger";
-  body.symmetry = {true, !capped};
-  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * (0.5e-3 * o.pad.length);
-  body.pivot = {0, 0, o.pivot == TiltPivot::flat_top ? 1e-3 * s.design.h_fp : 0.0};
-  body.carrier = carrier_boxes(s, o);
-  body.supports = carrier_supports(s, o);
-  body.rigid_faces = carrier_faces(s, o);
-  detail::add_light(body, s, silicone, o);
-  if (capped) {
-    const HalfSection cap = cap_section(design, o.twin, chords, o.pad);
-    body.exact_volume_m3 += 2.0 * cap.exact_area_m2() * 1e-3 * o.pad.cap_length;
-    if (has_stem(o.twin)) detail::sweep_capped_half(body, s, cap, o);
-  }
-  if (!capped || o.twin == Twin::held_top) detail::sweep_prism(body, s, o);
-  body.sizing = detail::finger_sizing(body, s, o);
-  return body;
-}
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/fabrication/casting_options.hpp
-#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_OPTIONS_HPP
-#define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_OPTIONS_HPP
-
-namespace lumo {
-
-/// The section of a feasible design for making things: its chords leave the curve by less than 5 µm, a tenth of what
-/// printers resolve. Throws InfeasibleDesign.
-inline HalfSection casting_section(const FingerDesign& design, const PadDimensions& pad = {}) {
-  return half_section(design, Twin::none, {0.5e-3, 0.05, 0.05e-3}, pad);
-}
-
-/// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within
-/// what the sources in docs/fabrication.md advise.
-struct CastingOptions {
-  double clearance = 0.2e-3;      ///< on each side between printed parts that are put together: FDM 0.2 mm, SLA 0.1 mm
-  double plate = 4.0e-3;          ///< thickness of the carrier's plate
-  double flange = 3.0e-3;         ///< of the plate beyond the pad's long sides: the mould seals on it
-  double tab = 7.0e-3;            ///< of the plate beyond the pad's ends, with the mounting holes
-  double hole_diameter = 3.4e-3;  ///< of the mounting holes: M3, ISO 273 medium
-  double strip_width = 2.0e-3;    ///< of the LED strip
-  double strip_height = 0.9e-3;   ///< of the LED strip with its LEDs: 0.3 mm flexible circuit and 0.6 mm LED
-  double wall = 8.0e-3;           ///< of the mould about the pad
-  double rim = 3.0e-3;            ///< how far the mould reaches down the plate's edge, which it is centred by
-  double gate_diameter = 4.0e-3;  ///< at the pad; a Luer tip fits
-  double vent_diameter = 2.0e-3;  ///< at the pad: the smallest hole that FDM prints well
-  FingerOptions::Leds leds = {};  ///< on the strip, centred on the stem, facing up
-
-  /// Of the smallest wall that is printed: two lines of a 0.4 mm nozzle.
-  static constexpr double thinnest_wall = 0.8e-3;
-};
-
-/// Limits of the options in mm, for checks and for help texts.
-namespace casting_limits {
-inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0},
-    strip_height_mm{0.2, 1.5};
-inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
-/// Least silicone above the stem and beside the voids with their fits [mm]: the design's 5 mm less what clearances and
-/// rounding take.
-inline constexpr double above_stem_mm = 4.9, beside_void_mm = 4.55;
-/// Least wall of the stem on each side of the LED strip's pocket, and of its end beyond the strip [m].
-inline constexpr double beside_strip = 0.6e-3, beyond_strip = 1.0e-3;
-}  // namespace casting_limits
 
 /// Throws InvalidArgument for an option that is out of range, or does not fit the section.
 inline void validate(const CastingOptions& options, const HalfSection& section);
 
 /// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
 struct CastingLayout {
-  double half_width, top, half_length;          ///< of the pad; half_length is that of the cavity, too
-  double stem_x, stem_height;                   ///< half the stem's width, and its height, which is the voids', too
-  double void_x, void_width;                    ///< a void's outer wall, and its width; 0: there are none
-  double plate_x, plate_y;                      ///< half the plate
-  double rim_x, rim_y;                          ///< where the mould's rim begins: the plate with its clearance
-  double mould_x, mould_y, mould_top;           ///< half the mould, and its height above the plate
+  double half_width, top, half_length;  ///< of the pad; half_length is that of the cavity, too
+  double middle_y;                      ///< of pad, plate and mould
+  double pour;                          ///< 1: poured with the end at positive y up, −1: with the other one
+  double seat, plate, rim;              ///< z of the plate's top; its thickness; the mould's reach below its top
+  double block_x;                       ///< half the block on the plate; 0: the plate is flat
+  double stem_x, stem_height;           ///< half the stem's width, and its height, which is the voids', too
+  double stem_low, stem_high;           ///< y of the ends of stem and block
+  double void_x, void_width;            ///< a void's outer wall, and its width; 0: there are none
+  double plate_x, plate_y;              ///< half the plate
+  double rim_x, rim_y;                  ///< where the mould's rim begins: the plate with its clearance
+  double mould_x, mould_y, mould_top;   ///< half the mould, and its height above the base
   double notch_inner, notch_outer, notch_roof;  ///< of the openings for the cores, from the middle out
-  double pocket_x, pocket_y, pocket_floor;      ///< half the pocket for the LED strip, and its floor's height
-  double strip_y;                               ///< half the LED strip
+  double recess_floor;                          ///< height of the recesses' floors, or of the stem
+  double pocket_x, pocket_y, pocket_floor;  ///< half the LED strip's pocket, and the height of the strip's underside
+  double strip_y;                           ///< half the LED strip
 
   CastingLayout(const HalfSection& s, const CastingOptions& o) {
     const double c = o.clearance;
     half_width = s.half_width_m();
     top = s.height_m();
     half_length = 0.5 * s.length_m();
+    middle_y = 0.5e-3 * s.pad.cap_length;
+    pour = has_cap(s) ? -1.0 : 1.0;
+    const bool stair = s.pad.shoulder_height > 0.0;
+    seat = stair ? -1e-3 * s.pad.shoulder_height : 0.0;
+    plate = stair ? 1e-3 * (s.pad.carrier_height - s.pad.shoulder_height) : o.plate;
+    rim = stair ? std::min(o.rim, stair_rim * plate) : o.rim;
+    block_x = stair ? 1e-3 * s.pad.lip_end() : 0.0;
     stem_x = 0.5e-3 * s.design.w_s;
     stem_height = 1e-3 * s.design.h_s;
+    stem_low = middle_y - half_length + 0.5 * c;
+    stem_high = has_cap(s) ? 0.5e-3 * s.pad.length : -stem_low;
     void_width = 1e-3 * s.design.w_v;
     void_x = stem_x + void_width;
     plate_x = half_width + o.flange;
@@ -2436,30 +2203,43 @@ struct CastingLayout {
     notch_inner = stem_x - c;
     notch_outer = void_x + c;
     notch_roof = stem_height + c;
+    recess_floor = stem_height - (s.lies_on_stem() ? o.recess.depth : 0.0);
     strip_y = 0.5 * ((o.leds.count - 1) * o.leds.pitch + strip_margin);
     pocket_x = 0.5 * o.strip_width + c;
     pocket_y = strip_y + c;
-    pocket_floor = stem_height - o.strip_height;
+    pocket_floor = recess_floor - o.strip_height;
   }
+
+  bool is_stair() const { return block_x > 0.0; }
+  bool has_recesses() const { return recess_floor < stem_height; }
+  /// Of the slot that a strip below recesses lies in: where its circuit ends, and the recesses' floors are left.
+  double slot_ceiling(const CastingOptions& o) const { return pocket_floor + o.circuit; }
+  static bool has_cap(const HalfSection& s) { return s.pad.cap_length > 0.0; }
 
   static constexpr double strip_margin = 8.0e-3;  ///< of the strip beyond the outer LEDs' centres, both together
   static constexpr double duct_length = 3.0e-3;   ///< of the opening for the wires, along y
   static constexpr double hole_inset = 5.0e-3;    ///< of the mounting holes' centres from the pad's sides
+  static constexpr double vent_inset = 2.5e-3;    ///< of the vents' centres from the pad's sides and the plate
+  static constexpr double stair_rim = 0.75;       ///< of the plate's thickness: as the defaults on a flat carrier
 };
 
 /// Half outline (x, z) of the pad, from the plate at x > 0 up and over to the apex [m].
 inline std::vector<std::array<double, 2>> pad_outline(const HalfSection& s) {
-  std::vector<std::array<double, 2>> outline{{s.half_width_m(), 0.0}};
+  std::vector<std::array<double, 2>> outline;
   for (std::size_t i = 0; i < s.x.size(); ++i)
-    if (s.tag[i] == SectionTag::dome || s.tag[i] == SectionTag::mirror) outline.push_back({s.x[i], s.z[i]});
+    if (s.tag[i] == SectionTag::side || s.tag[i] == SectionTag::dome || s.tag[i] == SectionTag::mirror)
+      outline.push_back({s.x[i], s.z[i] + 0.0});  // −0 is 0
   return outline;
 }
 
-inline void validate(const CastingOptions& o, const HalfSection& s) {
+namespace detail {
+
+inline FingerOptions known_of_finger(const HalfSection& s, const CastingOptions& o) {
+  return {.twin = s.twin, .pad = s.pad, .leds = o.leds, .recess = o.recess};
+}
+
+inline void require_lengths(const CastingOptions& o, const PadDimensions& pad) {
   namespace limits = casting_limits;
-  if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base)
-    throw InvalidArgument("a twin whose stem is of silicone cannot be cast on a carrier");
-  validate(FingerOptions{.pad = s.pad, .leds = o.leds});
   require_in_range("clearance of printed parts", o.clearance * 1e3, limits::clearance_mm, "mm");
   require_in_range("plate thickness", o.plate * 1e3, limits::plate_mm, "mm");
   require_in_range("mould wall", o.wall * 1e3, limits::wall_mm, "mm");
@@ -2471,20 +2251,55 @@ inline void validate(const CastingOptions& o, const HalfSection& s) {
   require_in_range("plate beyond the pad's ends", o.tab * 1e3, o.hole_diameter * 1e3 + 3.0, 30.0, "mm");
   require_in_range("plate beyond the pad's sides", o.flange * 1e3, 1.0, (o.wall - o.clearance) * 1e3 - 2.0, "mm");
   require_in_range("mould rim", o.rim * 1e3, 1.0, o.plate * 1e3, "mm");
-  const CastingLayout at(s, o);
-  require_in_range("pad width", 2e3 * at.half_width, 20.0, 200.0, "mm");
+  if (pad.shoulder_height <= 0.0) return;
+  // Below a core's opening the mould needs a wall, and a vent opens between block and side.
+  require_in_range("height of the shoulders", pad.shoulder_height, limits::shoulder_height_mm, "mm");
+  require_in_range("width of the shoulders", pad.shoulder_width,
+      1e3 * (CastingLayout::vent_inset + 0.5 * o.vent_diameter), 100.0, "mm");
   require_in_range(
-      "stem height", at.stem_height * 1e3, o.strip_height * 1e3 + 0.5, 1e3 * at.top - limits::above_stem_mm, "mm");
+      "thickness of the carrier's plate", pad.carrier_height - pad.shoulder_height, limits::stair_plate_mm, "mm");
+}
+
+inline void require_room_for_strip(const CastingOptions& o, const HalfSection& s, const CastingLayout& at) {
+  namespace limits = casting_limits;
   const double widest = 1e3 * (2.0 * at.stem_x - 2.0 * o.clearance - 2.0 * limits::beside_strip);
   if (o.strip_width * 1e3 > widest + 1e-9)
     throw InvalidArgument(message("LED strip width is ", exact(o.strip_width * 1e3), " mm, must be at most ", widest,
         " mm: 0.6 mm of wall on each side of it in a stem of ", 2.0 * at.stem_x * 1e3, " mm"));
-  if (at.pocket_y > at.half_length - limits::beyond_strip)
+  const double half_stem = 0.5e-3 * s.pad.length;
+  if (at.pocket_y > half_stem - limits::beyond_strip)
     throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ",
-        2e3 * (at.half_length - o.clearance - limits::beyond_strip), " mm"));
+        2e3 * (half_stem - o.clearance - limits::beyond_strip), " mm"));
+  if (!at.has_recesses()) return;
+  const double thickest = o.strip_height * 1e3 - limits::over_circuit_mm;
+  require_in_range("circuit of the LED strip", o.circuit * 1e3, 0.05, thickest + 1e-9, "mm");
+  require_in_range("LED width", o.leds.width_x * 1e3, 0.1, o.strip_width * 1e3, "mm");
+  require_in_range("length of the LEDs' recesses", o.recess.length_y * 1e3,
+      1e3 * (o.leds.length_y + 2.0 * o.clearance + CastingOptions::thinnest_wall),
+      2e3 * (half_stem - led_places(o.leds).back() - limits::beyond_strip), "mm");
+}
+
+}  // namespace detail
+
+inline void validate(const CastingOptions& o, const HalfSection& s) {
+  namespace limits = casting_limits;
+  if (!has_stem(s.twin)) throw InvalidArgument("a twin whose stem is of silicone cannot be cast on a carrier");
+  validate(detail::known_of_finger(s, o));
+  if (o.leds.place != FingerOptions::Leds::Place::top)
+    throw InvalidArgument("LEDs are on the stem's sides, must be on its top: one strip holds all of them");
+  require_in_range("number of LEDs on the strip", o.leds.count, 1, 1000, "");
+  detail::require_lengths(o, s.pad);
+  const CastingLayout at(s, o);
+  require_in_range("pad width", 2e3 * at.half_width, 20.0, 200.0, "mm");
+  const double lowest = at.has_recesses() ? 1e3 * o.recess.depth + limits::over_circuit_mm : o.strip_height * 1e3 + 0.5;
+  require_in_range("stem height", at.stem_height * 1e3, lowest, 1e3 * at.top - limits::above_stem_mm, "mm");
+  detail::require_room_for_strip(o, s, at);
   if (at.notch_outer > at.half_width - 1e-3 * limits::beside_void_mm)
     throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance),
         " mm thick beside its voids, must be at least ", limits::beside_void_mm + 1e3 * o.clearance, " mm"));
+  if (at.is_stair() && at.void_x >= at.block_x)
+    throw InvalidArgument(message("stem and voids are ", 2e3 * at.void_x,
+        " mm wide, must be narrower than the block of ", 2e3 * at.block_x, " mm below them"));
 }
 
 }  // namespace lumo
@@ -3655,11 +3470,6 @@ inline auto FacetedSolid::surface() const -> TriangleSurface {
 
 namespace lumo {
 
-/// The rigid carrier: a plate with mounting holes, and on it the stem with a pocket for the LED strip and a duct for
-/// its wires through the plate. The stem is a clearance shorter than the pad, so that it goes between the mould's ends.
-/// The carrier stands on z = −plate. Throws InvalidArgument, MeshError.
-inline TriangleSurface carrier_solid(const HalfSection& section, const CastingOptions& options = {});
-
 namespace detail {
 
 /// Corners of a regular polygon in a circle, in the plane of u and v, counter-clockwise seen from u × v.
@@ -3677,58 +3487,22 @@ inline std::vector<Vec3d> rectangle(double x0, double x1, double y0, double y1, 
 
 }  // namespace detail
 
-inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions& o) {
-  validate(o, s);
-  const CastingLayout at(s, o);
-  const double bottom = -o.plate, stem_y = at.half_length - 0.5 * o.clearance;
-  FacetedSolid solid;
-  const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
-  const auto stem = [&](double z) { return detail::rectangle(-at.stem_x, at.stem_x, -stem_y, stem_y, z); };
-  const auto pocket = [&](double z) {
-    return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
-  };
-  const auto duct = [&](double z) {
-    return detail::rectangle(
-        -0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z);
-  };
-  const auto holes = [&](double z) {
-    std::vector<std::vector<Vec3d>> loops;
-    for (const double x : {-1.0, 1.0})
-      for (const double y : {-1.0, 1.0})
-        loops.push_back(reversed(
-            detail::ring(Vec3d(x * (at.half_width - CastingLayout::hole_inset), y * (at.half_length + 0.5 * o.tab), z),
-                Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
-    return loops;
-  };
-  auto below = holes(bottom), above = holes(0.0);
-  for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
-  solid.band(plate(bottom), plate(0.0));
-  solid.band(stem(0.0), stem(at.stem_height));
-  solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
-  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(at.stem_height)));
-
-  std::vector<std::vector<Vec3d>> openings;  // seen from below
-  for (const auto& loop : below) openings.push_back(reversed(loop));
-  openings.push_back(duct(bottom));
-  solid.face(reversed(plate(bottom)), openings);
-  above.push_back(reversed(stem(0.0)));
-  solid.face(plate(0.0), above);
-  solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
-  solid.face(stem(at.stem_height), {reversed(pocket(at.stem_height))});
-  return solid.surface();
-}
-
 /// Outline (y, z) of the core that keeps a void free, counter-clockwise seen along −x [m]: a bar of the void's height
 /// from one end of the cavity out through the other, a handle behind it, and a step that stops at the mould.
 inline std::vector<std::array<double, 2>> core_outline(const HalfSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;
-  return {{-at.half_length, 0.0}, {at.mould_y, 0.0}, {at.mould_y, -o.rim}, {at.mould_y + handle, -o.rim},
-      {at.mould_y + handle, at.stem_height}, {-at.half_length, at.stem_height}};
+  const double inner = CastingLayout::has_cap(s) ? -at.stem_high : -at.half_length, outer = at.mould_y - at.middle_y;
+  std::vector<std::array<double, 2>> outline{{inner, 0.0}, {outer, 0.0}, {outer, -at.rim}, {outer + handle, -at.rim},
+      {outer + handle, at.stem_height}, {inner, at.stem_height}};
+  if (at.pour > 0.0) return outline;
+  for (auto& p : outline) p[0] = -p[0];
+  std::reverse(outline.begin(), outline.end());
+  return outline;
 }
 
-/// The core of the void at x > 0, as thick as the void is wide; the other one is the same, shifted. It comes out along
-/// +y. Throws InvalidArgument for a design without voids, MeshError.
+/// The core of the void at x > 0, as thick as the void is wide; the other one is the same, shifted. It comes out at the
+/// end that is poured. Throws InvalidArgument for a design without voids, MeshError.
 inline TriangleSurface core_solid(const HalfSection& s, const CastingOptions& o = {}) {
   validate(o, s);
   const CastingLayout at(s, o);
@@ -3746,6 +3520,24 @@ inline TriangleSurface core_solid(const HalfSection& s, const CastingOptions& o 
   return solid.surface();
 }
 
+/// The bar that fills the slot below an LED strip whose LEDs lie in recesses, and holds the strip up; the wires go past
+/// its end. Throws InvalidArgument for a stem without recesses, MeshError.
+inline TriangleSurface led_bar_solid(const HalfSection& s, const CastingOptions& o = {}) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  require_positive("depth of the LEDs' recesses", (at.stem_height - at.recess_floor) * 1e3, "mm");
+  const auto level = [&](double z) {
+    return detail::rectangle(
+        -0.5 * o.strip_width, 0.5 * o.strip_width, CastingLayout::duct_length - at.strip_y, at.strip_y, z);
+  };
+  const auto low = level(at.seat - at.plate), high = level(at.pocket_floor);
+  FacetedSolid solid;
+  solid.band(low, high);
+  solid.face(reversed(low));
+  solid.face(high);
+  return solid.surface();
+}
+
 }  // namespace lumo
 
 #endif
@@ -3756,7 +3548,7 @@ inline TriangleSurface core_solid(const HalfSection& s, const CastingOptions& o 
 
 namespace lumo {
 
-/// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
+/// The cross-section of the closed mould through an LED, seen along y, at scale 1:1. Throws InvalidArgument.
 inline Drawing section_drawing(const HalfSection& section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
 inline Drawing strip_drawing(const HalfSection& section, const CastingOptions& options = {});
@@ -3792,36 +3584,82 @@ inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
 
 }  // namespace detail
 
+namespace detail {
+
+/// Half of the silicone, from the middle of the stem's top to the apex.
+inline std::vector<Drawing::Point> silicone_half(const HalfSection& s, const CastingLayout& at) {
+  const auto outline = pad_outline(s);
+  std::vector<Drawing::Point> half{{at.stem_x, at.stem_height}};
+  if (at.void_width > 0.0) half.insert(half.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
+  else half.push_back({at.stem_x, 0.0});
+  if (at.is_stair()) half.insert(half.end(), {{at.block_x, 0.0}, {at.block_x, at.seat}});
+  half.insert(half.end(), outline.begin(), outline.end());
+  return half;
+}
+
+/// The carrier through an LED: in one piece about a pocket, in two beside a slot.
+inline void add_carrier(Drawing& d, int layer, const CastingLayout& at, const CastingOptions& o) {
+  const double bottom = at.seat - at.plate, top = at.recess_floor;
+  std::vector<Drawing::Point> half;
+  if (at.has_recesses()) {
+    const double window = 0.5 * o.leds.width_x + o.clearance, ceiling = at.slot_ceiling(o);
+    half = {{at.pocket_x, bottom}, {at.pocket_x, ceiling}, {window, ceiling}, {window, top}};
+  } else {
+    half = {{at.pocket_x, at.pocket_floor}, {at.pocket_x, top}};
+  }
+  half.insert(half.end(), {{at.stem_x, top}, {at.stem_x, 0.0}});
+  if (at.is_stair()) half.insert(half.end(), {{at.block_x, 0.0}, {at.block_x, at.seat}});
+  half.insert(half.end(), {{at.plate_x, at.seat}, {at.plate_x, bottom}});
+  if (!at.has_recesses()) {
+    d.lines.push_back({layer, mirrored(std::move(half))});
+    return;
+  }
+  d.lines.push_back({layer, half});
+  for (auto& p : half) p[0] = -p[0];
+  d.lines.push_back({layer, std::move(half)});
+}
+
+/// The strip through an LED; its circuit and the LED apart where windows let the LEDs through.
+inline void add_strip(Drawing& d, int layer, const CastingLayout& at, const CastingOptions& o) {
+  const double led = 0.5 * o.leds.width_x, half = 0.5 * o.strip_width, top = at.recess_floor;
+  const double circuit_top = at.has_recesses() ? at.slot_ceiling(o) : top;
+  d.lines.push_back(box_line(layer, -half, half, at.pocket_floor, circuit_top));
+  if (at.has_recesses()) d.lines.push_back(box_line(layer, -led, led, circuit_top, top));
+  else d.lines.push_back({layer, {{-led, top}, {led, top}}, false});
+}
+
+}  // namespace detail
+
 inline Drawing section_drawing(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  const double led = 0.5 * o.leds.width_x;
   const bool voids = at.void_width > 0.0;
   const auto outline = pad_outline(s);
   Drawing d;
   d.layers = {
       {"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
-  if (voids) d.layers.push_back({"CORES", 1, "#d55e00"});
-  std::vector<Drawing::Point> pad{{at.stem_x, at.stem_height}};
-  if (voids) pad.insert(pad.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
-  else pad.push_back({at.stem_x, 0.0});
-  pad.insert(pad.end(), outline.begin(), outline.end());
-  d.lines.push_back({0, detail::mirrored(std::move(pad))});
-  d.lines.push_back(
-      {1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, at.stem_height}, {at.stem_x, at.stem_height},
-              {at.stem_x, 0.0}, {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
-  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, at.stem_height));
-  d.lines.push_back({2, {{-led, at.stem_height}, {led, at.stem_height}}, false});
+  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
+  const auto add_layer = [&](const Drawing::Layer& layer, const char* words) {
+    d.layers.push_back(layer);
+    legend.push_back(words);
+  };
+  if (voids) add_layer({"CORES", 1, "#d55e00"}, "cores");
+  d.lines.push_back({0, detail::mirrored(detail::silicone_half(s, at))});
+  detail::add_carrier(d, 1, at, o);
+  detail::add_strip(d, 2, at, o);
   for (const double side : {1.0, -1.0}) {
-    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim},
-        {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
+    std::vector<Drawing::Point> half{{at.half_width, at.seat}, {at.rim_x, at.seat}, {at.rim_x, at.seat - at.rim},
+        {at.mould_x, at.seat - at.rim}, {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
     half.insert(half.end(), outline.rbegin(), outline.rend() - 1);
     for (auto& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
     if (voids) d.lines.push_back(detail::box_line(4, side * at.stem_x, side * at.void_x, 0.0, at.stem_height));
   }
-  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
-  if (voids) legend.push_back("cores");
+  if (at.has_recesses()) {
+    const double half = 0.5 * o.strip_width;
+    add_layer({"LED_BAR", 6, "#aa4499"}, "LED bar");
+    d.lines.push_back(detail::box_line(int(d.layers.size()) - 1, -half, half, at.seat - at.plate, at.pocket_floor));
+  }
   for (int layer = 0; layer < int(legend.size()); ++layer)
     d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, detail::caption_height,
         legend[std::size_t(layer)]});
@@ -3835,11 +3673,9 @@ inline Drawing strip_drawing(const HalfSection& s, const CastingOptions& o) {
   Drawing d;
   d.layers = {{"OUTLINE", 7, "#222222"}, {"LEDS", 2, "#b07400"}};
   d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
-  for (int k = 0; k < o.leds.count; ++k) {
-    const double y = (k - 0.5 * (o.leds.count - 1)) * o.leds.pitch;
+  for (const double y : led_places(o.leds))
     d.lines.push_back(detail::box_line(
         1, y - 0.5 * o.leds.length_y, y + 0.5 * o.leds.length_y, -0.5 * o.leds.width_x, 0.5 * o.leds.width_x));
-  }
   detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width,
                              " mm, LEDs every ", 1e3 * o.leds.pitch, " mm"));
   return d;
@@ -3860,14 +3696,199 @@ inline Drawing core_drawing(const HalfSection& s, const CastingOptions& o) {
 
 #endif
 
+// ---- lumo/fabrication/carrier_solid.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
+
+namespace lumo {
+
+/// The rigid carrier: a plate with mounting holes, on it the block between the pad's shoulders, if it has any, and the
+/// stem. Without recesses the LED strip lies in a pocket of the stem's top, and its wires leave by a duct through the
+/// plate. Recesses are left whole but for windows: the strip comes from below, by a slot, and its LEDs end in the
+/// recesses' floors. Stem and block are shorter than the pad by half a clearance at each end that the mould closes. The
+/// carrier stands on its plate. Throws InvalidArgument, MeshError.
+inline TriangleSurface carrier_solid(const HalfSection& section, const CastingOptions& options = {});
+
+namespace detail {
+
+/// Adds the faces of a carrier.
+class CarrierSolid {
+ public:
+  CarrierSolid(const HalfSection& s, const CastingOptions& o)
+      : o_(o),
+        at_(s, o),
+        led_y_(led_places(o.leds)),
+        bottom_(at_.seat - at_.plate),
+        holes_below_(holes(bottom_)),
+        holes_above_(holes(at_.seat)) {
+    if (at_.has_recesses()) ridges_ = stem_ridges(known_of_finger(s, o));
+    else ridges_ = {{at_.stem_low, at_.stem_high}};
+    ridges_.front().low = at_.stem_low;
+    ridges_.back().high = at_.stem_high;
+  }
+
+  TriangleSurface surface() {
+    for (std::size_t k = 0; k < holes_below_.size(); ++k) solid_.band(holes_below_[k], holes_above_[k]);
+    solid_.band(plate(bottom_), plate(at_.seat));
+    rail();
+    if (at_.has_recesses()) slot();
+    else pocket();
+    underside();
+    std::vector<Loop> openings = holes_above_;
+    openings.push_back(reversed(foot()));
+    solid_.face(plate(at_.seat), openings);
+    if (at_.has_recesses()) recessed_top();
+    else flat_top();
+    return solid_.surface();
+  }
+
+ private:
+  using Loop = typename FacetedSolid::Loop;
+
+  Loop plate(double z) const {
+    return rectangle(-at_.plate_x, at_.plate_x, at_.middle_y - at_.plate_y, at_.middle_y + at_.plate_y, z);
+  }
+  /// What stands on the plate.
+  Loop foot() const {
+    const double x = at_.is_stair() ? at_.block_x : at_.stem_x;
+    return rectangle(-x, x, at_.stem_low, at_.stem_high, at_.seat);
+  }
+  Loop pocket(double z) const { return rectangle(-at_.pocket_x, at_.pocket_x, -at_.pocket_y, at_.pocket_y, z); }
+  Loop duct(double z) const {
+    const double x = 0.5 * o_.strip_width;
+    return rectangle(-x, x, -at_.strip_y, CastingLayout::duct_length - at_.strip_y, z);
+  }
+  Loop window(double y, double z) const {
+    const double half_x = 0.5 * o_.leds.width_x + o_.clearance, half_y = 0.5 * o_.leds.length_y + o_.clearance;
+    return rectangle(-half_x, half_x, y - half_y, y + half_y, z);
+  }
+  /// Mounting holes, clockwise seen from above.
+  std::vector<Loop> holes(double z) const {
+    std::vector<Loop> loops;
+    for (const double x : {-1.0, 1.0})
+      for (const double y : {-1.0, 1.0})
+        loops.push_back(reversed(ring(Vec3d(x * (at_.half_width - CastingLayout::hole_inset),
+                                          at_.middle_y + y * (at_.half_length + 0.5 * o_.tab), z),
+            Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o_.hole_diameter)));
+    return loops;
+  }
+
+  Loop rail_end(double y, double side) const;
+  Loop stem_side(double side) const;
+  void rail();
+  void pocket();
+  void slot();
+  void underside();
+  void flat_top();
+  void recessed_top();
+
+  const CastingOptions& o_;
+  CastingLayout at_;
+  std::vector<double> led_y_;
+  double bottom_;
+  std::vector<Loop> holes_below_, holes_above_;
+  std::vector<Ridge> ridges_;
+  FacetedSolid solid_;
+};
+
+/// Of stem and block: seen along +y for `side` 1, from the other end for −1, counter-clockwise.
+inline auto CarrierSolid::rail_end(double y, double side) const -> Loop {
+  const double w = side * at_.stem_x, b = side * at_.block_x, top = at_.stem_height;
+  if (!at_.is_stair()) return {{-w, y, at_.seat}, {w, y, at_.seat}, {w, y, top}, {-w, y, top}};
+  return {{-b, y, at_.seat}, {b, y, at_.seat}, {b, y, 0.0}, {w, y, 0.0}, {w, y, top}, {-w, y, top}, {-w, y, 0.0},
+      {-b, y, 0.0}};
+}
+
+/// At x > 0 for `side` 1, at x < 0 for −1, counter-clockwise from outside, with the recesses' ends.
+inline auto CarrierSolid::stem_side(double side) const -> Loop {
+  const double x = side * at_.stem_x, from = side > 0.0 ? at_.stem_low : at_.stem_high,
+               to = side > 0.0 ? at_.stem_high : at_.stem_low, h = at_.stem_height, floor = at_.recess_floor;
+  Loop recesses;  // towards +y
+  for (const auto& [low, high] : recess_floors(ridges_))
+    recesses.insert(recesses.end(), {{x, low, h}, {x, low, floor}, {x, high, floor}, {x, high, h}});
+  if (side > 0.0) recesses = reversed(recesses);
+  Loop loop{{x, from, 0.0}, {x, to, 0.0}, {x, to, h}};
+  loop.insert(loop.end(), recesses.begin(), recesses.end());
+  loop.emplace_back(x, from, h);
+  return loop;
+}
+
+/// The sides and ends of stem and block, and the block's top.
+inline void CarrierSolid::rail() {
+  const double w = at_.stem_x, b = at_.block_x, low = at_.stem_low, high = at_.stem_high, seat = at_.seat;
+  solid_.face(rail_end(low, 1.0));
+  solid_.face(stem_side(1.0));
+  solid_.face(rail_end(high, -1.0));
+  solid_.face(stem_side(-1.0));
+  if (!at_.is_stair()) return;
+  solid_.face({{b, low, seat}, {b, high, seat}, {b, high, 0.0}, {b, low, 0.0}});
+  solid_.face({{-b, high, seat}, {-b, low, seat}, {-b, low, 0.0}, {-b, high, 0.0}});
+  solid_.face(rectangle(w, b, low, high, 0.0));
+  solid_.face(rectangle(-b, -w, low, high, 0.0));
+}
+
+/// From above; the wires' duct goes on through the plate.
+inline void CarrierSolid::pocket() {
+  solid_.band(reversed(duct(bottom_)), reversed(duct(at_.pocket_floor)));
+  solid_.band(reversed(pocket(at_.pocket_floor)), reversed(pocket(at_.stem_height)));
+}
+
+/// From below, with a window for each LED.
+inline void CarrierSolid::slot() {
+  const double ceiling = at_.slot_ceiling(o_);
+  solid_.band(reversed(pocket(bottom_)), reversed(pocket(ceiling)));
+  std::vector<Loop> windows;
+  for (const double y : led_y_) {
+    solid_.band(reversed(window(y, ceiling)), reversed(window(y, at_.recess_floor)));
+    windows.push_back(window(y, ceiling));
+  }
+  solid_.face(reversed(pocket(ceiling)), windows);
+}
+
+inline void CarrierSolid::underside() {
+  std::vector<Loop> openings;  // seen from below
+  for (const Loop& loop : holes_below_) openings.push_back(reversed(loop));
+  openings.push_back(at_.has_recesses() ? pocket(bottom_) : duct(bottom_));
+  solid_.face(reversed(plate(bottom_)), openings);
+}
+
+inline void CarrierSolid::flat_top() {
+  solid_.face(pocket(at_.pocket_floor), {reversed(duct(at_.pocket_floor))});
+  solid_.face(rectangle(-at_.stem_x, at_.stem_x, at_.stem_low, at_.stem_high, at_.stem_height),
+      {reversed(pocket(at_.stem_height))});
+}
+
+inline void CarrierSolid::recessed_top() {
+  const double w = at_.stem_x, h = at_.stem_height, floor = at_.recess_floor;
+  for (const Ridge& r : ridges_) solid_.face(rectangle(-w, w, r.low, r.high, h));
+  const auto floors = recess_floors(ridges_);
+  for (std::size_t k = 0; k < floors.size(); ++k) {
+    const auto [from, to] = floors[k];
+    solid_.face(rectangle(-w, w, from, to, floor), {reversed(window(led_y_[k], floor))});
+    solid_.face({{w, from, floor}, {-w, from, floor}, {-w, from, h}, {w, from, h}});
+    solid_.face({{-w, to, floor}, {w, to, floor}, {w, to, h}, {-w, to, h}});
+  }
+}
+
+}  // namespace detail
+
+inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions& o) {
+  validate(o, s);
+  return detail::CarrierSolid(s, o).surface();
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/fabrication/mould_half.hpp
 #ifndef SINGLE_INCLUDE_LUMO_FABRICATION_MOULD_HALF_HPP
 #define SINGLE_INCLUDE_LUMO_FABRICATION_MOULD_HALF_HPP
 
 namespace lumo {
 
-/// An opening through the wall of mould half A at the end at which the pad is poured: the frustum of a cone along y;
-/// lengths in m, places in (x, z).
+/// An opening through the mould's wall at the end at which the pad is poured: the frustum of a cone along y; lengths in
+/// m, places in (x, z).
 struct Opening {
   std::array<double, 2> at_pad, outside;  ///< centres at the pad's end and at the mould's outer face
   double radius, outer_radius;
@@ -3883,42 +3904,53 @@ struct Opening {
 /// end face is the highest place of the cavity.
 inline std::vector<Opening> pour_openings(const HalfSection& section, const CastingOptions& options = {});
 
-/// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half
-/// B is the other side and the other end. The parting runs along the crown (x = 0) and round the ends, so that no face
-/// of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends draw at β and the crown at its own slope.
-/// A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate. Throws
-/// InvalidArgument, MeshError.
+/// Mould half A: the pad's side at x > 0 and its whole distal end. Half B is the other side and the other end. The end
+/// that is poured has gate, vents and openings for the cores: the distal one, or the proximal one of a pad with a cap.
+/// The parting runs along the crown (x = 0) and round the ends, so that no face of the pad needs draft of its own:
+/// opened along (cos β, sin β, 0) the ends draw at β and the crown at its own slope. A cone and a socket on the parting
+/// face centre the halves; the rim below takes in the carrier's plate. Throws InvalidArgument, MeshError.
 inline TriangleSurface mould_half_a(const HalfSection& section, const CastingOptions& options = {});
 inline TriangleSurface mould_half_b(const HalfSection& section, const CastingOptions& options = {});
 
 inline std::vector<Opening> pour_openings(const HalfSection& s, const CastingOptions& o) {
   // Own choices: a funnel of 15° half angle that widens upwards only, as far as the mould allows, high up in a thick
   // dome; vents in the corners that open outwards, at most to the mould's wall there.
-  constexpr double gate_depth = 4.5e-3, above_funnel = 2.0e-3, corner = 2.5e-3, widest_vent = 1.9e-3;
+  constexpr double gate_depth = 4.5e-3, above_funnel = 2.0e-3, widest_vent = 1.9e-3;
   const CastingLayout at(s, o);
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
   const double z = std::max(0.5 * (at.stem_height + at.top), at.top - gate_depth);
   const double funnel =
       std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - above_funnel - (z - gate))));
-  const double corner_x = at.half_width - corner;
+  const double corner_x = at.half_width - CastingLayout::vent_inset, corner_z = at.seat + CastingLayout::vent_inset;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
   for (const double side : {-1.0, 1.0})
-    list.push_back({{side * corner_x, corner}, {side * corner_x, corner}, vent,
+    list.push_back({{side * corner_x, corner_z}, {side * corner_x, corner_z}, vent,
         std::min(vent + length * std::tan(3.0_deg), widest_vent)});
   return list;
 }
 
 namespace detail {
 
-/// Adds the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left
-/// out.
+/// Adds the faces of one half, as of half A with the pad's middle at y = 0; `poured` is that with the openings, and
+/// with notches for the cores, which are closed below by the mould where the plate lies lower than they.
 class MouldHalf {
  public:
   MouldHalf(const HalfSection& s, const CastingOptions& o, bool poured)
-      : o_(o), at_(s, o), outline_(pad_outline(s)), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+      : o_(o),
+        at_(s, o),
+        outline_(pad_outline(s)),
+        near_(-at_.half_length),
+        end_(at_.half_length),
+        rim_(at_.seat - at_.rim) {
     if (!poured) return;
-    openings_ = pour_openings(s, o);
-    if (at_.void_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
+    for (const Opening& opening : pour_openings(s, o))
+      passages_.push_back(
+          {round(opening.at_pad, end_, opening.radius), round(opening.outside, at_.mould_y, opening.outer_radius)});
+    if (at_.void_width <= 0.0) return;
+    const std::vector<Notch> cores{{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
+    if (!at_.is_stair()) notches_ = cores;
+    else
+      for (const Notch& core : cores) passages_.push_back({window(core, end_), window(core, at_.mould_y)});
   }
 
   TriangleSurface surface() {
@@ -3927,7 +3959,7 @@ class MouldHalf {
     underside();
     outside();
     notches();
-    openings();
+    for (const Passage& p : passages_) solid_.band(reversed(p.outside), reversed(p.at_pad));
     return solid_.surface();
   }
 
@@ -3938,6 +3970,19 @@ class MouldHalf {
   struct Notch {
     double from, to;  ///< along x
   };
+  /// Through the end wall; counter-clockwise seen along +y.
+  struct Passage {
+    Loop at_pad, outside;
+  };
+
+  static Loop round(const std::array<double, 2>& center, double y, double radius) {
+    return ring(Vec3d(center[0], y, center[1]), Vec3d::UnitX(), Vec3d::UnitZ(), radius);
+  }
+  /// Of a core's opening where it is closed below.
+  Loop window(const Notch& n, double y) const {
+    const double low = -o_.clearance, roof = at_.notch_roof;
+    return upright({{n.from, low}, {n.to, low}, {n.to, roof}, {n.from, roof}}, y);
+  }
 
   /// Of corners (x, z), in a plane of constant y.
   static Loop upright(const Corners& corners, double y) {
@@ -3970,14 +4015,13 @@ class MouldHalf {
   void underside();
   void outside();
   void notches();
-  void openings();
 
   const CastingOptions& o_;
   CastingLayout at_;
   Corners outline_;
-  std::vector<Opening> openings_;
-  std::vector<Notch> notches_;
-  double near_, end_, rim_;  ///< y of the cavity's ends, z of the rim's foot
+  std::vector<Passage> passages_;
+  std::vector<Notch> notches_;  ///< open towards the plate
+  double near_, end_, rim_;     ///< y of the cavity's ends, z of the rim's foot
   FacetedSolid solid_;
 };
 
@@ -3985,18 +4029,16 @@ class MouldHalf {
 inline void MouldHalf::cavity() {
   solid_.band(upright(outline_, near_), upright(outline_, end_), false);
   const Corners crown(outline_.rbegin(), outline_.rend());
-  Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_},
+  Corners face{{at_.half_width, at_.seat}, {at_.rim_x, at_.seat}, {at_.rim_x, rim_}, {at_.mould_x, rim_},
       {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
   face.insert(face.end(), crown.begin(), crown.end() - 1);
   solid_.face(upright(face, near_));
 
-  Corners wall = stepped(0.0, at_.notch_roof);
+  Corners wall = stepped(at_.seat, at_.notch_roof);
   wall.insert(wall.end(), outline_.begin(), outline_.end());
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
-  for (const Opening& opening : openings_)
-    holes.push_back(reversed(
-        ring(Vec3d(opening.at_pad[0], end_, opening.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.radius)));
+  for (const Passage& p : passages_) holes.push_back(reversed(p.at_pad));
   solid_.face(upright(wall, end_), holes);
 }
 
@@ -4019,20 +4061,20 @@ inline void MouldHalf::parting() {
 
 /// The ledge that lies on the carrier's plate, and the rim round it.
 inline void MouldHalf::underside() {
-  const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
+  const double left = -at_.mould_x, seat = at_.seat, from = notches_.empty() ? left : at_.notch_outer;
   solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y},
                                  {from, end_}, {at_.half_width, end_}},
-      0.0)));
+      seat)));
   if (!notches_.empty())
     for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
-      solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
+      solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, seat)));
   solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y},
                                  {left, at_.rim_y}, {at_.rim_x, at_.rim_y}},
       rim_)));
-  solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, 0.0}, {near_, 0.0}}, at_.rim_x)));
-  Corners inner = stepped(0.0, -o_.clearance);  // along its top
+  solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, seat}, {near_, seat}}, at_.rim_x)));
+  Corners inner = stepped(seat, -o_.clearance);  // along its top
   std::reverse(inner.begin(), inner.end());
-  inner.insert(inner.end(), {{left, rim_}, {at_.rim_x, rim_}, {at_.rim_x, 0.0}});
+  inner.insert(inner.end(), {{left, rim_}, {at_.rim_x, rim_}, {at_.rim_x, seat}});
   solid_.face(upright(inner, at_.rim_y));
 }
 
@@ -4040,14 +4082,11 @@ inline void MouldHalf::outside() {
   const double right = at_.mould_x, top = at_.mould_top, far = at_.mould_y;
   solid_.face(level({{0.0, near_}, {right, near_}, {right, far}, {-right, far}, {-right, end_}, {0.0, end_}}, top));
   solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
-  solid_.face(reversed(
-      lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
+  solid_.face(reversed(lengthwise(
+      {{end_, at_.seat}, {at_.rim_y, at_.seat}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
   std::vector<Loop> holes;
-  for (const auto& [a, b] : notches_)
-    holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
-  for (const Opening& opening : openings_)
-    holes.push_back(
-        ring(Vec3d(opening.outside[0], far, opening.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.outer_radius));
+  for (const Notch& n : notches_) holes.push_back(window(n, far));
+  for (const Passage& p : passages_) holes.push_back(p.outside);
   solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
 }
 
@@ -4063,26 +4102,21 @@ inline void MouldHalf::notches() {
   }
 }
 
-inline void MouldHalf::openings() {
-  for (const Opening& o : openings_) {
-    const Loop inner = ring(Vec3d(o.at_pad[0], end_, o.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.radius);
-    const Loop outer =
-        ring(Vec3d(o.outside[0], at_.mould_y, o.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.outer_radius);
-    solid_.band(reversed(outer), reversed(inner));
-  }
-}
-
 }  // namespace detail
 
 inline TriangleSurface mould_half_a(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
-  return detail::MouldHalf(s, o, true).surface();
+  const CastingLayout at(s, o);
+  TriangleSurface half = detail::MouldHalf(s, o, at.pour > 0.0).surface();
+  for (Vec3d& v : half.vertices) v.y() += at.middle_y;
+  return half;
 }
 
 inline TriangleSurface mould_half_b(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
-  TriangleSurface half = detail::MouldHalf(s, o, false).surface();
-  for (Vec3d& v : half.vertices) v = Vec3d(-v.x(), -v.y(), v.z());
+  const CastingLayout at(s, o);
+  TriangleSurface half = detail::MouldHalf(s, o, at.pour < 0.0).surface();
+  for (Vec3d& v : half.vertices) v = Vec3d(-v.x(), at.middle_y - v.y(), v.z());
   return half;
 }
 
@@ -4185,6 +4219,7 @@ struct CastingPart {
   TriangleSurface assembled;  ///< where it is in the closed mould, the pad's frame [m]
   TriangleSurface printed;    ///< as it prints best: on z = 0, without supports, its corner at the origin [m]
   int copies = 1;
+  bool stays = false;        ///< in the finger
   double volume_m3 = 0.0;    ///< of one
   Vec3d box{0.0, 0.0, 0.0};  ///< edges of the printed one's bounding box [m]
 };
@@ -4192,16 +4227,20 @@ struct CastingPart {
 /// Silicone that a cast takes [m³].
 struct CastVolume {
   double pad = 0.0;       ///< the design's, exact
-  double fits = 0.0;      ///< clearance about the LED strip and at the stem's ends, which fills up too
+  double fits = 0.0;      ///< clearance about a strip in the stem's top and at the carrier's ends, which fills up too
   double openings = 0.0;  ///< gate and vents up to the mould's outer face: cut off
   double total() const { return pad + fits + openings; }
 };
 
-/// All that one pad is made with: carrier, mould halves a and b, and for a pad with voids the cores. Throws
-/// InvalidArgument, MeshError.
+/// All that one pad is made with: carrier, mould halves a and b, for a pad with voids the cores, and for a stem with
+/// recesses the bar below its LED strip. Throws InvalidArgument, MeshError.
 inline std::vector<CastingPart> casting_kit(const HalfSection& section, const CastingOptions& options = {});
 
 inline CastVolume cast_volume(const HalfSection& section, const CastingOptions& options = {});
+
+/// What a printer or a caster has to know about this finger beside docs/fabrication.md, a sentence each. Throws
+/// InvalidArgument.
+inline std::vector<std::string> casting_notes(const HalfSection& section, const CastingOptions& options = {});
 
 /// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an
 /// undercut. Faces of the half that lie within the pad's box are such.
@@ -4214,8 +4253,8 @@ inline Vec3d opening_direction(double angle = 10.0_deg) { return {std::cos(angle
 namespace detail {
 
 /// Turned by a rotation and moved to the corner of the printer's bed.
-inline CastingPart print_part(std::string name, TriangleSurface surface, const Mat3d& turn, int copies = 1) {
-  CastingPart part{std::move(name), surface, std::move(surface), copies};
+inline CastingPart print_part(std::string name, TriangleSurface surface, const Mat3d& turn) {
+  CastingPart part{std::move(name), surface, std::move(surface)};
   for (Vec3d& v : part.printed.vertices) v = turn * v;
   const SurfaceReport report = validate_surface(part.printed);
   for (Vec3d& v : part.printed.vertices) v -= report.low;
@@ -4234,33 +4273,73 @@ inline std::vector<CastingPart> casting_kit(const HalfSection& s, const CastingO
               on_side = (Mat3d() << 0, 1, 0, 0, 0, 1, 1, 0, 0).finished();
   std::vector<CastingPart> kit;
   kit.push_back(detail::print_part("carrier", carrier_solid(s, o), flat));
+  kit.back().stays = true;
   kit.push_back(detail::print_part("mould_a", mould_half_a(s, o), on_far_end));
   kit.push_back(detail::print_part("mould_b", mould_half_b(s, o), on_near_end));
-  if (s.design.w_v > 0.0) kit.push_back(detail::print_part("core", core_solid(s, o), on_side, 2));
+  if (s.design.w_v > 0.0) {
+    kit.push_back(detail::print_part("core", core_solid(s, o), on_side));
+    kit.back().copies = 2;
+  }
+  if (CastingLayout(s, o).has_recesses()) {
+    kit.push_back(detail::print_part("led_bar", led_bar_solid(s, o), on_side));
+    kit.back().stays = true;
+  }
   return kit;
 }
 
 inline CastVolume cast_volume(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  CastVolume v{2.0 * s.exact_area_m2() * s.length_m(),
-      4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height +
-          2.0 * at.stem_x * at.stem_height * o.clearance,
-      0.0};
+  CastVolume v{2.0 * s.exact_area_m2() * (1e-3 * s.pad.length), 0.0, 0.0};
+  if (CastingLayout::has_cap(s)) v.pad += 2.0 * casting_cap_section(s).exact_area_m2() * (1e-3 * s.pad.cap_length);
+  if (!at.has_recesses())
+    v.fits = 4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height;
+  const double ends = CastingLayout::has_cap(s) ? 0.5 * o.clearance : o.clearance;  // that the mould closes
+  v.fits += (2.0 * at.stem_x * at.stem_height - 2.0 * at.block_x * at.seat) * ends;
   for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
   return v;
+}
+
+inline std::vector<std::string> casting_notes(const HalfSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  const auto mm = [](double length_m) { return short_number(1e3 * length_m); };
+  std::vector<std::string> list;
+  if (at.void_width > 0.0 && at.void_width < CastingOptions::thinnest_wall)
+    list.push_back("the cores are " + mm(at.void_width) +
+                   " mm thick, less than two lines of a 0.4 mm nozzle: cut them from sheet, by core.dxf");
+  const double beside = at.stem_x - 0.5 * o.strip_width - o.clearance;
+  if (beside < CastingOptions::thinnest_wall - 1e-9)
+    list.push_back(
+        "the carrier is " + mm(beside) + " mm thick beside the LED strip, less than two lines of a 0.4 mm nozzle");
+  if (s.lies_on_stem())
+    list.push_back("the silicone lies free on the stem: coat the stem's top" +
+                   std::string(at.void_width > 0.0 ? "" : " and sides") +
+                   (CastingLayout::has_cap(s) ? " and the carrier's end under the cap" : "") +
+                   " with a release agent, and prime the other faces of the carrier that silicone touches");
+  if (at.has_recesses())
+    list.push_back("the recesses must stay full of air: before the stem is coated, cover each of the " +
+                   std::to_string(o.leds.count) + ", " + mm(o.recess.length_y) + " mm long, with thin clear film");
+  if (at.pour < 0.0)
+    list.push_back(
+        "the proximal end is poured: lean the mould with its plate down until silicone covers the stem's other "
+        "end, below which air would stay");
+  return list;
 }
 
 inline double least_draft(const TriangleSurface& half, const HalfSection& s, const Vec3d& direction) {
   constexpr double rounding = 1e-9;  // [m]
   const double width = s.half_width_m() + rounding, top = s.height_m() + rounding,
-               length = 0.5 * s.length_m() + rounding;
+               length = 0.5 * s.length_m() + rounding, middle_y = 0.5e-3 * s.pad.cap_length,
+               low = pad_outline(s).front()[1];
   double least = 0.5 * pi;
   for (const auto& t : half.triangles) {
     const Vec3d &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])],
                 &c = half.vertices[std::size_t(t[2])];
     const Vec3d middle = (a + b + c) / 3.0;
-    if (std::abs(middle.x()) > width || std::abs(middle.y()) > length || middle.z() < 0.0 || middle.z() > top) continue;
+    if (std::abs(middle.x()) > width || std::abs(middle.y() - middle_y) > length || middle.z() < low ||
+        middle.z() > top)
+      continue;
     const Vec3d normal = (b - a).cross(c - a).normalized();
     least = std::min(least, std::asin(std::clamp(-normal.dot(direction.normalized()), -1.0, 1.0)));
   }

@@ -13,9 +13,10 @@ inline std::vector<lumo::FingerDesign> extreme_designs() {
 }
 
 /// Feasible designs drawn from the lattice, each as likely as any other.
-inline std::vector<lumo::FingerDesign> random_designs(int count, unsigned seed) {
+inline std::vector<lumo::FingerDesign> random_designs(
+    int count, unsigned seed, const lumo::PadDimensions& pad = lumo::plain_pad()) {
   std::mt19937_64 random(seed);
-  const lumo::DesignSpace space = lumo::finger_space();
+  const lumo::DesignSpace space = lumo::finger_space(pad);
   std::vector<lumo::FingerDesign> designs;
   while (int(designs.size()) < count) {
     std::vector<double> x;

@@ -38,27 +38,13 @@ void add_files(const HalfSection& s, const CastingOptions& o, const std::vector<
   std::vector<PrintItem> carrier, mould;
   for (const CastingPart& part : kit) {
     add(files, part.name + ".stl", [&](std::ostream& out) { write_stl(out, part.printed); });
-    (part.name == "carrier" ? carrier : mould).push_back({part.name, part.printed, part.copies});
+    (part.stays ? carrier : mould).push_back({part.name, part.printed, part.copies});
   }
   add(files, "carrier.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(carrier), Zip{}); });
   add(files, "mould.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(mould), Zip{}); });
   add(files, "casting_section", section_drawing(s, o));
   add(files, "led_strip", strip_drawing(s, o));
   if (s.design.w_v > 0.0) add(files, "core", core_drawing(s, o));
-}
-
-/// What a printer or a caster has to know about this design.
-std::vector<std::string> notes(const HalfSection& s, const CastingOptions& o) {
-  std::vector<std::string> list;
-  const CastingLayout at(s, o);
-  if (at.void_width > 0.0 && at.void_width < CastingOptions::thinnest_wall)
-    list.push_back("the cores are " + short_number(1e3 * at.void_width) +
-                   " mm thick, less than two lines of a 0.4 mm nozzle: cut them from sheet, by core.dxf");
-  const double beside = at.stem_x - 0.5 * o.strip_width - o.clearance;
-  if (beside < CastingOptions::thinnest_wall - 1e-9)
-    list.push_back("the carrier is " + short_number(1e3 * beside) +
-                   " mm thick beside the LED strip, less than two lines of a 0.4 mm nozzle");
-  return list;
 }
 
 double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m3 * density_kg_per_m3; }
@@ -75,12 +61,13 @@ Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
 }
 
 /// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
-std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json, Output& files) {
-  const HalfSection s = casting_section(pad_request.design());
+std::string kit_of(const Pad& pad_request, const CastingOptions& chosen, bool as_json, Output& files) {
+  const HalfSection s = casting_section(pad_request.design(), pad_request.finger.pad);
+  const CastingOptions o = chosen.made_for(pad_request.finger);
   const Silicone& rubber = pad_request.silicone;
   const std::vector<CastingPart> kit = casting_kit(s, o);
   const CastVolume volume = cast_volume(s, o);
-  const std::vector<std::string> remarks = notes(s, o);
+  const std::vector<std::string> remarks = casting_notes(s, o);
   const Vec3d direction = opening_direction();
   const double draft_deg =
       std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3d(-direction))) *
@@ -88,7 +75,7 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
   const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
 
   Json j = heading(pad_request);
-  j["options_mm"] = {{"clearance", mm(o.clearance)}, {"plate", mm(o.plate)}, {"wall", mm(o.wall)},
+  j["options_mm"] = {{"clearance", mm(o.clearance)}, {"plate", mm(CastingLayout(s, o).plate)}, {"wall", mm(o.wall)},
       {"strip_width", mm(o.strip_width)}, {"strip_height", mm(o.strip_height)}, {"gate", mm(o.gate_diameter)},
       {"vent", mm(o.vent_diameter)}};
   j["parts"] = Json::array();
@@ -126,6 +113,7 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
 
 struct Fabricate : Configured {
   CastingOptions casting;  ///< in m
+  bool plate_typed = false;
 
   void declare(CLI::App& app) {
     namespace limits = casting_limits;
@@ -134,8 +122,9 @@ struct Fabricate : Configured {
     add_text(app, "--out", out, "DIR", "Directory for the files; made when it is not there")->required();
     const auto length = [&](const char* option, double& into_m, const Limits& admitted_mm, const char* what) {
       const std::string help = lumo::message(what, " [mm], default ", short_number(1e3 * into_m));
-      add_value(app, option, "N", help, [&into_m, option, admitted_mm](const std::string& typed) {
+      add_value(app, option, "N", help, [this, &into_m, option, admitted_mm](const std::string& typed) {
         into_m = 1e-3 * number_in(option, typed, admitted_mm, "mm");
+        plate_typed = plate_typed || &into_m == &casting.plate;
       });
     };
     length("--clearance", casting.clearance, limits::clearance_mm, "On each side between printed parts");
@@ -146,6 +135,13 @@ struct Fabricate : Configured {
     length("--gate", casting.gate_diameter, limits::gate_mm, "Diameter of the gate at the pad");
     length("--vent", casting.vent_diameter, limits::vent_mm, "Diameter of the vents at the pad");
     add_common(app, *this);
+  }
+  void check() const {
+    Configured::check();
+    if (plate_typed && asked().pad.finger.pad.shoulder_height > 0.0)
+      throw UsageError(
+          "--plate is for a flat carrier; a stair's plate is set by finger.carrier_height_mm and "
+          "finger.shoulder_height_mm");
   }
   Result run(Output& files, Progress&) const { return kit_of(asked().pad, casting, json, files); }
 };

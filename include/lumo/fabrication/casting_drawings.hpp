@@ -9,7 +9,7 @@
 
 namespace lumo {
 
-/// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
+/// The cross-section of the closed mould through an LED, seen along y, at scale 1:1. Throws InvalidArgument.
 inline Drawing section_drawing(const HalfSection& section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
 inline Drawing strip_drawing(const HalfSection& section, const CastingOptions& options = {});
@@ -45,36 +45,82 @@ inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
 
 }  // namespace detail
 
+namespace detail {
+
+/// Half of the silicone, from the middle of the stem's top to the apex.
+inline std::vector<Drawing::Point> silicone_half(const HalfSection& s, const CastingLayout& at) {
+  const auto outline = pad_outline(s);
+  std::vector<Drawing::Point> half{{at.stem_x, at.stem_height}};
+  if (at.void_width > 0.0) half.insert(half.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
+  else half.push_back({at.stem_x, 0.0});
+  if (at.is_stair()) half.insert(half.end(), {{at.block_x, 0.0}, {at.block_x, at.seat}});
+  half.insert(half.end(), outline.begin(), outline.end());
+  return half;
+}
+
+/// The carrier through an LED: in one piece about a pocket, in two beside a slot.
+inline void add_carrier(Drawing& d, int layer, const CastingLayout& at, const CastingOptions& o) {
+  const double bottom = at.seat - at.plate, top = at.recess_floor;
+  std::vector<Drawing::Point> half;
+  if (at.has_recesses()) {
+    const double window = 0.5 * o.leds.width_x + o.clearance, ceiling = at.slot_ceiling(o);
+    half = {{at.pocket_x, bottom}, {at.pocket_x, ceiling}, {window, ceiling}, {window, top}};
+  } else {
+    half = {{at.pocket_x, at.pocket_floor}, {at.pocket_x, top}};
+  }
+  half.insert(half.end(), {{at.stem_x, top}, {at.stem_x, 0.0}});
+  if (at.is_stair()) half.insert(half.end(), {{at.block_x, 0.0}, {at.block_x, at.seat}});
+  half.insert(half.end(), {{at.plate_x, at.seat}, {at.plate_x, bottom}});
+  if (!at.has_recesses()) {
+    d.lines.push_back({layer, mirrored(std::move(half))});
+    return;
+  }
+  d.lines.push_back({layer, half});
+  for (auto& p : half) p[0] = -p[0];
+  d.lines.push_back({layer, std::move(half)});
+}
+
+/// The strip through an LED; its circuit and the LED apart where windows let the LEDs through.
+inline void add_strip(Drawing& d, int layer, const CastingLayout& at, const CastingOptions& o) {
+  const double led = 0.5 * o.leds.width_x, half = 0.5 * o.strip_width, top = at.recess_floor;
+  const double circuit_top = at.has_recesses() ? at.slot_ceiling(o) : top;
+  d.lines.push_back(box_line(layer, -half, half, at.pocket_floor, circuit_top));
+  if (at.has_recesses()) d.lines.push_back(box_line(layer, -led, led, circuit_top, top));
+  else d.lines.push_back({layer, {{-led, top}, {led, top}}, false});
+}
+
+}  // namespace detail
+
 inline Drawing section_drawing(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  const double led = 0.5 * o.leds.width_x;
   const bool voids = at.void_width > 0.0;
   const auto outline = pad_outline(s);
   Drawing d;
   d.layers = {
       {"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
-  if (voids) d.layers.push_back({"CORES", 1, "#d55e00"});
-  std::vector<Drawing::Point> pad{{at.stem_x, at.stem_height}};
-  if (voids) pad.insert(pad.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
-  else pad.push_back({at.stem_x, 0.0});
-  pad.insert(pad.end(), outline.begin(), outline.end());
-  d.lines.push_back({0, detail::mirrored(std::move(pad))});
-  d.lines.push_back(
-      {1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, at.stem_height}, {at.stem_x, at.stem_height},
-              {at.stem_x, 0.0}, {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
-  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, at.stem_height));
-  d.lines.push_back({2, {{-led, at.stem_height}, {led, at.stem_height}}, false});
+  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
+  const auto add_layer = [&](const Drawing::Layer& layer, const char* words) {
+    d.layers.push_back(layer);
+    legend.push_back(words);
+  };
+  if (voids) add_layer({"CORES", 1, "#d55e00"}, "cores");
+  d.lines.push_back({0, detail::mirrored(detail::silicone_half(s, at))});
+  detail::add_carrier(d, 1, at, o);
+  detail::add_strip(d, 2, at, o);
   for (const double side : {1.0, -1.0}) {
-    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim},
-        {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
+    std::vector<Drawing::Point> half{{at.half_width, at.seat}, {at.rim_x, at.seat}, {at.rim_x, at.seat - at.rim},
+        {at.mould_x, at.seat - at.rim}, {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
     half.insert(half.end(), outline.rbegin(), outline.rend() - 1);
     for (auto& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
     if (voids) d.lines.push_back(detail::box_line(4, side * at.stem_x, side * at.void_x, 0.0, at.stem_height));
   }
-  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
-  if (voids) legend.push_back("cores");
+  if (at.has_recesses()) {
+    const double half = 0.5 * o.strip_width;
+    add_layer({"LED_BAR", 6, "#aa4499"}, "LED bar");
+    d.lines.push_back(detail::box_line(int(d.layers.size()) - 1, -half, half, at.seat - at.plate, at.pocket_floor));
+  }
   for (int layer = 0; layer < int(legend.size()); ++layer)
     d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, detail::caption_height,
         legend[std::size_t(layer)]});
@@ -88,11 +134,9 @@ inline Drawing strip_drawing(const HalfSection& s, const CastingOptions& o) {
   Drawing d;
   d.layers = {{"OUTLINE", 7, "#222222"}, {"LEDS", 2, "#b07400"}};
   d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
-  for (int k = 0; k < o.leds.count; ++k) {
-    const double y = (k - 0.5 * (o.leds.count - 1)) * o.leds.pitch;
+  for (const double y : led_places(o.leds))
     d.lines.push_back(detail::box_line(
         1, y - 0.5 * o.leds.length_y, y + 0.5 * o.leds.length_y, -0.5 * o.leds.width_x, 0.5 * o.leds.width_x));
-  }
   detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width,
                              " mm, LEDs every ", 1e3 * o.leds.pitch, " mm"));
   return d;

@@ -1,19 +1,15 @@
 #pragma once
 
 #include "lumo/core/units.hpp"
-#include "lumo/fabrication/casting_options.hpp"
+#include "lumo/fabrication/casting_layout.hpp"
 #include "lumo/fabrication/faceted_solid.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
 
 namespace lumo {
-
-/// The rigid carrier: a plate with mounting holes, and on it the stem with a pocket for the LED strip and a duct for
-/// its wires through the plate. The stem is a clearance shorter than the pad, so that it goes between the mould's ends.
-/// The carrier stands on z = −plate. Throws InvalidArgument, MeshError.
-inline TriangleSurface carrier_solid(const HalfSection& section, const CastingOptions& options = {});
 
 namespace detail {
 
@@ -32,58 +28,22 @@ inline std::vector<Vec3d> rectangle(double x0, double x1, double y0, double y1, 
 
 }  // namespace detail
 
-inline TriangleSurface carrier_solid(const HalfSection& s, const CastingOptions& o) {
-  validate(o, s);
-  const CastingLayout at(s, o);
-  const double bottom = -o.plate, stem_y = at.half_length - 0.5 * o.clearance;
-  FacetedSolid solid;
-  const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
-  const auto stem = [&](double z) { return detail::rectangle(-at.stem_x, at.stem_x, -stem_y, stem_y, z); };
-  const auto pocket = [&](double z) {
-    return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
-  };
-  const auto duct = [&](double z) {
-    return detail::rectangle(
-        -0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z);
-  };
-  const auto holes = [&](double z) {
-    std::vector<std::vector<Vec3d>> loops;
-    for (const double x : {-1.0, 1.0})
-      for (const double y : {-1.0, 1.0})
-        loops.push_back(reversed(
-            detail::ring(Vec3d(x * (at.half_width - CastingLayout::hole_inset), y * (at.half_length + 0.5 * o.tab), z),
-                Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
-    return loops;
-  };
-  auto below = holes(bottom), above = holes(0.0);
-  for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
-  solid.band(plate(bottom), plate(0.0));
-  solid.band(stem(0.0), stem(at.stem_height));
-  solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
-  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(at.stem_height)));
-
-  std::vector<std::vector<Vec3d>> openings;  // seen from below
-  for (const auto& loop : below) openings.push_back(reversed(loop));
-  openings.push_back(duct(bottom));
-  solid.face(reversed(plate(bottom)), openings);
-  above.push_back(reversed(stem(0.0)));
-  solid.face(plate(0.0), above);
-  solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
-  solid.face(stem(at.stem_height), {reversed(pocket(at.stem_height))});
-  return solid.surface();
-}
-
 /// Outline (y, z) of the core that keeps a void free, counter-clockwise seen along −x [m]: a bar of the void's height
 /// from one end of the cavity out through the other, a handle behind it, and a step that stops at the mould.
 inline std::vector<std::array<double, 2>> core_outline(const HalfSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;
-  return {{-at.half_length, 0.0}, {at.mould_y, 0.0}, {at.mould_y, -o.rim}, {at.mould_y + handle, -o.rim},
-      {at.mould_y + handle, at.stem_height}, {-at.half_length, at.stem_height}};
+  const double inner = CastingLayout::has_cap(s) ? -at.stem_high : -at.half_length, outer = at.mould_y - at.middle_y;
+  std::vector<std::array<double, 2>> outline{{inner, 0.0}, {outer, 0.0}, {outer, -at.rim}, {outer + handle, -at.rim},
+      {outer + handle, at.stem_height}, {inner, at.stem_height}};
+  if (at.pour > 0.0) return outline;
+  for (auto& p : outline) p[0] = -p[0];
+  std::reverse(outline.begin(), outline.end());
+  return outline;
 }
 
-/// The core of the void at x > 0, as thick as the void is wide; the other one is the same, shifted. It comes out along
-/// +y. Throws InvalidArgument for a design without voids, MeshError.
+/// The core of the void at x > 0, as thick as the void is wide; the other one is the same, shifted. It comes out at the
+/// end that is poured. Throws InvalidArgument for a design without voids, MeshError.
 inline TriangleSurface core_solid(const HalfSection& s, const CastingOptions& o = {}) {
   validate(o, s);
   const CastingLayout at(s, o);
@@ -98,6 +58,24 @@ inline TriangleSurface core_solid(const HalfSection& s, const CastingOptions& o 
   solid.band(inner, outer);
   solid.face(reversed(inner));
   solid.face(outer);
+  return solid.surface();
+}
+
+/// The bar that fills the slot below an LED strip whose LEDs lie in recesses, and holds the strip up; the wires go past
+/// its end. Throws InvalidArgument for a stem without recesses, MeshError.
+inline TriangleSurface led_bar_solid(const HalfSection& s, const CastingOptions& o = {}) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  require_positive("depth of the LEDs' recesses", (at.stem_height - at.recess_floor) * 1e3, "mm");
+  const auto level = [&](double z) {
+    return detail::rectangle(
+        -0.5 * o.strip_width, 0.5 * o.strip_width, CastingLayout::duct_length - at.strip_y, at.strip_y, z);
+  };
+  const auto low = level(at.seat - at.plate), high = level(at.pocket_floor);
+  FacetedSolid solid;
+  solid.band(low, high);
+  solid.face(reversed(low));
+  solid.face(high);
   return solid.surface();
 }
 
