@@ -217,7 +217,7 @@ class Refusals(unittest.TestCase):
         ]:
             self.refused(USAGE, [f"unknown option '{option}'"], "study", "solver", option, value)
         self.refused(USAGE, ["--size", "mm"], "study", "solver", "--size", "0.1")
-        self.refused(USAGE, ["loads must increase"], "study", "solver", "--loads", "2,1")
+        self.refused(USAGE, ["increasing loads"], "study", "solver", "--loads", "2,1")
         self.refused(INFEASIBLE, ["t_min"], "study", "solver", "--theta", "2,6,8,5,0")
         self.refused(BAD_FILE, ["not a directory"], "study", "solver", "--out", "/dev/null/x")
 
@@ -380,7 +380,7 @@ class Refusals(unittest.TestCase):
                 ("--loads", "1,,2", ["'1,,2'", "field 2 of 3", "''", "[N]"]),
                 ("--loads", "1,two", ["'1,two'", "field 2 of 2", "'two'"]),
                 ("--loads", "1,1e9", ["'1,1e9'", "field 2", "'1e9'", "[0.001, 10000] N"]),
-                ("--loads", "2,5,4", ["field 3", "'4'", "5 N", "loads must increase"]),
+                ("--loads", "2,5,4", ["field 3", "'4'", "5 N", "increasing loads"]),
             ]:
                 self.refused(USAGE, [option, *words], command, option, text)
             for text in ["nan", "much"]:  # without a unit no brackets for one

@@ -50,6 +50,7 @@ EVALUATION = [
     "ledger",
     "mesh",
     "seconds",
+    "configuration",
 ]
 
 

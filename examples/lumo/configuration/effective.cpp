@@ -14,6 +14,14 @@ namespace lumo::program {
 
 namespace {
 
+/// The end of a message about a value, whose fields are shown so.
+std::string said(const Misfit& e, const std::vector<std::string>& fields) {
+  std::string why = e.detail;
+  if (e.field >= 0)
+    why = lumo::message("field ", e.field + 1, " of ", fields.size(), ", ", fields[std::size_t(e.field)], ", ", why);
+  return (why.empty() ? "" : " (" + why + ")") + ", must " + e.wanted;
+}
+
 /// Where a path leads in a tree; null: nowhere.
 const Json* find(const Json& tree, const std::string& path) {
   const Json* at = &tree;
@@ -178,8 +186,9 @@ void Effective::type(const std::string& flag, const std::string& path, const std
   try {
     put_marked(s, typed_value(s, typed), flag);
   } catch (const Misfit& e) {
-    throw UsageError(
-        flag + " is " + in_quotes(typed) + (e.detail.empty() ? "" : " (" + e.detail + ")") + ", must " + e.wanted);
+    std::vector<std::string> fields;
+    for (const std::string_view field : split(typed)) fields.push_back(in_quotes(field));
+    throw UsageError(flag + " is " + in_quotes(typed) + said(e, fields));
   }
 }
 
@@ -239,9 +248,12 @@ void Effective::read_text(const std::string& text, const std::string& source) {
   } catch (const UsageError& e) {
     throw InputError("configuration '" + source + "': " + e.what());
   } catch (const Misfit& e) {
-    const Json* const value = find(parsed(text), path);
-    throw InputError("configuration '" + source + "': " + path + " is " + short_form(*value) +
-                     (e.detail.empty() ? "" : " (" + e.detail + ")") + ", must " + e.wanted);
+    const Json whole = parsed(text);
+    const Json& value = *find(whole, path);
+    std::vector<std::string> fields;
+    if (value.is_array())
+      for (const Json& field : value) fields.push_back(short_form(field));
+    throw InputError("configuration '" + source + "': " + path + " is " + short_form(value) + said(e, fields));
   }
   *this = std::move(next);
 }

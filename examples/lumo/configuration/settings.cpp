@@ -481,8 +481,8 @@ void check_theta(const Json& v) {
   const std::string wanted = "be five numbers h_fp,h_ep,w_s,h_s,w_v [mm]";
   if (!v.is_array()) throw Misfit{"", wanted};
   if (v.size() != 5) throw Misfit{lumo::message(v.size(), v.size() == 1 ? " field" : " fields"), wanted};
-  for (const Json& field : v)
-    if (!field.is_number()) throw Misfit{short_form(field) + " is not a number", wanted};
+  for (int i = 0; i < 5; ++i)
+    if (!v[std::size_t(i)].is_number()) throw Misfit{"is not a number", wanted, i};
 }
 
 void check_list(const Setting& s, const Json& v) {
@@ -491,16 +491,16 @@ void check_list(const Setting& s, const Json& v) {
   if (!v.is_array() || v.empty()) throw Misfit{"", wanted};
   if (v.size() > 1000) throw Misfit{lumo::message(v.size(), " of them"), "be at most 1000 numbers"};
   for (std::size_t i = 0; i < v.size(); ++i) {
-    const std::string where = lumo::message("field ", i + 1, " of ", v.size(), ", ", short_form(v[i]), ", ");
-    if (!v[i].is_number()) throw Misfit{where + "is not a number", wanted};
+    const int at = int(i);
+    if (!v[i].is_number()) throw Misfit{"is not a number", wanted, at};
     const double value = v[i].get<double>();
     if (!(value >= s.limits.low && value <= s.limits.high))
-      throw Misfit{where + "is out of range",
-          wanted + ", each in [" + short_number(s.limits.low) + ", " + short_number(s.limits.high) + "] " + s.unit};
+      throw Misfit{
+          "is out of range", lumo::message(wanted, ", each in [", s.limits.low, ", ", s.limits.high, "] ", s.unit), at};
     if (s.increasing && i > 0 && value <= v[i - 1].get<double>())
-      throw Misfit{where + "follows " + exact(v[i - 1].get<double>()) + " " + s.unit, wanted};
+      throw Misfit{"follows " + exact(v[i - 1].get<double>()) + " " + s.unit, wanted, at};
     if (std::find(v.begin(), v.begin() + std::ptrdiff_t(i), v[i]) != v.begin() + std::ptrdiff_t(i))
-      throw Misfit{where + "is there twice", wanted};
+      throw Misfit{"is there twice", wanted, at};
   }
 }
 

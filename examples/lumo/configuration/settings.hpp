@@ -44,6 +44,7 @@ const Setting& setting(const std::string& path);
 /// A value that does not fit: what is wrong about it, if that needs words, and what it must be.
 struct Misfit {
   std::string detail, wanted;
+  int field = -1;  ///< of a list; −1: the whole
 };
 /// Throws Misfit.
 void put(const Setting& setting, Configuration& configuration, const Json& value);
