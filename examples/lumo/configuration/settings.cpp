@@ -105,9 +105,9 @@ Settings design_and_silicone() {
   Setting theta{"theta_mm", Kind::numbers, Mark::code, "Design h_fp, h_ep, w_s, h_s, w_v",
       [](const Configuration& c) { return numbers(c.pad.theta_mm); },
       [](Configuration& c, const Json& v) {
-        std::array<double, 5> theta{};
-        for (std::size_t i = 0; i < 5; ++i) theta[i] = v[i].get<double>() + 0.0;  // no −0
-        c.pad.theta_mm = FingerDesign::from(theta).values();  // on the lattice in every bit, but for rounding
+        std::array<double, 5> given{};
+        for (std::size_t i = 0; i < 5; ++i) given[i] = v[i].get<double>() + 0.0;  // no −0
+        c.pad.theta_mm = FingerDesign::from(given).values();  // on the lattice in every bit, but for rounding
       }};
   theta.limits = {-std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
   theta.unit = "mm";
