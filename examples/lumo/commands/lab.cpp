@@ -44,11 +44,14 @@ template <class Lab> void leave(const Lab& rig, Recording log, NewFolder& folder
 struct Lab : Configured {
   std::function<LabPlan()> plan;  ///< none: of a hand
   bool to_20_N = false;           ///< with joint torque
-  ResponsesRequest light{.threads = all_threads()};
+  ResponsesRequest light;
   std::string folder;
 
   explicit Lab(std::function<LabPlan()> p, bool with_torque = false) : plan(std::move(p)), to_20_N(with_torque) {
-    effective = Effective({.pad = {.silicone = solaris()}});
+    light.threads = all_threads();
+    Configuration defaults;
+    defaults.pad.silicone = solaris();
+    effective = Effective(defaults);
   }
 
   void declare(CLI::App& app) {

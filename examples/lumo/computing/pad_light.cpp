@@ -11,6 +11,12 @@ namespace lumo::program {
 
 namespace {
 
+Configuration of_pad(const Pad& pad) {
+  Configuration whole;
+  whole.pad = pad;
+  return whole;
+}
+
 /// What the virtual lab computes its light with.
 struct PadSettings {
   PadGrid grid;
@@ -45,7 +51,7 @@ struct PadSettings {
 std::string pad_responses_key(const Pad& o, bool coarse) {
   const PadSettings s(o.finger, coarse);
   return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ",
-      text_of(tree_of({.pad = o}, {"silicone", "finger", "leds", "mesh"}), -1), ", sphere ", 1e3 * s.grid.diameter_m,
+      text_of(tree_of(of_pad(o), {"silicone", "finger", "leds", "mesh"}), -1), ", sphere ", 1e3 * s.grid.diameter_m,
       " mm, ", s.grid.places, " places every ", 1e3 * s.grid.spacing_m, " mm, loads ", joined(s.grid.load_N),
       " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge, " mm, rays ",
       s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
@@ -53,7 +59,7 @@ std::string pad_responses_key(const Pad& o, bool coarse) {
 
 PadResponses make_pad_responses(const Pad& o, bool coarse, int threads, Progress& progress) {
   const PadSettings s(o.finger, coarse);
-  auto pipeline = pipeline_for<SideSight>({.pad = o}, Light<SideSight>(s.rays, s.sight));
+  auto pipeline = pipeline_for<SideSight>(of_pad(o), Light<SideSight>(s.rays, s.sight));
   pipeline.focus = s.focus;
   pipeline.rays.rounds = 0;
   const Body body = finger(o.design(), o.silicone, s.finger);
