@@ -2,8 +2,17 @@
 
 #include "lumo/morphology/section.hpp"
 
+#include <cmath>
 #include <random>
 #include <vector>
+
+/// Area of a regular polygon in a circle.
+inline double ring_area(double radius, int corners = 32) {
+  return 0.5 * corners * std::sin(2.0 * lumo::pi / corners) * radius * radius;
+}
+inline double frustum(double r, double R, double height) {
+  return height / 3.0 * (ring_area(r) + std::sqrt(ring_area(r) * ring_area(R)) + ring_area(R));
+}
 
 /// Designs at the ends of the space: lowest and highest domes, narrowest and widest stems and voids, thinnest silicone.
 inline std::vector<lumo::FingerDesign> extreme_designs() {

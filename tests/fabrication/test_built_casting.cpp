@@ -55,11 +55,6 @@ struct Kit {
   double inside(const std::string& name, const Vec3d& point_mm) const { return inside(part(name), point_mm); }
 };
 
-double ring_area(double radius) { return 16.0 * std::sin(2.0 * pi / 32) * radius * radius; }
-double frustum(double r, double R, double height) {
-  return height / 3.0 * (ring_area(r) + std::sqrt(ring_area(r) * ring_area(R)) + ring_area(R));
-}
-
 /// Where the point [mm] of the closed mould lies, by the formulas of the finger alone.
 enum class Place { silicone, core, film, carrier, outside, near_a_face };
 

@@ -11,14 +11,6 @@ using namespace lumo;
 
 namespace {
 
-/// Area of a regular polygon in a circle.
-double ring_area(double radius, int corners = 32) {
-  return 0.5 * corners * std::sin(2.0 * pi / corners) * radius * radius;
-}
-double frustum(double r, double R, double height) {
-  return height / 3.0 * (ring_area(r) + std::sqrt(ring_area(r) * ring_area(R)) + ring_area(R));
-}
-
 const CastingPart& part(const std::vector<CastingPart>& kit, const std::string& name) {
   for (const CastingPart& p : kit)
     if (p.name == name) return p;

@@ -47,7 +47,7 @@ struct Config : Configured {
     std::string text = "| setting | default | may be | source | what |\n|---|---|---|---|---|\n";
     for (const Setting& s : settings())
       text += "| `" + s.path + "` | " + value_text(effective.shown(s)) + " | " + admitted(s) + " | " +
-              std::string(name(s.mark)) + " | " + s.help + " |\n";
+              std::string(name(source_of(s, asked()))) + " | " + s.help + " |\n";
     text += "\n| assumption | what |\n|---|---|\n";
     for (const NamedAssumption& a : named_assumptions()) text += "| `" + a.name + "` | " + a.words + " |\n";
     return text;

@@ -245,6 +245,7 @@ void Effective::read_text(const std::string& text, const std::string& source) {
       if (const Json* const value = find(whole, s.path)) next.put_marked(s, *value, from);
     }
     next.check_silicone();
+    next.check_ensemble(whole);
   } catch (const UsageError& e) {
     throw InputError("configuration '" + source + "': " + e.what());
   } catch (const Misfit& e) {
@@ -271,6 +272,13 @@ void Effective::check_silicone() const {
       throw UsageError("silicone " + in_quotes(card) + " is none of DS and Sol, and " + s.path + " is missing");
 }
 
+void Effective::check_ensemble(const Json& file) const {
+  const Json* const given = find(file, "ensemble.name");
+  if (given != nullptr && *given != "own" && *given != name(value_.ensemble))
+    throw UsageError(
+        "ensemble.name is " + short_form(*given) + ", and a value beside it is none of its own: must be own");
+}
+
 void Effective::check() const {
   check_silicone();
   validate(value_.pad.silicone);
@@ -291,7 +299,8 @@ Json Effective::dump() const {
   Json whole = tree();
   for (const Setting& s : settings()) {
     const auto from = from_.find(s.path);
-    whole["from"][s.path] = from == from_.end() ? "default (" + std::string(name(s.mark)) + ")" : from->second;
+    whole["from"][s.path] =
+        from == from_.end() ? "default (" + std::string(name(source_of(s, value_))) + ")" : from->second;
   }
   return whole;
 }

@@ -44,6 +44,8 @@ class Effective {
 
  private:
   void check_silicone() const;
+  /// Refuses a file's name of an ensemble that is another.
+  void check_ensemble(const Json& file) const;
   /// Marks what `change` changes.
   template <class Change> void layer(const std::string& from, const Change& change);
   void put_marked(const Setting& s, const Json& value, const std::string& from);

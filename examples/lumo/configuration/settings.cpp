@@ -263,7 +263,7 @@ Settings readout() {
               "readout.bins", paper, {0, 10000}, "Regions along the finger",
               [](auto& c) -> auto& { return c.pad.finger.readout.bins; }),
       length(
-          "readout.half_range_mm", code, {0.001, 1000}, "|y| up to which the pad is seen",
+          "readout.half_range_mm", code, {0.001, 1000}, "Half of the length that is seen, about y = 0",
           [](auto& c) -> auto& { return c.pad.finger.readout.half_range; }),
       number(
           "readout.min_abs_nx", inferred, {{0, 1}}, "How far sideways the normal of a surface that is seen points",
@@ -530,6 +530,14 @@ std::string_view name(Mark mark) {
     case Mark::inferred: return "inferred";
     default: return "lumo";
   }
+}
+
+Mark source_of(const Setting& s, const Configuration& configuration) {
+  Configuration built;
+  built.pad.theta_mm = built_baseline().values();
+  built.pad.finger = built_finger();
+  built.search.references = References::built;
+  return s.mark == Mark::code && s.get(configuration) != s.get(built) ? Mark::lumo : s.mark;
 }
 
 const std::vector<Setting>& settings() {

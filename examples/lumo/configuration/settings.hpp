@@ -19,6 +19,10 @@ enum class Mark {
 };
 std::string_view name(Mark mark);
 
+struct Setting;
+/// The same of a configuration's value: those of a finger that is not as its authors built it are lumo's own.
+Mark source_of(const Setting& setting, const Configuration& configuration);
+
 enum class Kind { number, number_or_null, whole, flag, word, numbers };
 
 /// One value of a configuration. Units stand in the path.
