@@ -191,9 +191,7 @@ class Refusals(unittest.TestCase):
                 ("--element", "quadratic", "linear"),
                 ("--law", "neo_hookean", "newton"),
             ]:
-                self.refused(
-                    USAGE, [f"{option} {value}", "--mode paper", own], command, "--mode", "paper", option, value
-                )
+                self.refused(USAGE, [option, value, "mode paper", own], command, "--mode", "paper", option, value)
         for command in [["evaluate"], ["campaign", "run", "--store", "s"]]:
             for text in ["0", "-1", "101", "nan", "little"]:
                 self.refused(USAGE, ["--ray-error", f"'{text}'"], *command, "--ray-error", text)

@@ -4,6 +4,7 @@
 
 #include "lumo/morphology/finger.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -30,7 +31,9 @@ std::vector<Point> envelope(const FingerDesign& d, const PadDimensions& pad) {
   for (std::size_t i = 0; i < half.x.size(); ++i)
     if (half.tag[i] == SectionTag::dome) outline.push_back({1e3 * half.x[i], 1e3 * half.z[i]});
   outline.push_back({0.0, d.h_fp + d.h_ep});
-  return with_image(std::move(outline));
+  outline = with_image(std::move(outline));
+  std::rotate(outline.begin(), outline.end() - 1, outline.end());  // the base first
+  return outline;
 }
 
 std::string label(const char* what, double mm) { return std::string(what) + " = " + short_number(mm) + " mm"; }
