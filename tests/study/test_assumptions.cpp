@@ -62,6 +62,19 @@ TEST_CASE(
   }
   CHECK(assumption_variants().size() == 18);
   CHECK(names.size() == 18);
+
+  std::set<std::string> keys;
+  for (const auto& list : {assumption_variants(), absorption_variants()})
+    for (const AssumptionVariant& d : list) keys.insert(d.key);
+  CHECK(keys.size() == 26);
+  for (const AssumptionVariant& d : absorption_variants()) {
+    FingerAssumptions other = usual;
+    d.apply(other);
+    INFO(d.name());
+    CHECK(other.silicone.extinction_per_m() == Approx(usual.silicone.extinction_per_m()).epsilon(1e-12));
+    CHECK(other.silicone.absorption_per_m <= 71.0);
+    CHECK(same_mechanics(other, usual));
+  }
   CHECK(lit == std::set<std::string>{"LEDs", "visible normal", "visible side", "bins", "scattering albedo", "indenter",
                    "carrier albedo"});
 }
@@ -80,7 +93,7 @@ std::vector<AssumptionVariant> few_variants() {
   std::vector<AssumptionVariant> rows;
   for (const AssumptionVariant& d : assumption_variants())
     if (d.quantity == "tilt plane" || d.value == "0.95" || d.value == "+10 %") rows.push_back(d);
-  rows.push_back({"pad", "too thick", [](FingerAssumptions& r) { r.finger.pad.t_min = 9.0; }});
+  rows.push_back({"thick", "pad", "too thick", [](FingerAssumptions& r) { r.finger.pad.t_min = 9.0; }});
   return rows;
 }
 
