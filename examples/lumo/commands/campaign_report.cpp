@@ -38,13 +38,13 @@ std::string typed(const std::vector<std::string>& stores, const std::string& pag
 }
 
 /// Presses the selected pads, each once, at y = 0 along z; what goes wrong is said in the page.
-void add_presses(Json& campaigns, int threads, Progress& progress) {
+void add_presses(Json& campaigns, const std::vector<Configuration>& asked, int threads, Progress& progress) {
   std::vector<Configuration> requests;
   std::vector<std::pair<std::size_t, std::size_t>> wanted;  // campaign, request
   for (std::size_t c = 0; c < campaigns.size(); ++c) {
     if (campaigns[c]["design"].is_null()) continue;
     for (const double diameter_mm : pressed_diameters_mm) {
-      Configuration request = configuration_of(campaigns[c]["configuration"]);
+      Configuration request = asked[c];
       request.pad.theta_mm = campaigns[c]["design"]["theta_mm"].get<std::array<double, 5>>();
       request.ensemble = {};
       request.touch.diameter_mm = diameter_mm;
@@ -97,13 +97,15 @@ struct CampaignReport : Common {
   /// What the page shows; `title` goes on with the campaigns' names.
   Json data_of(const std::string& path, std::string& title, Progress& progress) const {
     Json campaigns = Json::array(), variables = Json::array();
+    std::vector<Configuration> asked;
     for (const std::string& store : stores) {
       const StoredCampaign campaign = read_campaign(SqliteJournal(store), store);
       title += (campaigns.empty() ? ": " : "; ") + campaign_name(campaign.problem);
       campaigns.push_back(campaign_model(campaign, store));
+      asked.push_back(campaign.problem.asked);
     }
-    add_presses(campaigns, threads, progress);
-    const PadDimensions pad = configuration_of(campaigns.front()["configuration"]).pad.finger.pad;
+    add_presses(campaigns, asked, threads, progress);
+    const PadDimensions& pad = asked.front().pad.finger.pad;
     for (const Variable& v : finger_space(pad).variables)
       variables.push_back({{"name", v.name}, {"unit", v.unit}, {"lower", v.lower}, {"upper", v.upper}});
     return {{"lumo", version}, {"results_version", results_version}, {"plotly", chart_library_version()},

@@ -65,7 +65,7 @@ std::array<double, 3> gain_of(const StoredCampaign& c, int threads, Progress& pr
     return make_depths(o, threads, progress);
   };
   const std::array<double, 5>& theta = c.trials[*c.selected].theta_mm;
-  const std::array<double, 5> reference = baseline_of(c.problem.asked).values();
+  const std::array<double, 5> reference = baseline_of(c.problem.asked.search.references).values();
   const std::vector<double> chosen = depths(theta), baseline = theta == reference ? chosen : depths(reference);
   std::array<double, 3> gain{};
   for (std::size_t k = 0; k < gain.size(); ++k) gain[k] = progressive_constraint_gain(chosen[k], baseline[k]);

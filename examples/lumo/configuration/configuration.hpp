@@ -80,6 +80,14 @@ struct Configuration {
   bool operator==(const Configuration&) const = default;
 };
 
+/// The designs that a search with these references starts with, and the one that others are compared with.
+inline std::vector<FingerDesign> designs_of(References references) {
+  return references == References::built ? built_references() : reference_designs();
+}
+inline FingerDesign baseline_of(References references) {
+  return references == References::built ? built_baseline() : baseline_design();
+}
+
 /// Ensembles that have a name.
 struct NamedEnsemble {
   std::string_view name;

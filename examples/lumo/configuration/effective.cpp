@@ -108,28 +108,25 @@ void assume_built(Configuration& c) {
   c.search.references = References::built;
 }
 
-const std::vector<std::pair<NamedAssumption, void (*)(Configuration&)>> about_fingers = {
-    {{"built", "the finger as its authors built it"}, assume_built},
-    {{"plain", "a pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone"}, assume_plain},
-    {{"authors",
-         "built, and what the authors' code has otherwise: the film over an LED closes on touch, regions stay in "
-         "space"},
+const std::vector<NamedAssumption> about_fingers = {{"built", "the finger as its authors built it", assume_built},
+    {"plain", "a pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone", assume_plain},
+    {"authors",
+        "built, and what the authors' code has otherwise: the film over an LED closes on touch, regions stay in "
+        "space",
         [](Configuration& c) {
           assume_built(c);
           c.pad.finger.recess.film_closes = 0.0;
           c.pad.finger.readout.in_space = true;
         }},
-    {{"bonded_stem", "stem: bonded, as on a primed one"},
-        [](Configuration& c) { c.pad.finger.pad.stem = Stem::bonded; }},
-    {{"film_closes_on_touch", "film over LEDs: closes on touch"},
+    {"bonded_stem", "stem: bonded, as on a primed one", [](Configuration& c) { c.pad.finger.pad.stem = Stem::bonded; }},
+    {"film_closes_on_touch", "film over LEDs: closes on touch",
         [](Configuration& c) { c.pad.finger.recess.film_closes = 0.0; }},
-    {{"film_closes_20_um", "film over LEDs: closes below 20 µm"},
+    {"film_closes_20_um", "film over LEDs: closes below 20 µm",
         [](Configuration& c) { c.pad.finger.recess.film_closes = 20e-6; }},
-    {{"both_sides_seen", "visible side: both"}, [](Configuration& c) { c.pad.finger.readout.one_side = false; }},
-    {{"carrier_0.8", "carrier albedo: 0.8"}, [](Configuration& c) { c.pad.finger.carrier_albedo = 0.8; }},
-    {{"tilt_about_flat_top", "tilt: about z = h_fp"},
-        [](Configuration& c) { c.pad.finger.pivot = TiltPivot::flat_top; }},
-    {{"thickness_along_axes", "t_min: along the axes"},
+    {"both_sides_seen", "visible side: both", [](Configuration& c) { c.pad.finger.readout.one_side = false; }},
+    {"carrier_0.8", "carrier albedo: 0.8", [](Configuration& c) { c.pad.finger.carrier_albedo = 0.8; }},
+    {"tilt_about_flat_top", "tilt: about z = h_fp", [](Configuration& c) { c.pad.finger.pivot = TiltPivot::flat_top; }},
+    {"thickness_along_axes", "t_min: along the axes",
         [](Configuration& c) { c.pad.finger.pad.thickness = Thickness::along_axes; }}};
 
 void apply_variant(const AssumptionVariant& variant, Configuration& c) {
@@ -141,22 +138,13 @@ void apply_variant(const AssumptionVariant& variant, Configuration& c) {
   if (a.tilt != c.touch.tilt) c.touch.tilt = c.ensemble.tilt = a.tilt;
 }
 
-std::vector<AssumptionVariant> all_variants() {
-  std::vector<AssumptionVariant> all = assumption_variants();
-  for (AssumptionVariant& v : absorption_variants()) all.push_back(std::move(v));
-  return all;
-}
-
-std::array<double, 5> baseline_of(const Configuration& c) {
-  return (c.search.references == References::built ? built_baseline() : baseline_design()).values();
-}
-
 }  // namespace
 
 std::vector<NamedAssumption> named_assumptions() {
-  std::vector<NamedAssumption> all;
-  for (const auto& whole : about_fingers) all.push_back(whole.first);
-  for (const AssumptionVariant& v : all_variants()) all.push_back({v.key, v.name()});
+  std::vector<NamedAssumption> all = about_fingers;
+  for (const auto& variants : {assumption_variants(), absorption_variants()})
+    for (const AssumptionVariant& v : variants)
+      all.push_back({v.key, v.name(), [v](Configuration& c) { apply_variant(v, c); }});
   return all;
 }
 
@@ -197,22 +185,19 @@ void Effective::set(const std::string& assignment) {
   if (at == std::string::npos || at == 0)
     throw UsageError("--set is " + in_quotes(assignment) + ", must be PATH=VALUE, as --set finger.stem=free");
   const std::string path = assignment.substr(0, at);
-  if (setting(path).path == path) type("--set " + path, path, assignment.substr(at + 1));
+  type("--set " + path, path, assignment.substr(at + 1));
 }
 
 void Effective::assume(const std::string& name, const std::string& from) {
-  const auto apply = [&](const auto& change) {
-    layer(from, [&](Configuration& c) {
-      change(c);
-      if (!given_.contains("theta_mm")) c.pad.theta_mm = baseline_of(c);
-    });
-  };
-  for (const auto& [whole, change] : about_fingers)
-    if (whole.name == name) return apply(change);
-  for (const AssumptionVariant& v : all_variants())
-    if (v.key == name) return apply([&](Configuration& c) { apply_variant(v, c); });
   std::vector<std::string> known;
-  for (const NamedAssumption& a : named_assumptions()) known.push_back(a.name);
+  for (const NamedAssumption& a : named_assumptions()) {
+    known.push_back(a.name);
+    if (a.name != name) continue;
+    return layer(from, [&](Configuration& c) {
+      a.apply(c);
+      if (!given_.contains("theta_mm")) c.pad.theta_mm = baseline_of(c.search.references).values();
+    });
+  }
   throw UsageError("unknown assumption " + in_quotes(name) + ", the nearest is '" + nearest(name, known) + "'");
 }
 
@@ -226,9 +211,10 @@ void Effective::read(const std::string& file) {
 void Effective::read_text(const std::string& text, const std::string& source) {
   const std::string from = "file " + source;
   std::string path;
+  Json whole;
   Effective next = *this;
   try {
-    const Json whole = parsed(text);
+    whole = parsed(text);
     if (!whole.is_object()) throw UsageError("is " + short_form(whole) + ", must be an object {...}");
     check_keys(whole, "");
     check_notes(whole);
@@ -249,7 +235,6 @@ void Effective::read_text(const std::string& text, const std::string& source) {
   } catch (const UsageError& e) {
     throw InputError("configuration '" + source + "': " + e.what());
   } catch (const Misfit& e) {
-    const Json whole = parsed(text);
     const Json& value = *find(whole, path);
     std::vector<std::string> fields;
     if (value.is_array())

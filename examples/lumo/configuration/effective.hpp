@@ -2,6 +2,7 @@
 
 #include "configuration/settings.hpp"
 
+#include <functional>
 #include <map>
 #include <string>
 
@@ -63,9 +64,10 @@ Configuration configuration_of(const Json& tree);
 /// Of all configuration files, as JSON Schema.
 Json schema();
 
-/// Names that --assume takes, and what they say.
+/// What --assume takes by name.
 struct NamedAssumption {
   std::string name, words;
+  std::function<void(Configuration&)> apply;
 };
 std::vector<NamedAssumption> named_assumptions();
 

@@ -546,11 +546,10 @@ const std::vector<Setting>& settings() {
 }
 
 const Setting& setting(const std::string& path) {
-  std::vector<std::string> paths;
-  for (const Setting& s : settings()) {
+  for (const Setting& s : settings())
     if (s.path == path) return s;
-    paths.push_back(s.path);
-  }
+  std::vector<std::string> paths;
+  for (const Setting& s : settings()) paths.push_back(s.path);
   throw UsageError("unknown setting " + in_quotes(path) + ", the nearest is '" + nearest(path, paths) + "'");
 }
 

@@ -107,12 +107,6 @@ CLI::Option* add_text(CLI::App& app, const std::string& flag, std::optional<std:
   return add_value(app, flag, kind, help, [&into](const std::string& typed) { into = typed; });
 }
 
-CLI::Option* add_number(CLI::App& app, const std::string& flag, double& into, const Limits& limits, const char* unit,
-    const std::string& help) {
-  return add_value(app, flag, "N", help,
-      [&into, flag, limits, unit](const std::string& typed) { into = number_in(flag, typed, limits, unit); });
-}
-
 CLI::Option* add_whole(CLI::App& app, const std::string& flag, int& into, int low, int high, const std::string& help) {
   return add_value(app, flag, "N", help,
       [&into, flag, low, high](const std::string& typed) { into = whole_in(flag, typed, low, high); });

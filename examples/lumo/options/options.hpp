@@ -34,8 +34,6 @@ CLI::Option* add_text(CLI::App& app, const std::string& flag, std::optional<std:
 /// May be repeated.
 CLI::Option* add_texts(CLI::App& app, const std::string& flag, std::vector<std::string>& into, const std::string& kind,
     const std::string& help);
-CLI::Option* add_number(CLI::App& app, const std::string& flag, double& into, const Limits& limits, const char* unit,
-    const std::string& help);
 CLI::Option* add_whole(CLI::App& app, const std::string& flag, int& into, int low, int high, const std::string& help);
 CLI::Option* add_flag(CLI::App& app, const std::string& flag, bool& into, const std::string& help);
 
@@ -43,18 +41,6 @@ CLI::Option* add_flag(CLI::App& app, const std::string& flag, bool& into, const 
 std::string one_of(const std::string& flag, const std::string& typed, const std::vector<std::string>& choices);
 CLI::Option* add_word(CLI::App& app, const std::string& flag, std::string& into,
     const std::vector<std::string>& choices, const std::string& help);
-
-/// Names of values, and what they stand for.
-template <class T, class Into> CLI::Option* add_choice(CLI::App& app, const std::string& flag, Into& into,
-    std::vector<std::pair<std::string, T>> choices, const std::string& help) {
-  return add_value(app, flag, "NAME", help, [&into, flag, choices = std::move(choices)](const std::string& typed) {
-    std::vector<std::string> names;
-    for (const auto& choice : choices) names.push_back(choice.first);
-    const std::string name = one_of(flag, typed, names);
-    for (const auto& [key, value] : choices)
-      if (key == name) into = value;
-  });
-}
 
 /// The number that the whole of `s` spells, the same in every locale; nullopt otherwise. May be NaN or infinite.
 std::optional<double> parse_number(std::string_view s);

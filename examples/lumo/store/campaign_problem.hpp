@@ -40,13 +40,6 @@ template <class Use> auto with_optimizer(const Problem& problem, const std::stri
   if (source == "paper") return use(Optimizer<RbfKernel, LogNehvi, FreshCandidates>(problem));
   return use(Optimizer<>(problem));
 }
-/// The designs that a search of this kind starts with.
-inline std::vector<FingerDesign> designs_of(References references) {
-  return references == References::built ? built_references() : reference_designs();
-}
-inline FingerDesign baseline_of(const Configuration& o) {
-  return o.search.references == References::built ? built_baseline() : baseline_design();
-}
 inline Problem problem_of(const Configuration& o, int evaluations) {
   return finger_problem(evaluations, std::uint64_t(o.search.seed), o.pad.finger.pad, designs_of(o.search.references));
 }
