@@ -125,7 +125,7 @@ void add_estimates(const std::vector<FrameEstimate>& estimates, const LogTruth& 
 
 std::optional<TorqueScale> Force::fitted(const ForceScore& score) const {
   const auto& forces = score.optical;
-  if (alpha_from > 0 &&
+  if (!forces.empty() &&
       std::none_of(forces.begin(), forces.end(), [&](const TorqueForce& f) { return f.sequence == alpha_from; }))
     throw UsageError(lumo::message("--alpha-from is ", alpha_from, ", a number that no sequence of ", log, " has"));
   return torque_scale(score.optical, alpha_from);

@@ -39,7 +39,7 @@ struct TorqueScale {
 
 namespace detail {
 
-/// Samples that a rule chooses: the α that fits them, Σ F₁ F / Σ F₁², and what a given α errs by.
+/// Least squares over the samples of chosen sequences; nullopt where all their forces are 0.
 template <class Chosen> std::optional<double> fitted_alpha(std::span<const TorqueForce> samples, Chosen chosen) {
   double products = 0.0, squares = 0.0;
   for (const TorqueForce& s : samples)
@@ -66,10 +66,10 @@ template <class Chosen> double mean_error_N(std::span<const TorqueForce> samples
 
 /// What a factor α from torque to force is worth that was fitted, by least squares through the origin, on the samples
 /// it is judged by, and on others. The paper's authors fit α on one of the six sequences that their MAE is taken over
-/// (dokkev/fingertip-design-framework, fig6d_force_timeseries.py); `fitted_on` is that sequence here. One
-/// sequence left out shows what contacts err by whose forces were not measured before. nullopt for fewer than two
-/// sequences, or one whose forces are all 0. Throws InvalidArgument for numbers that are not finite, or where no sample
-/// is of `fitted_on`.
+/// (dokkev/fingertip-design-framework, fig6d_force_timeseries.py); `fitted_on` is that sequence here. One sequence left
+/// out shows what contacts err by whose forces were not measured before. nullopt for fewer than two sequences, or one
+/// whose forces are all 0. Throws InvalidArgument for numbers that are not finite, or where no sample is of
+/// `fitted_on`.
 inline std::optional<TorqueScale> torque_scale(std::span<const TorqueForce> samples, int fitted_on = 0) {
   std::map<int, SequenceScale> sequences;
   for (const TorqueForce& s : samples) {
@@ -84,9 +84,10 @@ inline std::optional<TorqueScale> torque_scale(std::span<const TorqueForce> samp
   if (from == sequences.end())
     throw InvalidArgument(message("torque scale: there is no sequence ", fitted_on, " to fit alpha on"));
   TorqueScale scale;
-  for (auto& [number, s] : sequences) {
-    const auto here = [&](int sequence) { return sequence == number; };
-    const auto elsewhere = [&](int sequence) { return sequence != number; };
+  for (auto& entry : sequences) {
+    SequenceScale& s = entry.second;
+    const auto here = [&](int sequence) { return sequence == s.sequence; };
+    const auto elsewhere = [&](int sequence) { return sequence != s.sequence; };
     const auto own = detail::fitted_alpha(samples, here), others = detail::fitted_alpha(samples, elsewhere);
     if (!own || !others) return std::nullopt;
     s.alpha = *own;
