@@ -209,6 +209,17 @@ void study_location_and_force(const Study& study, const std::string& folder) {
       "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
 }
 
+/// Means over wide bins from those over fine ones.
+Eigen::MatrixXd shares(const LongitudinalBins& wide, const LongitudinalBins& fine) {
+  Eigen::MatrixXd share(wide.size(), fine.size());
+  for (Eigen::Index i = 0; i < wide.size(); ++i)
+    for (Eigen::Index j = 0; j < fine.size(); ++j)
+      share(i, j) = std::max(0.0, std::min(wide.edges_m[i + 1], fine.edges_m[j + 1]) -
+                                      std::max(wide.edges_m[i], fine.edges_m[j])) /
+                    (wide.edges_m[i + 1] - wide.edges_m[i]);
+  return share;
+}
+
 /// What all decoders and metrics say of re-contacts at one noise.
 struct Decoding {
   Tally nearest, linear, process, filter;
@@ -217,17 +228,17 @@ struct Decoding {
   void add(const VirtualRig& rig) {
     VirtualCamera start(rig), camera(rig);
     const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
-    GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+    const LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
+    GreenProfile fine = view.readout(bins);
     const std::vector<Profile> profiles = read_profiles(camera, fine);
     const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
     D.push_back(m.D_neighbor);
     W.push_back(m.W_recontact);
     Q.push_back(m.Q.value_or(0.0));
-    std::vector<Profile> regions;  // five bins each
-    for (const Profile& p : profiles)
-      regions.push_back(
-          {p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
-    const auto holds = hold_responses(regions, rig.session().segments);
+    const Eigen::MatrixXd share = shares(LongitudinalBins::parts(), bins);
+    std::vector<Profile> parts;
+    for (const Profile& p : profiles) parts.push_back({p.stamp_ns, share * p.value});
+    const auto holds = hold_responses(parts, rig.session().segments);
     const DecodingTask task = decoding_task(holds, {2.0, 5.0});
     const std::vector<double> loads = common_loads(holds, 2.0);
     const DecodingTask whole = decoding_task(holds, loads);

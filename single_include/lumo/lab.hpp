@@ -10804,7 +10804,8 @@ struct LoadStep {
   double load_N = 0.0;
   double ramp_s = 0.3;
   double hold_s = 1.0;
-  sense::SegmentKind kind = sense::SegmentKind::hold;  ///< of the hold's segment
+  /// Of the hold's segment. Steps of kind `cycle` with one number share a segment, ramps included.
+  sense::SegmentKind kind = sense::SegmentKind::hold;
   int cycle = -1;
 };
 
@@ -10832,6 +10833,7 @@ struct LabPlan {
   double free_run_s = 0.0;  ///< the joint sweeps without contact, to get to know its friction and weight
   std::vector<LabContact> contacts;
   std::vector<LabView> views{LabView{}};
+  double frames_per_s = 0.0;  ///< that are recorded; 0: all of the camera's
 };
 
 inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3, 15e-3, 25e-3};
@@ -10856,20 +10858,26 @@ inline LabPlan recontact_plan(int repetitions = 5) {
   return plan;
 }
 
-/// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics
-/// (paper, contact cycling).
+/// Two conditioning and five measured cycles between 2 and 15 N in one contact, at places 1, 3 and 5, three runs, each
+/// with re-contacts for the other metrics. 1 N/s, 1 s at both ends, five frames a second. Source: paper, contact
+/// cycling; conditioning, rate, dwell and frames from the authors' public code (dokkev/fingertip-design-framework,
+/// force_trajectory.py). Their approach angles of ±30° are not among them: the lab's angles are small.
 inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
+  constexpr double low_N = 2.0, high_N = 15.0, rate_N_per_s = 1.0, dwell_s = 1.0, rest_s = 2.0;
+  constexpr int conditioning = 2, measured = 5;
+  constexpr double ramp_s = (high_N - low_N) / rate_N_per_s;
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
+  plan.frames_per_s = 5.0;
   for (int r = 0; r < runs; ++r)
     for (int p = 0; p < 3; ++p) {
       const double y = lab_odd_places_m[std::size_t(p)];
-      LabContact c{p, y, r, {}};
-      for (int k = 0; k < 5; ++k)
-        for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, sense::SegmentKind::cycle, k});
+      LabContact c{p, y, r, {{low_N, low_N / rate_N_per_s, dwell_s, sense::SegmentKind::approach}}, 0.0, rest_s};
+      for (int k = -conditioning; k < measured; ++k)
+        for (const double f : {high_N, low_N}) c.steps.push_back({f, ramp_s, dwell_s, sense::SegmentKind::cycle, k});
       plan.contacts.push_back(std::move(c));
       // The same contact anew: one hold at each load, for W_recontact and D_neighbor of these runs.
-      plan.contacts.push_back({p, y, r, lab_holds({2, 5, 10, 15}, 0.3, 0.5)});
+      plan.contacts.push_back({p, y, r, lab_holds({2, 5, 10, 15}, 0.3, 1.0), 0.0, rest_s});
     }
   return plan;
 }
@@ -10974,6 +10982,7 @@ class VirtualRig {
   void add_segment(double from_s, double to_s, sense::SegmentKind kind) {
     session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
   }
+  void add_segment(double reached_s, const LabContact& c, std::size_t step);
   void deform();
   void record_joints();
   void record_forces();
@@ -11029,6 +11038,7 @@ inline VirtualRig::VirtualRig(
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
+  require_in_range("frames of a plan", plan_.frames_per_s, 0.0, 1000.0, "1/s");
   for (const LabContact& c : plan_.contacts) {
     require_in_range("place of a contact", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
@@ -11088,9 +11098,7 @@ inline void VirtualRig::lay_out_time() {
       t += s.ramp_s;
       load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
-      session_.segments.push_back(
-          {lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place, 1e3 * c.y_m,
-              c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi, 1e3 * light_->responses().diameter_m});
+      add_segment(t, c, k);
       t += s.hold_s;
     }
     phases_.push_back({t, t + release_s, load, 0.0, int(i)});
@@ -11098,6 +11106,22 @@ inline void VirtualRig::lay_out_time() {
   }
   phases_.push_back({t, t + last_rest_s, 0.0, 0.0, -1});
   end_s_ = t + last_rest_s;
+}
+
+/// Of a step whose load is reached at that time.
+inline void VirtualRig::add_segment(double reached_s, const LabContact& c, std::size_t step) {
+  const LoadStep& s = c.steps[step];
+  const bool cycle = s.kind == sense::SegmentKind::cycle;
+  const std::int64_t to_ns = lab_stamp(reached_s + s.hold_s);
+  if (cycle && step > 0 && c.steps[step - 1].kind == s.kind && c.steps[step - 1].cycle == s.cycle) {
+    sense::Segment& begun = session_.segments.back();
+    begun.to_ns = to_ns;
+    begun.load_N = std::max(begun.load_N, s.load_N);
+    return;
+  }
+  const double from_s = cycle ? reached_s - s.ramp_s : reached_s + settling_share * s.hold_s;
+  session_.segments.push_back({lab_stamp(from_s), to_ns, s.kind, c.place, 1e3 * c.y_m, c.repetition, s.cycle, s.load_N,
+      c.angle_rad * 180.0 / pi, 1e3 * light_->responses().diameter_m});
 }
 
 inline void VirtualRig::deform() {
@@ -11221,7 +11245,8 @@ inline void VirtualRig::record_frames() {
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s,
                averaged = half > 0.0 ? std::sin(half) / half : 1.0;
   int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
-  for (double t = first_frame_s; t < end_s_; t += 1.0 / c.frames_per_s) {
+  const double per_s = plan_.frames_per_s > 0.0 ? std::min(plan_.frames_per_s, c.frames_per_s) : c.frames_per_s;
+  for (double t = first_frame_s; t < end_s_; t += 1.0 / per_s) {
     const Sampled s = at(t);
     // The next contact's view is set while nothing touches.
     for (const Phase& p : phases_)

@@ -1568,6 +1568,21 @@ inline TimeSeries normal_force(
   return {std::move(stamp_ns), std::move(force_N)};
 }
 
+/// What the force sensor reads in the unloaded segments, mean normal force [N]; 0 without any.
+inline double force_tare_N(const Session& session, const std::vector<WrenchSample>& wrenches) {
+  double sum = 0.0;
+  long count = 0;
+  for (const WrenchSample& w : wrenches) {
+    const std::int64_t at = session.wrench_clock(w.stamp_ns);
+    for (const Segment& s : session.segments)
+      if (s.kind == SegmentKind::unloaded && s.holds(at)) {
+        sum += w.normal_force_N();
+        ++count;
+      }
+  }
+  return count > 0 ? sum / double(count) : 0.0;
+}
+
 /// The true contacts of a log, for comparison with its estimates. Estimators do not read it.
 class LogTruth {
  public:
@@ -1581,17 +1596,7 @@ class LogTruth {
   static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
     LogTruth t;
     t.segments_ = session.segments;
-    double tare = 0.0;
-    long count = 0;
-    for (const WrenchSample& w : wrenches) {
-      const std::int64_t at = session.wrench_clock(w.stamp_ns);
-      for (const Segment& s : t.segments_)
-        if (s.kind == SegmentKind::unloaded && s.holds(at)) {
-          tare += w.normal_force_N();
-          ++count;
-        }
-    }
-    t.force_ = normal_force(wrenches, session.wrench_clock, count > 0 ? tare / double(count) : 0.0);
+    t.force_ = normal_force(wrenches, session.wrench_clock, force_tare_N(session, wrenches));
     return t;
   }
   /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
@@ -5485,6 +5490,9 @@ struct LongitudinalBins {
 
   /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
   static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
+  /// Six equal parts of the same stretch, the decoder's. Source: the authors' public code
+  /// (dokkev/fingertip-design-framework, fig5c_decoder.py).
+  static LongitudinalBins parts() { return uniform(-27.5e-3, 27.5e-3, 6); }
   static LongitudinalBins uniform(double from_m, double to_m, int count) {
     require_in_range("number of bins", count, 1, 4096, "");
     require_in_range("first edge", from_m, -10.0, 10.0, "m");
@@ -6791,6 +6799,109 @@ template <ContactJacobian J> ForceEstimatorConfig force_config(const FingerModel
 
 #endif
 
+// ---- lumo/sense/force/torque_scale.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_TORQUE_SCALE_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_FORCE_TORQUE_SCALE_HPP
+
+namespace lumo::sense {
+
+/// A force by torque and place, as the given torque constants have it, and the truth.
+struct TorqueForce {
+  int sequence = 0;           ///< number of the contact that the sample is of
+  double true_y_m = 0.0;      ///< of that contact
+  double force_N = 0.0;       ///< α = 1; below 0 counts as 0
+  double true_force_N = 0.0;  ///< of the force sensor
+};
+
+/// One sequence with its own factor, and with that of all others.
+struct SequenceScale {
+  int sequence = 0, samples = 0;
+  double y_m = 0.0;
+  double alpha = 1.0, mae_in_sample_N = 0.0;                ///< fitted on this sequence, and judged on it
+  double alpha_of_others = 1.0, mae_out_of_sample_N = 0.0;  ///< fitted on all others, judged on this one
+};
+
+/// Mean absolute errors [N] of F = max(0, α F₁), where F₁ is the force as the given torque constants have it and α is
+/// fitted to true forces.
+struct TorqueScale {
+  std::vector<SequenceScale> sequences;
+  SequenceScale fitted_on;           ///< the one whose α the next two are of
+  double mae_in_sample_N = 0.0;      ///< over all samples, those that α was fitted on included
+  double mae_without_it_N = 0.0;     ///< over the samples of the other sequences
+  double mae_out_of_sample_N = 0.0;  ///< over all samples, each with the α fitted on the other sequences
+};
+
+namespace detail {
+
+/// Least squares over the samples of chosen sequences; nullopt where all their forces are 0.
+template <class Chosen> std::optional<double> fitted_alpha(std::span<const TorqueForce> samples, Chosen chosen) {
+  double products = 0.0, squares = 0.0;
+  for (const TorqueForce& s : samples)
+    if (chosen(s.sequence)) {
+      const double force = std::max(0.0, s.force_N);
+      products += force * s.true_force_N;
+      squares += force * force;
+    }
+  return squares > 0.0 ? std::optional(products / squares) : std::nullopt;
+}
+
+template <class Chosen> double mean_error_N(std::span<const TorqueForce> samples, double alpha, Chosen chosen) {
+  double sum = 0.0;
+  int n = 0;
+  for (const TorqueForce& s : samples)
+    if (chosen(s.sequence)) {
+      sum += std::abs(std::max(0.0, alpha * s.force_N) - s.true_force_N);
+      ++n;
+    }
+  return n > 0 ? sum / n : 0.0;
+}
+
+}  // namespace detail
+
+/// What a factor α from torque to force is worth that was fitted, by least squares through the origin, on the samples
+/// it is judged by, and on others. The paper's authors fit α on one of the six sequences that their MAE is taken over
+/// (dokkev/fingertip-design-framework, fig6d_force_timeseries.py); `fitted_on` is that sequence here. One sequence left
+/// out shows what contacts err by whose forces were not measured before. nullopt for fewer than two sequences, or one
+/// whose forces are all 0. Throws InvalidArgument for numbers that are not finite, or where no sample is of
+/// `fitted_on`.
+inline std::optional<TorqueScale> torque_scale(std::span<const TorqueForce> samples, int fitted_on = 0) {
+  std::map<int, SequenceScale> sequences;
+  for (const TorqueForce& s : samples) {
+    if (!std::isfinite(s.force_N) || !std::isfinite(s.true_force_N))
+      throw InvalidArgument("torque scale: forces must be finite");
+    SequenceScale& of = sequences[s.sequence];
+    of.sequence = s.sequence;
+    of.y_m += (s.true_y_m - of.y_m) / double(++of.samples);
+  }
+  if (sequences.size() < 2) return std::nullopt;
+  const auto from = sequences.find(fitted_on);
+  if (from == sequences.end())
+    throw InvalidArgument(message("torque scale: there is no sequence ", fitted_on, " to fit alpha on"));
+  TorqueScale scale;
+  for (auto& entry : sequences) {
+    SequenceScale& s = entry.second;
+    const auto here = [&](int sequence) { return sequence == s.sequence; };
+    const auto elsewhere = [&](int sequence) { return sequence != s.sequence; };
+    const auto own = detail::fitted_alpha(samples, here), others = detail::fitted_alpha(samples, elsewhere);
+    if (!own || !others) return std::nullopt;
+    s.alpha = *own;
+    s.alpha_of_others = *others;
+    s.mae_in_sample_N = detail::mean_error_N(samples, *own, here);
+    s.mae_out_of_sample_N = detail::mean_error_N(samples, *others, here);
+    scale.mae_out_of_sample_N += s.mae_out_of_sample_N * s.samples / double(samples.size());
+    scale.sequences.push_back(s);
+  }
+  scale.fitted_on = from->second;
+  const double alpha = scale.fitted_on.alpha;
+  scale.mae_in_sample_N = detail::mean_error_N(samples, alpha, [](int) { return true; });
+  scale.mae_without_it_N = detail::mean_error_N(samples, alpha, [&](int sequence) { return sequence != fitted_on; });
+  return scale;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/force/force_baselines.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_BASELINES_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_BASELINES_HPP
@@ -6805,6 +6916,7 @@ struct ForceSample {
   std::optional<double> estimated_y_m;          ///< of the localiser
   std::optional<double> fused_N;                ///< of the force estimator
   double true_y_m = 0.0, true_force_N = 0.0;
+  int sequence = 0;  ///< of samples in one contact
 };
 
 /// Mean absolute errors [N] of the ways to a force, over the samples for which each gave one.
@@ -6875,6 +6987,24 @@ class ContactTorques {
   TimeSeries series_;
 };
 
+/// Force at an assumed place by a sample's torques [N], of either sign; nullopt where they do not give it.
+template <ContactJacobian J>
+std::optional<double> force_at(const J& jacobian, const ForceSample& s, const ContactPoint& point, double sigma_Nm) {
+  const Identification f = solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), sigma_Nm);
+  return f.complete() ? std::optional(f.value[0]) : std::nullopt;
+}
+
+/// Forces at the places seen, for torque_scale.
+template <ContactJacobian J> std::vector<TorqueForce> optical_forces(
+    const J& jacobian, std::span<const ForceSample> samples, int link, double torque_sigma_Nm) {
+  std::vector<TorqueForce> list;
+  for (const ForceSample& s : samples)
+    if (s.estimated_y_m)
+      if (const auto f = force_at(jacobian, s, {link, *s.estimated_y_m}, torque_sigma_Nm))
+        list.push_back({s.sequence, s.true_y_m, *f, s.true_force_N});
+  return list;
+}
+
 /// Compares the ways to a force on the same samples. The middle of the `tested` range is the fixed arm. All ways alike
 /// give forces of at least 0.
 template <ContactJacobian J> ForceErrors force_errors(
@@ -6886,11 +7016,9 @@ template <ContactJacobian J> ForceErrors force_errors(
   };
   for (const ForceSample& s : samples) {
     const auto at = [&](ForceErrors::Error& error, double y) {
-      const ContactPoint point{tested.link, y};
-      const Identification f =
-          solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), torque_sigma_Nm);
-      if (f.complete()) count(error, f.value[0], s.true_force_N);
-      return f.complete() ? std::optional(f.value[0]) : std::nullopt;
+      const auto f = force_at(jacobian, s, {tested.link, y}, torque_sigma_Nm);
+      if (f) count(error, *f, s.true_force_N);
+      return f;
     };
     if (s.fused_N) count(e.fused, *s.fused_N, s.true_force_N);
     const auto optical = s.estimated_y_m ? at(e.optical, *s.estimated_y_m) : std::nullopt;
@@ -6969,18 +7097,26 @@ struct ForceScore {
   ForceErrors errors;
   int samples = 0;
   double coverage_90 = 0.0;  ///< of the fused force's 90 % interval
+  /// At the places seen, with torque constants as given: fitted on none of these samples (torque_scale fits a factor).
+  std::vector<TorqueForce> optical;
 };
 
 /// Over the frames with a true force of at least `from_N`. Where the localiser saw no single contact the optical way
-/// takes the middle of the tested range, so that all ways stand on the same samples.
+/// takes the middle of the tested range, so that all ways stand on the same samples; nothing is filled in from later
+/// frames, so that each estimate is causal. A sequence ends where the true force falls below `from_N` or the true place
+/// changes.
 template <ContactJacobian J> ForceScore force_score(std::span<const FrameEstimate> estimates, const LogTruth& truth,
     const J& jacobian, const PadRange& tested, double torque_sigma_Nm, double from_N = 0.5) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
+  bool touched = false;
   for (const FrameEstimate& e : estimates) {
     const LogTruth::Touch t = truth.at(e.stamp_ns);
+    if (t.force_N && *t.force_N < from_N) touched = false;
     if (!t.y_m || !t.force_N || *t.force_N < from_N || !e.joints) continue;
     ForceSample s;
+    if (!samples.empty()) s.sequence = samples.back().sequence + (touched && samples.back().true_y_m == *t.y_m ? 0 : 1);
+    touched = true;
     const Eigen::Index n = e.joints->size() / 2;
     s.stamp_ns = e.stamp_ns;
     s.position_rad = e.joints->head(n);
@@ -6999,8 +7135,9 @@ template <ContactJacobian J> ForceScore force_score(std::span<const FrameEstimat
   }
   ForceScore score;
   score.samples = int(samples.size());
-  if (!samples.empty())
-    score.errors = force_errors(jacobian, std::span<const ForceSample>(samples), tested, torque_sigma_Nm);
+  const std::span<const ForceSample> all(samples);
+  if (!all.empty()) score.errors = force_errors(jacobian, all, tested, torque_sigma_Nm);
+  score.optical = optical_forces(jacobian, all, tested.link, torque_sigma_Nm);
   score.coverage_90 = given > 0 ? double(covered) / given : 0.0;
   return score;
 }
@@ -8341,8 +8478,11 @@ static_assert(Decoder<GaussianProcessDecoder>);
 
 namespace lumo::sense {
 
-/// The paper's decoder: the place whose mean response is nearest (Euclidean). Probabilities are those of equal, round
-/// Gaussians about the templates, as wide as the training data scatter.
+/// The paper's decoder: the place whose template is nearest (Euclidean). The template is the mean, not the median, over
+/// the training data, which cross_validate makes all other repetitions. Probabilities are those of equal, round
+/// Gaussians about the templates, as wide as the training data scatter. Source: paper; the mean from its authors'
+/// public code (dokkev/fingertip-design-framework, fig5c_decoder.py), whose features are the signed means of six equal
+/// parts (LongitudinalBins::parts).
 struct NearestTemplate {
   class Model {
    public:
@@ -8388,8 +8528,9 @@ static_assert(Decoder<NearestTemplate>);
 
 namespace lumo::sense {
 
-/// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels ×
-/// loads. Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
+/// Slope of each channel's response over force [unit/N], by least squares with an intercept: a profile that is the same
+/// at all loads, such as the unloaded one, drops out, subtracted or not. `response`: channels × loads. Throws
+/// InvalidArgument for fewer than two different loads or numbers that are not finite.
 inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
   if (force_N.size() < 2 || response.cols() != force_N.size())
     throw InvalidArgument(message("slope over force: ", response.cols(), " responses and ", force_N.size(),
@@ -8401,7 +8542,8 @@ inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, co
   return response * centred / spread;
 }
 
-/// How far neighbouring places differ, against how well re-contacts repeat (paper Eq. 9).
+/// How far neighbouring places differ, against how well re-contacts repeat, by slopes (intensity_force_slope). Source:
+/// paper, Eq. 9; that no unloaded profile enters, its authors' public code (dokkev/fingertip-design-framework).
 struct RecontactMetrics {
   double D_neighbor = 0.0;  ///< median over neighbours of the RMS difference of their median profiles [unit/N]
   /// Median over places and re-contacts of the RMS deviation from the median profile [unit/N]
@@ -8504,29 +8646,6 @@ inline RecontactQuality recontact_quality(
   return q;
 }
 
-/// One run of cycles within maintained contact: `load[k]` holds the responses at matched force k, channels × cycles.
-struct CycleRun {
-  std::vector<Eigen::MatrixXd> load;
-};
-
-/// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at
-/// that force. The paper says "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles
-/// for re-contacts, is our reading. Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
-inline double cycle_variation(const std::vector<CycleRun>& runs) {
-  std::vector<double> deviation;
-  for (const CycleRun& run : runs)
-    for (const Eigen::MatrixXd& cycles : run.load) {
-      if (cycles.cols() < 2 || cycles.rows() < 1)
-        throw InvalidArgument(message(
-            "cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
-      if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
-      const Eigen::VectorXd middle = pointwise_median(cycles);
-      for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
-    }
-  if (deviation.empty()) throw InvalidArgument("cycle variation: no runs");
-  return median(deviation);
-}
-
 /// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both
 /// channels × re-contacts.
 inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
@@ -8564,7 +8683,7 @@ struct HoldResponse {
   int profiles = 0;
 };
 
-/// Responses of all segments of kind `hold` or `cycle` that have profiles. Each is taken against the mean over the last
+/// Responses of all segments of kind `hold` that have profiles. Each is taken against the mean over the last
 /// segment of kind `unloaded` that ended before it, because lamps drift between re-contacts; a session without any is
 /// an error. Throws InvalidArgument.
 inline std::vector<HoldResponse> hold_responses(
@@ -8585,7 +8704,7 @@ inline std::vector<HoldResponse> hold_responses(
   std::vector<HoldResponse> list;
   std::map<std::size_t, Eigen::VectorXd> unloaded;
   for (const Segment& s : segments) {
-    if (s.kind != SegmentKind::hold && s.kind != SegmentKind::cycle) continue;
+    if (s.kind != SegmentKind::hold) continue;
     const Segment* before = nullptr;
     for (const Segment& u : segments)
       if (u.kind == SegmentKind::unloaded && u.to_ns <= s.from_ns && (!before || u.to_ns > before->to_ns)) before = &u;
@@ -8602,7 +8721,7 @@ inline std::vector<HoldResponse> hold_responses(
   return list;
 }
 
-/// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
+/// Those holds of one indenter at one approach angle: places are compared under the same contact only.
 inline std::vector<HoldResponse> responses_of(
     const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
@@ -8621,7 +8740,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
   const Segment* first = nullptr;
   for (const HoldResponse& h : holds) {
     const Segment& s = h.segment;
-    if (s.kind != SegmentKind::hold || s.place < 0 || s.repetition < 0) continue;
+    if (s.place < 0 || s.repetition < 0) continue;
     if (!first) first = &s;
     if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
       throw InvalidArgument(message("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg,
@@ -8648,7 +8767,8 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 }  // namespace detail
 
-/// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts.
+/// Slope profiles p_{i,r} over the nominal loads of each re-contact: for each place along the finger, channels ×
+/// re-contacts. All holds of a re-contact that stand on one unloaded segment share its profile, which drops out.
 /// Throws InvalidArgument where more than one indenter or angle is among the holds, a load is held twice, or a place
 /// between two others is missing: its neighbours are none of each other.
 inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
@@ -8739,26 +8859,6 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
     task.fold.push_back(c.repetition);
   }
   return task;
-}
-
-/// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched
-/// loads.
-inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
-  std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
-  for (const HoldResponse& h : holds)
-    if (const Segment& s = h.segment; s.kind == SegmentKind::cycle)
-      runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
-  std::vector<CycleRun> list;
-  for (const auto& run : runs) {
-    CycleRun r;
-    for (const auto& load : run.second) {
-      Eigen::MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
-      for (Eigen::Index k = 0; k < m.cols(); ++k) m.col(k) = load.second[std::size_t(k)]->response;
-      r.load.push_back(std::move(m));
-    }
-    list.push_back(std::move(r));
-  }
-  return list;
 }
 
 }  // namespace lumo::sense

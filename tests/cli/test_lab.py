@@ -161,7 +161,8 @@ class Lab(unittest.TestCase):
                 "Q_high",
                 "Q_bootstrap_low",
                 "Q_bootstrap_high",
-                "W_cycle",
+                "W_cycle_DN",
+                "cycles",
                 "gain_percent",
             ],
         )
@@ -169,10 +170,16 @@ class Lab(unittest.TestCase):
         self.assertLessEqual(r["Q_low"], r["Q"])
         self.assertGreaterEqual(r["Q_high"], r["Q"])
         self.assertLess(r["Q_bootstrap_low"], r["Q_bootstrap_high"])
-        self.assertIsNone(r["W_cycle"])
+        self.assertIsNone(r["W_cycle_DN"])
+        self.assertEqual(r["cycles"], {"runs": 0, "runs_lost": 0, "from_N": None, "to_N": None})
         self.assertIsNone(r["gain_percent"])
         cycle = self.result("metrics", self.folder / "cycle", "--baseline", self.folder / "cycle")
-        self.assertGreater(cycle["W_cycle"], 0.0)
+        self.assertGreater(cycle["W_cycle_DN"], 0.0)
+        self.assertLess(cycle["W_cycle_DN"], 2.0)  # noise of frames and relaxation: below what one press changes
+        self.assertEqual(cycle["cycles"], {"runs": 9, "runs_lost": 0, "from_N": 3.0, "to_N": 14.0})
+        segments = json.loads((self.folder / "cycle" / "session.json").read_text())["segments"]
+        numbers = [s["cycle"] for s in segments if s["kind"] == "cycle"]
+        self.assertEqual(numbers, 9 * [-2, -1, 0, 1, 2, 3, 4])  # two for conditioning
         self.assertAlmostEqual(cycle["gain_percent"], 0.0)  # against itself
         imaging = self.result("metrics", self.folder / "imaging", "--out", self.folder / "m")
         self.assertGreater(imaging["Q"], 0.0)
@@ -198,12 +205,31 @@ class Lab(unittest.TestCase):
     def test_force(self):
         out = self.folder / "f"
         r = self.result("force", self.folder / "force", "--out", out)
-        self.assertEqual(list(r), ["samples", "mae_N", "coverage_90", "frame_ms", "alignment"])
+        self.assertEqual(list(r), ["samples", "mae_N", "alpha", "coverage_90", "frame_ms", "alignment"])
         self.assertGreater(r["alignment"]["torque_Nm"], 0.05)  # what the rig's current sensor scatters by, and more
         self.assertLess(r["alignment"]["torque_Nm"], 0.15)
         self.assertEqual(list(r["mae_N"]), ["fused", "optical", "fixed_arm", "known_location", "torque_only"])
         self.assertIsNone(r["mae_N"]["torque_only"])  # one joint does not tell
         self.assertGreater(r["mae_N"]["fixed_arm"], r["mae_N"]["known_location"])
+        self.assertEqual(r["alpha"]["of_mae_N"], {"alpha": 1.0, "fitted_on_sequence": None})
+        left_out = r["alpha"]["one_left_out"]
+        sequences = left_out["sequences"]
+        self.assertEqual([s["sequence"] for s in sequences], list(range(6)))  # one for each place
+        self.assertEqual(sum(s["samples"] for s in sequences), r["samples"])
+        self.assertAlmostEqual(
+            left_out["mae_out_of_sample_N"],
+            sum(s["samples"] * s["mae_out_of_sample_N"] for s in sequences) / r["samples"],
+        )
+        for k in [0, 4]:
+            one = self.result("force", self.folder / "force", "--alpha-from", k)["alpha"]["one_sequence"]
+            self.assertEqual(one["fitted_on_sequence"], k)
+            self.assertEqual(one["alpha"], sequences[k]["alpha"])
+            share = sequences[k]["samples"] / r["samples"]  # its own samples are in the one and not in the other
+            self.assertAlmostEqual(
+                one["mae_in_sample_N"],
+                share * sequences[k]["mae_in_sample_N"] + (1 - share) * one["mae_without_it_N"],
+            )
+        self.refused(USAGE, ["--alpha-from is 6", "no sequence"], "force", self.folder / "force", "--alpha-from", 6)
         rows = rows_of(out / "forces.csv")
         for row in rows:
             for key in ["force_N", "force_sigma_N", "y_mm"]:

@@ -3,6 +3,7 @@
 #include "lab/test_pad.hpp"
 #include "lumo/lab/side_camera.hpp"
 #include "lumo/lab/virtual_rig.hpp"
+#include "lumo/sense/decode/cycle_metrics.hpp"
 #include "lumo/sense/estimate.hpp"
 #include "lumo/sense/profile/finger_view.hpp"
 
@@ -227,6 +228,43 @@ TEST_CASE("LEDs off and no noise: what is left is the room", "[lab]") {
     CHECK(*std::max_element(i.pixels.begin(), i.pixels.end()) <=
           std::uint8_t(rig.rig().camera.black_DN + rig.rig().light.ambient_DN * 1.2 + 1.0));
   }
+}
+
+TEST_CASE("the cycle plan leaves what W_cycle needs: conditioning, both branches, loads at each picture", "[lab]") {
+  const PadLight light(test_pad());
+  LabPlan plan = cycle_plan(1);
+  CHECK(plan.contacts.size() == 6);
+  CHECK(cycle_plan().contacts.size() == 18);
+  plan.contacts.resize(1);
+  const auto cycles_of = [&](double noise) {
+    const VirtualRig rig(light, plan, 2, noise);
+    int conditioning = 0, measured = 0;
+    for (const Segment& s : rig.session().segments)
+      if (s.kind == SegmentKind::cycle) {
+        (s.cycle < 0 ? conditioning : measured) += 1;
+        CHECK(s.load_N == 15.0);
+        CHECK(1e-9 * double(s.to_ns - s.from_ns) == Approx(28.0));  // 13 N up and down at 1 N/s, 1 s at both ends
+      }
+    CHECK(conditioning == 2);
+    CHECK(measured == 5);
+    CHECK(rig.frames().size() == Approx(5.0 * (2.0 + 3.0 + 7 * 28.0 + 1.2)).margin(2));
+    VirtualCamera first(rig), all(rig);
+    const FingerView view = view_finger(first, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
+    GreenProfile readout = view.readout(LongitudinalBins::regions());
+    return cycle_runs(read_profiles(all, readout), rig.session(), rig.wrenches());
+  };
+  const LoggedCycles quiet = cycles_of(0.0), loud = cycles_of(1.0);
+  REQUIRE(quiet.runs.size() == 1);
+  REQUIRE(quiet.runs[0].size() == 5);
+  CHECK(quiet.lost == 0);
+  const CycleVariation silent = cycle_variation(quiet.runs), noisy = cycle_variation(loud.runs);
+  INFO("W_cycle " << silent.W_cycle_DN << " and " << noisy.W_cycle_DN << " DN");
+  CHECK(silent.from_N == 3.0);
+  CHECK(silent.to_N == Approx(14.0));
+  CHECK(noisy.W_cycle_DN > 2.0 * silent.W_cycle_DN);
+  // The deformation lags behind the load: at one load there is more light on the way back. No part of W_cycle.
+  const LoadCycle& last = quiet.runs[0].back();
+  CHECK((*profile_at(last.unloading, 8.0) - *profile_at(last.loading, 8.0)).maxCoeff() > 3.0 * silent.W_cycle_DN);
 }
 
 TEST_CASE("plans beyond what was computed are refused", "[lab]") {

@@ -50,7 +50,7 @@ std::pair<DecodingTask, DecodingReport> Decode::decoded(const SensedLog& s) cons
 Result Decode::run(Output& files, Progress& progress) const {
   const std::string path = recorded(progress);
   progress.stage("reading the log");
-  const SensedLog s = read_sensed_log(path, LongitudinalBins::regions(), progress);
+  const SensedLog s = read_sensed_log(path, LongitudinalBins::parts(), progress);
   const auto [task, report] = about(path, [&] { return decoded(s); });
   Json confusion = Json::array(), predictions = Json::array();
   std::string table = "repetition,y_mm,decoded_y_mm,probability\n";
@@ -86,7 +86,7 @@ Result Decode::run(Output& files, Progress& progress) const {
 }  // namespace
 
 void add_decode(CommandLine& line) {
-  line.add<Decode>("decode", "Place from regional responses, one repetition left out");
+  line.add<Decode>("decode", "Place from the response of six parts, one repetition left out");
 }
 
 }  // namespace lumo::program

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 namespace lumo::program {
@@ -16,25 +17,63 @@ using namespace sense;
 namespace {
 
 struct Force : EstimatingCommand {
+  int alpha_from = 0;  ///< number of a sequence
+
   void declare(CLI::App& app) {
     add_log(app);
     add_localizer(app);
+    add_whole(app, "--alpha-from", alpha_from, 0, 100000,
+        "Sequence of the log, from 0 (default), that a factor on torque is fitted on and tried on all");
     declare_live(app,
         "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG "
         "gives the joints, by its part without contact, and describes the finger",
         true);
   }
   void check() const { check_torques("force"); }
+  /// Throws UsageError.
+  std::optional<TorqueScale> fitted(const ForceScore& score) const;
   Result on_log(Output& files, Progress& progress) const override;
   void live(LiveLines& lines, Progress& progress) const override;
 };
 
 struct ForceResult {
   ForceScore score;
-  std::vector<double> times_ms;  ///< from a frame to its estimate
-  double off_rad, off_Nm;        ///< what a joint sample and the line through its neighbours differ by (RMS)
-  double clock_s;                ///< by what the joints' clock is off
+  std::optional<TorqueScale> scale;  ///< none: fewer than two sequences
+  std::vector<double> times_ms;      ///< from a frame to its estimate
+  double off_rad, off_Nm;            ///< what a joint sample and the line through its neighbours differ by (RMS)
+  double clock_s;                    ///< by what the joints' clock is off
 };
+
+/// The factors on torque, each with what it was fitted on.
+Json alphas(const std::optional<TorqueScale>& scale) {
+  const Json given = {{"alpha", 1.0}, {"fitted_on_sequence", nullptr}};
+  if (!scale) return {{"of_mae_N", given}, {"one_sequence", nullptr}, {"one_left_out", nullptr}};
+  Json sequences = Json::array();
+  for (const SequenceScale& s : scale->sequences)
+    sequences.push_back({{"sequence", s.sequence}, {"y_mm", number(1e3 * s.y_m)}, {"samples", s.samples},
+        {"alpha", number(s.alpha)}, {"mae_in_sample_N", number(s.mae_in_sample_N)},
+        {"alpha_of_others", number(s.alpha_of_others)}, {"mae_out_of_sample_N", number(s.mae_out_of_sample_N)}});
+  return {{"of_mae_N", given},
+      {"one_sequence", {{"alpha", number(scale->fitted_on.alpha)}, {"fitted_on_sequence", scale->fitted_on.sequence},
+                           {"mae_in_sample_N", number(scale->mae_in_sample_N)},
+                           {"mae_without_it_N", number(scale->mae_without_it_N)}}},
+      {"one_left_out", {{"mae_out_of_sample_N", number(scale->mae_out_of_sample_N)}, {"sequences", sequences}}}};
+}
+
+std::string alphas_text(const std::optional<TorqueScale>& scale) {
+  if (!scale) return "alpha            no second sequence to fit a factor on torque on\n";
+  double low = scale->sequences.front().alpha_of_others, high = low;
+  for (const SequenceScale& s : scale->sequences) {
+    low = std::min(low, s.alpha_of_others);
+    high = std::max(high, s.alpha_of_others);
+  }
+  const SequenceScale& from = scale->fitted_on;
+  return lumo::message("optical, torque times a fitted alpha\n  in sample       ", cell(scale->mae_in_sample_N, 2),
+      ", alpha ", cell(from.alpha, 3), " fitted on sequence ", from.sequence, " of ", scale->sequences.size(), " (y ",
+      cell(1e3 * from.y_m, 1), " mm), which is among them; ", cell(scale->mae_without_it_N, 2),
+      " without it\n  out of sample   ", cell(scale->mae_out_of_sample_N, 2),
+      ", each sequence by the alpha fitted on the others (", cell(low, 3), " to ", cell(high, 3), ")\n");
+}
 
 std::string shown(const ForceResult& r, bool as_json) {
   const auto mae = [](const ForceErrors::Error& e) { return e.samples > 0 ? e.mae_N : undefined; };
@@ -46,16 +85,19 @@ std::string shown(const ForceResult& r, bool as_json) {
                {"mae_N", {{"fused", number(mae(e.fused))}, {"optical", number(mae(e.optical))},
                              {"fixed_arm", number(mae(e.fixed_arm))}, {"known_location", number(mae(e.known_location))},
                              {"torque_only", number(mae(e.torque_only))}}},
+               {"alpha", alphas(r.scale)},
                {"coverage_90", r.score.samples > 0 ? number(r.score.coverage_90) : Json(nullptr)},
                {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
                {"alignment", {{"clock_s", number(r.clock_s)}, {"position_rad", number(r.off_rad)},
                                  {"torque_Nm", number(r.off_Nm)}}}}
                .dump(2) +
            "\n";
-  return lumo::message(r.score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2),
-      "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ", cell(mae(e.fixed_arm), 2),
-      "\n  known location  ", cell(mae(e.known_location), 2), "\n  torque only     ", cell(mae(e.torque_only), 2),
-      "\n90 % interval holds the truth in ", cell(r.score.samples > 0 ? 100.0 * r.score.coverage_90 : undefined, 1),
+  return lumo::message(r.score.samples,
+      " frames in contact; mean error [N], alpha 1: torque constants of the session, fitted on no sequence",
+      "\n  fused           ", cell(mae(e.fused), 2), "\n  optical         ", cell(mae(e.optical), 2),
+      "\n  fixed arm       ", cell(mae(e.fixed_arm), 2), "\n  known location  ", cell(mae(e.known_location), 2),
+      "\n  torque only     ", cell(mae(e.torque_only), 2), "\n", alphas_text(r.scale),
+      "90 % interval holds the truth in ", cell(r.score.samples > 0 ? 100.0 * r.score.coverage_90 : undefined, 1),
       " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3),
       " ms (95 %)\nalignment        a joint sample and the line through its neighbours differ by ",
       cell(1e3 * r.off_rad, 2), " mrad, ", cell(1e3 * r.off_Nm, 1),
@@ -81,6 +123,14 @@ void add_estimates(const std::vector<FrameEstimate>& estimates, const LogTruth& 
   if (!chart.estimate.empty()) files.add("forces.svg", draw(chart));
 }
 
+std::optional<TorqueScale> Force::fitted(const ForceScore& score) const {
+  const auto& forces = score.optical;
+  if (!forces.empty() &&
+      std::none_of(forces.begin(), forces.end(), [&](const TorqueForce& f) { return f.sequence == alpha_from; }))
+    throw UsageError(lumo::message("--alpha-from is ", alpha_from, ", a number that no sequence of ", log, " has"));
+  return torque_scale(score.optical, alpha_from);
+}
+
 /// Places that are judged, ± from the middle.
 constexpr double judged_m = 25.0_mm;
 
@@ -102,8 +152,9 @@ Result Force::on_log(Output& files, Progress& progress) const {
   double noise_Nm = 0.0;
   for (const TorqueModel& t : torque) noise_Nm = std::max(noise_Nm, t.noise_Nm);
   const LogTruth truth = truth_of(s.log);
-  ForceResult r{force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm), {},
+  ForceResult r{force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm), {}, {},
       residual.head(joints).maxCoeff(), residual.tail(joints).maxCoeff(), s.log.session.joint_clock.residual_s};
+  r.scale = fitted(r.score);
   for (const FrameEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
   add_estimates(estimates, truth, files);
   return shown(r, json);

@@ -5,6 +5,7 @@
 #include "sensing/log.hpp"
 
 #include "lumo/sense/decode/constraint_gain.hpp"
+#include "lumo/sense/decode/cycle_metrics.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
 
@@ -48,7 +49,9 @@ void add_slopes(const LongitudinalBins& bins, const std::vector<Eigen::MatrixXd>
 
 struct Measured {
   std::optional<RecontactQuality> quality;
-  std::optional<double> W_cycle, gain;
+  std::optional<CycleVariation> cycles;
+  int cycles_lost = 0;  ///< runs left out because the contact was lost in them
+  std::optional<double> gain;
 
   template <class Get> std::optional<double> of(Get get) const {
     return quality ? std::optional<double>(get(*quality)) : std::nullopt;
@@ -62,17 +65,27 @@ std::string shown(const Measured& m, bool as_json) {
   const auto low = m.of([](const auto&q) { return q.Q_low; }), high = m.of([](const auto&q) { return q.Q_high; });
   const auto from = m.of([](const auto&q) { return q.bootstrap_low; }),
              to = m.of([](const auto&q) { return q.bootstrap_high; });
-  if (as_json)
+  const auto& cycles = m.cycles;
+  const auto W_cycle = cycles ? std::optional(cycles->W_cycle_DN) : std::nullopt;
+  if (as_json) {
+    const Json compared = {{"runs", cycles ? cycles->runs : 0}, {"runs_lost", m.cycles_lost},
+        {"from_N", cycles ? Json(cycles->from_N) : Json(nullptr)},
+        {"to_N", cycles ? Json(cycles->to_N) : Json(nullptr)}};
     return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)},
                {"Q_high", maybe(high)}, {"Q_bootstrap_low", maybe(from)}, {"Q_bootstrap_high", maybe(to)},
-               {"W_cycle", maybe(m.W_cycle)}, {"gain_percent", maybe(m.gain)}}
+               {"W_cycle_DN", maybe(W_cycle)}, {"cycles", compared}, {"gain_percent", maybe(m.gain)}}
                .dump(2) +
            "\n";
+  }
   const auto show = [](const std::optional<double>& v, int digits) { return cell(v.value_or(undefined), digits); };
   return "D_neighbor   " + show(D, 4) + " DN/N\nW_recontact  " + show(W, 4) + " DN/N\n" + "Q            " + show(Q, 2) +
          " (" + show(low, 2) + " to " + show(high, 2) + " with one re-contact left out; 95 % bootstrap interval " +
-         show(from, 2) + " to " + show(to, 2) + ")\nW_cycle      " + show(m.W_cycle, 4) + " DN\ngain         " +
-         show(m.gain, 1) + " %\n";
+         show(from, 2) + " to " + show(to, 2) + ")\nW_cycle      " + show(W_cycle, 4) + " DN" +
+         (cycles ? " (" + std::to_string(cycles->runs) + " runs, " + cell(cycles->from_N, 1) + " to " +
+                       cell(cycles->to_N, 1) + " N)"
+                 : std::string()) +
+         (m.cycles_lost > 0 ? ", contact lost in " + std::to_string(m.cycles_lost) + " more" : std::string()) +
+         "\ngain         " + show(m.gain, 1) + " %\n";
 }
 
 struct Metrics : PlannedCommand {
@@ -93,8 +106,9 @@ struct Metrics : PlannedCommand {
     const auto repeated = [&](const auto& place) { return place.cols() >= 3 && place.cols() == slopes.front().cols(); };
     if (slopes.size() >= 2 && std::all_of(slopes.begin(), slopes.end(), repeated))
       m.quality = about(path, [&] { return recontact_quality(slopes); });
-    if (const auto runs = cycle_runs(holds); !runs.empty())
-      m.W_cycle = about(path, [&] { return cycle_variation(runs); });
+    const LoggedCycles cycles = about(path, [&] { return cycle_runs(s.profiles, s.log.session, s.log.wrenches); });
+    m.cycles_lost = cycles.lost;
+    if (!cycles.runs.empty()) m.cycles = about(path, [&] { return cycle_variation(cycles.runs); });
     if (!baseline.empty()) {
       const auto here = displacement(s.log), base = displacement(open_log(baseline, progress));
       if (here && base) m.gain = progressive_constraint_gain_percent(*here, *base);

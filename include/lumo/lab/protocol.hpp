@@ -16,7 +16,8 @@ struct LoadStep {
   double load_N = 0.0;
   double ramp_s = 0.3;
   double hold_s = 1.0;
-  sense::SegmentKind kind = sense::SegmentKind::hold;  ///< of the hold's segment
+  /// Of the hold's segment. Steps of kind `cycle` with one number share a segment, ramps included.
+  sense::SegmentKind kind = sense::SegmentKind::hold;
   int cycle = -1;
 };
 
@@ -44,6 +45,7 @@ struct LabPlan {
   double free_run_s = 0.0;  ///< the joint sweeps without contact, to get to know its friction and weight
   std::vector<LabContact> contacts;
   std::vector<LabView> views{LabView{}};
+  double frames_per_s = 0.0;  ///< that are recorded; 0: all of the camera's
 };
 
 inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3, 15e-3, 25e-3};
@@ -68,20 +70,26 @@ inline LabPlan recontact_plan(int repetitions = 5) {
   return plan;
 }
 
-/// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics
-/// (paper, contact cycling).
+/// Two conditioning and five measured cycles between 2 and 15 N in one contact, at places 1, 3 and 5, three runs, each
+/// with re-contacts for the other metrics. 1 N/s, 1 s at both ends, five frames a second. Source: paper, contact
+/// cycling; conditioning, rate, dwell and frames from the authors' public code (dokkev/fingertip-design-framework,
+/// force_trajectory.py). Their approach angles of ±30° are not among them: the lab's angles are small.
 inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
+  constexpr double low_N = 2.0, high_N = 15.0, rate_N_per_s = 1.0, dwell_s = 1.0, rest_s = 2.0;
+  constexpr int conditioning = 2, measured = 5;
+  constexpr double ramp_s = (high_N - low_N) / rate_N_per_s;
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
+  plan.frames_per_s = 5.0;
   for (int r = 0; r < runs; ++r)
     for (int p = 0; p < 3; ++p) {
       const double y = lab_odd_places_m[std::size_t(p)];
-      LabContact c{p, y, r, {}};
-      for (int k = 0; k < 5; ++k)
-        for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, sense::SegmentKind::cycle, k});
+      LabContact c{p, y, r, {{low_N, low_N / rate_N_per_s, dwell_s, sense::SegmentKind::approach}}, 0.0, rest_s};
+      for (int k = -conditioning; k < measured; ++k)
+        for (const double f : {high_N, low_N}) c.steps.push_back({f, ramp_s, dwell_s, sense::SegmentKind::cycle, k});
       plan.contacts.push_back(std::move(c));
       // The same contact anew: one hold at each load, for W_recontact and D_neighbor of these runs.
-      plan.contacts.push_back({p, y, r, lab_holds({2, 5, 10, 15}, 0.3, 0.5)});
+      plan.contacts.push_back({p, y, r, lab_holds({2, 5, 10, 15}, 0.3, 1.0), 0.0, rest_s});
     }
   return plan;
 }

@@ -88,6 +88,7 @@ class VirtualRig {
   void add_segment(double from_s, double to_s, sense::SegmentKind kind) {
     session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
   }
+  void add_segment(double reached_s, const LabContact& c, std::size_t step);
   void deform();
   void record_joints();
   void record_forces();
@@ -143,6 +144,7 @@ inline VirtualRig::VirtualRig(
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
+  require_in_range("frames of a plan", plan_.frames_per_s, 0.0, 1000.0, "1/s");
   for (const LabContact& c : plan_.contacts) {
     require_in_range("place of a contact", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
@@ -202,9 +204,7 @@ inline void VirtualRig::lay_out_time() {
       t += s.ramp_s;
       load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
-      session_.segments.push_back(
-          {lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place, 1e3 * c.y_m,
-              c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi, 1e3 * light_->responses().diameter_m});
+      add_segment(t, c, k);
       t += s.hold_s;
     }
     phases_.push_back({t, t + release_s, load, 0.0, int(i)});
@@ -212,6 +212,22 @@ inline void VirtualRig::lay_out_time() {
   }
   phases_.push_back({t, t + last_rest_s, 0.0, 0.0, -1});
   end_s_ = t + last_rest_s;
+}
+
+/// Of a step whose load is reached at that time.
+inline void VirtualRig::add_segment(double reached_s, const LabContact& c, std::size_t step) {
+  const LoadStep& s = c.steps[step];
+  const bool cycle = s.kind == sense::SegmentKind::cycle;
+  const std::int64_t to_ns = lab_stamp(reached_s + s.hold_s);
+  if (cycle && step > 0 && c.steps[step - 1].kind == s.kind && c.steps[step - 1].cycle == s.cycle) {
+    sense::Segment& begun = session_.segments.back();
+    begun.to_ns = to_ns;
+    begun.load_N = std::max(begun.load_N, s.load_N);
+    return;
+  }
+  const double from_s = cycle ? reached_s - s.ramp_s : reached_s + settling_share * s.hold_s;
+  session_.segments.push_back({lab_stamp(from_s), to_ns, s.kind, c.place, 1e3 * c.y_m, c.repetition, s.cycle, s.load_N,
+      c.angle_rad * 180.0 / pi, 1e3 * light_->responses().diameter_m});
 }
 
 inline void VirtualRig::deform() {
@@ -335,7 +351,8 @@ inline void VirtualRig::record_frames() {
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s,
                averaged = half > 0.0 ? std::sin(half) / half : 1.0;
   int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
-  for (double t = first_frame_s; t < end_s_; t += 1.0 / c.frames_per_s) {
+  const double per_s = plan_.frames_per_s > 0.0 ? std::min(plan_.frames_per_s, c.frames_per_s) : c.frames_per_s;
+  for (double t = first_frame_s; t < end_s_; t += 1.0 / per_s) {
     const Sampled s = at(t);
     // The next contact's view is set while nothing touches.
     for (const Phase& p : phases_)

@@ -156,6 +156,26 @@ TEST_CASE("leave-one-repetition-out: every observation is decoded once, by a mod
   CHECK_THROWS_AS(cross_validate(NearestTemplate{}, d, fold), InvalidArgument);
 }
 
+TEST_CASE("templates are means, not medians, of the other repetitions", "[decoder]") {
+  // Place 0 has 0, 0, 0, 4 beside the repetition left out: mean 1, median 0. Place 1 has 6: means meet at 3.5, medians
+  // at 3. What lies at 3.2 is place 0 by means, place 1 by medians.
+  LabelledResponses d{Eigen::MatrixXd(1, 10), {}, Eigen::VectorXd{{-0.005, 0.005}}};
+  d.response << 0.0, 6.0, 0.0, 6.0, 0.0, 6.0, 4.0, 6.0, 3.2, 6.0;
+  std::vector<int> fold;
+  for (int i = 0; i < 10; ++i) {
+    d.place.push_back(i % 2);
+    fold.push_back(i / 2);
+  }
+  const auto report = cross_validate(NearestTemplate{}, d, fold);
+  CHECK(report.predictions[8].decoded == 0);
+  LabelledResponses others{d.response.leftCols(8), {0, 1, 0, 1, 0, 1, 0, 1}, d.place_m};
+  const auto model = NearestTemplate{}.fit(others);
+  CHECK(model.templates()(0, 0) == 1.0);
+  CHECK(model.templates()(0, 1) == 6.0);
+  CHECK(model.decode(Eigen::VectorXd::Constant(1, 3.49)).place == 0);
+  CHECK(model.decode(Eigen::VectorXd::Constant(1, 3.51)).place == 1);
+}
+
 TEST_CASE("one observation of each place, or places out of order", "[decoder]") {
   // The scatter is unknown: the nearest mean decides, and numbers of any size stay finite.
   for (const double size : {1e-3, 1.0, 1e8}) {

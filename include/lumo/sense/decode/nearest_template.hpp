@@ -6,8 +6,11 @@
 
 namespace lumo::sense {
 
-/// The paper's decoder: the place whose mean response is nearest (Euclidean). Probabilities are those of equal, round
-/// Gaussians about the templates, as wide as the training data scatter.
+/// The paper's decoder: the place whose template is nearest (Euclidean). The template is the mean, not the median, over
+/// the training data, which cross_validate makes all other repetitions. Probabilities are those of equal, round
+/// Gaussians about the templates, as wide as the training data scatter. Source: paper; the mean from its authors'
+/// public code (dokkev/fingertip-design-framework, fig5c_decoder.py), whose features are the signed means of six equal
+/// parts (LongitudinalBins::parts).
 struct NearestTemplate {
   class Model {
    public:

@@ -10,8 +10,9 @@
 
 namespace lumo::sense {
 
-/// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels ×
-/// loads. Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
+/// Slope of each channel's response over force [unit/N], by least squares with an intercept: a profile that is the same
+/// at all loads, such as the unloaded one, drops out, subtracted or not. `response`: channels × loads. Throws
+/// InvalidArgument for fewer than two different loads or numbers that are not finite.
 inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
   if (force_N.size() < 2 || response.cols() != force_N.size())
     throw InvalidArgument(message("slope over force: ", response.cols(), " responses and ", force_N.size(),
@@ -23,7 +24,8 @@ inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, co
   return response * centred / spread;
 }
 
-/// How far neighbouring places differ, against how well re-contacts repeat (paper Eq. 9).
+/// How far neighbouring places differ, against how well re-contacts repeat, by slopes (intensity_force_slope). Source:
+/// paper, Eq. 9; that no unloaded profile enters, its authors' public code (dokkev/fingertip-design-framework).
 struct RecontactMetrics {
   double D_neighbor = 0.0;  ///< median over neighbours of the RMS difference of their median profiles [unit/N]
   /// Median over places and re-contacts of the RMS deviation from the median profile [unit/N]
@@ -124,29 +126,6 @@ inline RecontactQuality recontact_quality(
   q.bootstrap_low = limit(0.5 * (1.0 + confidence));
   q.bootstrap_high = limit(0.5 * (1.0 - confidence));
   return q;
-}
-
-/// One run of cycles within maintained contact: `load[k]` holds the responses at matched force k, channels × cycles.
-struct CycleRun {
-  std::vector<Eigen::MatrixXd> load;
-};
-
-/// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at
-/// that force. The paper says "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles
-/// for re-contacts, is our reading. Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
-inline double cycle_variation(const std::vector<CycleRun>& runs) {
-  std::vector<double> deviation;
-  for (const CycleRun& run : runs)
-    for (const Eigen::MatrixXd& cycles : run.load) {
-      if (cycles.cols() < 2 || cycles.rows() < 1)
-        throw InvalidArgument(message(
-            "cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
-      if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
-      const Eigen::VectorXd middle = pointwise_median(cycles);
-      for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
-    }
-  if (deviation.empty()) throw InvalidArgument("cycle variation: no runs");
-  return median(deviation);
 }
 
 /// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <map>
 #include <span>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -22,7 +21,7 @@ struct HoldResponse {
   int profiles = 0;
 };
 
-/// Responses of all segments of kind `hold` or `cycle` that have profiles. Each is taken against the mean over the last
+/// Responses of all segments of kind `hold` that have profiles. Each is taken against the mean over the last
 /// segment of kind `unloaded` that ended before it, because lamps drift between re-contacts; a session without any is
 /// an error. Throws InvalidArgument.
 inline std::vector<HoldResponse> hold_responses(
@@ -43,7 +42,7 @@ inline std::vector<HoldResponse> hold_responses(
   std::vector<HoldResponse> list;
   std::map<std::size_t, Eigen::VectorXd> unloaded;
   for (const Segment& s : segments) {
-    if (s.kind != SegmentKind::hold && s.kind != SegmentKind::cycle) continue;
+    if (s.kind != SegmentKind::hold) continue;
     const Segment* before = nullptr;
     for (const Segment& u : segments)
       if (u.kind == SegmentKind::unloaded && u.to_ns <= s.from_ns && (!before || u.to_ns > before->to_ns)) before = &u;
@@ -60,7 +59,7 @@ inline std::vector<HoldResponse> hold_responses(
   return list;
 }
 
-/// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
+/// Those holds of one indenter at one approach angle: places are compared under the same contact only.
 inline std::vector<HoldResponse> responses_of(
     const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
@@ -79,7 +78,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
   const Segment* first = nullptr;
   for (const HoldResponse& h : holds) {
     const Segment& s = h.segment;
-    if (s.kind != SegmentKind::hold || s.place < 0 || s.repetition < 0) continue;
+    if (s.place < 0 || s.repetition < 0) continue;
     if (!first) first = &s;
     if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
       throw InvalidArgument(message("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg,
@@ -106,7 +105,8 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 }  // namespace detail
 
-/// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts.
+/// Slope profiles p_{i,r} over the nominal loads of each re-contact: for each place along the finger, channels ×
+/// re-contacts. All holds of a re-contact that stand on one unloaded segment share its profile, which drops out.
 /// Throws InvalidArgument where more than one indenter or angle is among the holds, a load is held twice, or a place
 /// between two others is missing: its neighbours are none of each other.
 inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
@@ -197,26 +197,6 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
     task.fold.push_back(c.repetition);
   }
   return task;
-}
-
-/// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched
-/// loads.
-inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
-  std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
-  for (const HoldResponse& h : holds)
-    if (const Segment& s = h.segment; s.kind == SegmentKind::cycle)
-      runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
-  std::vector<CycleRun> list;
-  for (const auto& run : runs) {
-    CycleRun r;
-    for (const auto& load : run.second) {
-      Eigen::MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
-      for (Eigen::Index k = 0; k < m.cols(); ++k) m.col(k) = load.second[std::size_t(k)]->response;
-      r.load.push_back(std::move(m));
-    }
-    list.push_back(std::move(r));
-  }
-  return list;
 }
 
 }  // namespace lumo::sense

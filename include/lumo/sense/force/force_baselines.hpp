@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/sense/force/force_solution.hpp"
+#include "lumo/sense/force/torque_scale.hpp"
 #include "lumo/sense/joints/torque_model.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/tables.hpp"
@@ -22,6 +23,7 @@ struct ForceSample {
   std::optional<double> estimated_y_m;          ///< of the localiser
   std::optional<double> fused_N;                ///< of the force estimator
   double true_y_m = 0.0, true_force_N = 0.0;
+  int sequence = 0;  ///< of samples in one contact
 };
 
 /// Mean absolute errors [N] of the ways to a force, over the samples for which each gave one.
@@ -92,6 +94,24 @@ class ContactTorques {
   TimeSeries series_;
 };
 
+/// Force at an assumed place by a sample's torques [N], of either sign; nullopt where they do not give it.
+template <ContactJacobian J>
+std::optional<double> force_at(const J& jacobian, const ForceSample& s, const ContactPoint& point, double sigma_Nm) {
+  const Identification f = solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), sigma_Nm);
+  return f.complete() ? std::optional(f.value[0]) : std::nullopt;
+}
+
+/// Forces at the places seen, for torque_scale.
+template <ContactJacobian J> std::vector<TorqueForce> optical_forces(
+    const J& jacobian, std::span<const ForceSample> samples, int link, double torque_sigma_Nm) {
+  std::vector<TorqueForce> list;
+  for (const ForceSample& s : samples)
+    if (s.estimated_y_m)
+      if (const auto f = force_at(jacobian, s, {link, *s.estimated_y_m}, torque_sigma_Nm))
+        list.push_back({s.sequence, s.true_y_m, *f, s.true_force_N});
+  return list;
+}
+
 /// Compares the ways to a force on the same samples. The middle of the `tested` range is the fixed arm. All ways alike
 /// give forces of at least 0.
 template <ContactJacobian J> ForceErrors force_errors(
@@ -103,11 +123,9 @@ template <ContactJacobian J> ForceErrors force_errors(
   };
   for (const ForceSample& s : samples) {
     const auto at = [&](ForceErrors::Error& error, double y) {
-      const ContactPoint point{tested.link, y};
-      const Identification f =
-          solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), torque_sigma_Nm);
-      if (f.complete()) count(error, f.value[0], s.true_force_N);
-      return f.complete() ? std::optional(f.value[0]) : std::nullopt;
+      const auto f = force_at(jacobian, s, {tested.link, y}, torque_sigma_Nm);
+      if (f) count(error, *f, s.true_force_N);
+      return f;
     };
     if (s.fused_N) count(e.fused, *s.fused_N, s.true_force_N);
     const auto optical = s.estimated_y_m ? at(e.optical, *s.estimated_y_m) : std::nullopt;

@@ -66,18 +66,26 @@ struct ForceScore {
   ForceErrors errors;
   int samples = 0;
   double coverage_90 = 0.0;  ///< of the fused force's 90 % interval
+  /// At the places seen, with torque constants as given: fitted on none of these samples (torque_scale fits a factor).
+  std::vector<TorqueForce> optical;
 };
 
 /// Over the frames with a true force of at least `from_N`. Where the localiser saw no single contact the optical way
-/// takes the middle of the tested range, so that all ways stand on the same samples.
+/// takes the middle of the tested range, so that all ways stand on the same samples; nothing is filled in from later
+/// frames, so that each estimate is causal. A sequence ends where the true force falls below `from_N` or the true place
+/// changes.
 template <ContactJacobian J> ForceScore force_score(std::span<const FrameEstimate> estimates, const LogTruth& truth,
     const J& jacobian, const PadRange& tested, double torque_sigma_Nm, double from_N = 0.5) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
+  bool touched = false;
   for (const FrameEstimate& e : estimates) {
     const LogTruth::Touch t = truth.at(e.stamp_ns);
+    if (t.force_N && *t.force_N < from_N) touched = false;
     if (!t.y_m || !t.force_N || *t.force_N < from_N || !e.joints) continue;
     ForceSample s;
+    if (!samples.empty()) s.sequence = samples.back().sequence + (touched && samples.back().true_y_m == *t.y_m ? 0 : 1);
+    touched = true;
     const Eigen::Index n = e.joints->size() / 2;
     s.stamp_ns = e.stamp_ns;
     s.position_rad = e.joints->head(n);
@@ -96,8 +104,9 @@ template <ContactJacobian J> ForceScore force_score(std::span<const FrameEstimat
   }
   ForceScore score;
   score.samples = int(samples.size());
-  if (!samples.empty())
-    score.errors = force_errors(jacobian, std::span<const ForceSample>(samples), tested, torque_sigma_Nm);
+  const std::span<const ForceSample> all(samples);
+  if (!all.empty()) score.errors = force_errors(jacobian, all, tested, torque_sigma_Nm);
+  score.optical = optical_forces(jacobian, all, tested.link, torque_sigma_Nm);
   score.coverage_90 = given > 0 ? double(covered) / given : 0.0;
   return score;
 }

@@ -21,6 +21,9 @@ struct LongitudinalBins {
 
   /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
   static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
+  /// Six equal parts of the same stretch, the decoder's. Source: the authors' public code
+  /// (dokkev/fingertip-design-framework, fig5c_decoder.py).
+  static LongitudinalBins parts() { return uniform(-27.5e-3, 27.5e-3, 6); }
   static LongitudinalBins uniform(double from_m, double to_m, int count) {
     require_in_range("number of bins", count, 1, 4096, "");
     require_in_range("first edge", from_m, -10.0, 10.0, "m");

@@ -30,6 +30,21 @@ inline TimeSeries normal_force(
   return {std::move(stamp_ns), std::move(force_N)};
 }
 
+/// What the force sensor reads in the unloaded segments, mean normal force [N]; 0 without any.
+inline double force_tare_N(const Session& session, const std::vector<WrenchSample>& wrenches) {
+  double sum = 0.0;
+  long count = 0;
+  for (const WrenchSample& w : wrenches) {
+    const std::int64_t at = session.wrench_clock(w.stamp_ns);
+    for (const Segment& s : session.segments)
+      if (s.kind == SegmentKind::unloaded && s.holds(at)) {
+        sum += w.normal_force_N();
+        ++count;
+      }
+  }
+  return count > 0 ? sum / double(count) : 0.0;
+}
+
 /// The true contacts of a log, for comparison with its estimates. Estimators do not read it.
 class LogTruth {
  public:
@@ -43,17 +58,7 @@ class LogTruth {
   static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
     LogTruth t;
     t.segments_ = session.segments;
-    double tare = 0.0;
-    long count = 0;
-    for (const WrenchSample& w : wrenches) {
-      const std::int64_t at = session.wrench_clock(w.stamp_ns);
-      for (const Segment& s : t.segments_)
-        if (s.kind == SegmentKind::unloaded && s.holds(at)) {
-          tare += w.normal_force_N();
-          ++count;
-        }
-    }
-    t.force_ = normal_force(wrenches, session.wrench_clock, count > 0 ? tare / double(count) : 0.0);
+    t.force_ = normal_force(wrenches, session.wrench_clock, force_tare_N(session, wrenches));
     return t;
   }
   /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
