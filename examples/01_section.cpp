@@ -6,8 +6,7 @@
 int main() {
   using namespace lumo;
   const FingerDesign design{.h_fp = 5.0, .h_ep = 10.0, .w_s = 10.0, .h_s = 6.0, .w_v = 3.0};
-  std::printf("silicone above the stem %.2f mm, beside the voids %.2f mm\n", vertical_thickness(design),
-      horizontal_thickness(design));
+  std::printf("silicone over the cavity %.2f mm\n", euclidean_thickness(design));
 
   const Body body = finger(design, dragon_skin());
   std::printf("%s: %.2f cm3 of silicone, %zu LEDs, %d readout regions\n", body.name.c_str(), 1e6 * body.exact_volume_m3,

@@ -11,7 +11,7 @@
 int main() {
   using namespace lumo;
   const Silicone card = dragon_skin();
-  const Body body = finger(baseline_design(), card);
+  const Body body = finger(built_baseline(), card);
   const Scenario<Sphere> scenario{.indenter = {.diameter_m = 10.0_mm}, .angle_rad = 0.0_deg, .y_m = 0.0_mm};
 
   const TetgenMesher mesher;

@@ -24,10 +24,9 @@ int main(int argc, char** argv) {
   const Silicone card = solaris();
   FingerOptions coarse;
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
-  const Body pad = finger(baseline_design(), card, coarse);
+  const Body pad = finger(built_baseline(), card, coarse);
 
-  // What a camera beside the pad sees of it, in bins of 1 mm, under a sphere of 10 mm at 0, 13 and 26 mm; the places at
-  // y < 0 are mirror images.
+  // What a camera beside the pad sees of it, in bins of 1 mm, under a sphere of 10 mm at −26, −13, …, 26 mm.
   const SideSight sight;
   const PadGrid grid{.load_N = {2.0, 5.0, 10.0, 15.0}, .spacing_m = 13.0_mm, .places = 3, .tilt_place_m = {13.0_mm}};
   using Light = Tracer<BeerLambert, SideSight, Embree>;

@@ -2014,17 +2014,19 @@ enum class Stem {
   free     ///< it lies on the stem, which only pushes
 };
 
-/// What the paper leaves open about the pad, shared by all designs; lengths in mm.
+/// What the paper leaves open about the pad, shared by all designs; lengths in mm. Its defaults are those of the pad
+/// that the paper's authors cast: a stair-shaped carrier, bonded shoulders beside its block, a solid distal cap.
+/// Source: the first author's public code (dokkev/fingertip-design-framework, August 2026), lumo/fingertip/.
 struct PadDimensions {
-  double width = 29.5;           ///< at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
-  double length = 60.0;          ///< of the part that has a cavity, centred on y = 0
-  double cap_length = 0.0;       ///< of a solid end beyond it, at positive y
-  double shoulder_width = 0.0;   ///< of silicone that hangs down beside the carrier's block; 0: the base is flat
-  double shoulder_height = 0.0;  ///< how far it hangs down below z = 0
+  double width = 30.0;
+  double length = 55.0;          ///< of the part that has a cavity, centred on y = 0
+  double cap_length = 5.0;       ///< of a solid end beyond it, at positive y
+  double shoulder_width = 5.0;   ///< of silicone that hangs down beside the carrier's block; 0: the base is flat
+  double shoulder_height = 8.0;  ///< how far it hangs down below z = 0
   double carrier_height = 10.0;  ///< of the carrier below z = 0
-  Stem stem = Stem::bonded;
+  Stem stem = Stem::free;
   double t_min = 5.0;  ///< smallest silicone thickness
-  Thickness thickness = Thickness::along_axes;
+  Thickness thickness = Thickness::euclidean;
 
   double lip_end() const { return 0.5 * width - shoulder_width; }  ///< |x| up to which the base z = 0 is silicone
   double proximal_end() const { return -0.5 * length; }            ///< y
@@ -2032,18 +2034,17 @@ struct PadDimensions {
   bool operator==(const PadDimensions&) const = default;
 };
 
-/// A pad on a flat base, free at both ends, as lumo had it before the built one was known.
-inline PadDimensions plain_pad() { return {}; }
-/// The pad that the paper's authors cast: a stair-shaped carrier, bonded shoulders beside its block, a solid distal
-/// cap. Source: the first author's public code (dokkev/fingertip-design-framework, August 2026), lumo/fingertip/.
-inline PadDimensions built_pad() {
-  return {.width = 30.0,
-      .length = 55.0,
-      .cap_length = 5.0,
-      .shoulder_width = 5.0,
-      .shoulder_height = 8.0,
-      .stem = Stem::free,
-      .thickness = Thickness::euclidean};
+inline PadDimensions built_pad() { return {}; }
+/// A pad on a flat base, free at both ends, as lumo had it before the built one was known. At its width w_s + 2 w_v ≤
+/// 19.5 says the same as 5 mm of silicone at each side.
+inline PadDimensions plain_pad() {
+  return {.width = 29.5,
+      .length = 60.0,
+      .cap_length = 0.0,
+      .shoulder_width = 0.0,
+      .shoulder_height = 0.0,
+      .stem = Stem::bonded,
+      .thickness = Thickness::along_axes};
 }
 
 /// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
@@ -2052,7 +2053,7 @@ double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 /// Least distance between the half ellipse, its ends included, and the cavity's walls and roof, or between cavity and
 /// side if that is less, in mm. 0 if the cavity's corner is not under the dome.
-double euclidean_thickness(const FingerDesign& d, const PadDimensions& pad);
+double euclidean_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the
 /// lattice where it is counted along the axes, to 1e-9 mm where it is a distance.
@@ -2070,10 +2071,10 @@ inline std::vector<FingerDesign> built_references() {
 /// lattice.
 inline void require_feasible(const FingerDesign& d, const PadDimensions& pad);
 
-/// Nominal design and the five reference designs that start every campaign.
-inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
-inline std::vector<FingerDesign> reference_designs() {
-  return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0},
+/// The plain finger's nominal design, and the five that start its campaigns.
+inline FingerDesign plain_baseline() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
+inline std::vector<FingerDesign> plain_references() {
+  return {plain_baseline(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0},
       {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 
@@ -2935,8 +2936,9 @@ enum class TiltPivot {
   base       ///< x = 0, z = 0
 };
 
-/// What may be chosen about a finger besides θ, where the paper leaves a choice open: see plain_finger() and
-/// built_finger().
+/// What may be chosen about a finger besides θ, where the paper leaves a choice open. Its defaults are the finger that
+/// the paper's authors built. Source: as PadDimensions; lengths of LEDs and recesses, albedo and pivot are of the same
+/// code. Ours: the mesh, that a side is seen by its normals, and that the film of air over an LED never closes.
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
@@ -2964,7 +2966,7 @@ struct FingerOptions {
     int count = 5;
     double pitch = 11.0e-3;
     double length_y = 1.6e-3;
-    double width_x = 0.8e-3;  ///< on the sides, their height
+    double width_x = 1.8e-3;  ///< on the sides, their height
     double power_W = 1.0;     ///< of all together
 
     bool operator==(const Leds&) const = default;
@@ -2972,9 +2974,9 @@ struct FingerOptions {
   /// Hollows in the top of a stem on which the silicone lies free, one for each LED on the top, across the stem's whole
   /// width: the LED lies on the floor and shines into the film of air above it.
   struct Recess {
-    double depth = 0.0;  ///< 0: there are none, and LEDs touch the silicone
+    double depth = 0.19e-3;  ///< 0: there are none, and LEDs touch the silicone
     double length_y = 5.1e-3;
-    std::optional<double> film_closes = 0.0;  ///< Body::film_closes_m
+    std::optional<double> film_closes;  ///< Body::film_closes_m
 
     bool operator==(const Recess&) const = default;
   };
@@ -2983,7 +2985,7 @@ struct FingerOptions {
     int bins = 11;
     double half_range = 27.5e-3;  ///< |y| beyond it is not seen [m]
     double min_abs_nx = 0.5;      ///< the undeformed normal must point this much sideways
-    bool one_side = false;        ///< only x > 0 is seen
+    bool one_side = true;         ///< only x > 0 is seen
     bool in_space = false;        ///< bins stay where they are; otherwise they move with the material
 
     bool operator==(const Readout&) const = default;
@@ -2995,29 +2997,31 @@ struct FingerOptions {
   Leds leds = {};
   Recess recess = {};
   Readout readout = {};
-  TiltPivot pivot = TiltPivot::flat_top;
-  double carrier_albedo = 0.8;
+  TiltPivot pivot = TiltPivot::base;
+  double carrier_albedo = 0.7;
   bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};  ///< Body::touched
 
   bool operator==(const FingerOptions&) const = default;
 };
 
-/// A pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone: lumo's own reading of the
-/// paper.
-inline FingerOptions plain_finger() { return {}; }
-
-/// The finger that the paper's authors built. Source: as built_pad(); lengths of LEDs and recesses, albedo and pivot
-/// are of the same code. Ours: that a side is seen by its normals, and that the film of air over an LED never closes.
-inline FingerOptions built_finger() {
+inline FingerOptions built_finger(const FingerOptions::Mesh& mesh = {}) {
   FingerOptions o;
-  o.pad = built_pad();
-  o.leds.width_x = 1.8e-3;
-  o.recess.depth = 0.19e-3;
-  o.recess.film_closes.reset();
-  o.readout.one_side = true;
-  o.pivot = TiltPivot::base;
-  o.carrier_albedo = 0.7;
+  o.mesh = mesh;
+  return o;
+}
+
+/// A pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone: lumo's reading of the paper
+/// before the built one was known.
+inline FingerOptions plain_finger(const FingerOptions::Mesh& mesh = {}) {
+  FingerOptions o = built_finger(mesh);
+  o.pad = plain_pad();
+  o.leds.width_x = 0.8e-3;
+  o.recess.depth = 0.0;
+  o.recess.film_closes = 0.0;
+  o.readout.one_side = false;
+  o.pivot = TiltPivot::flat_top;
+  o.carrier_albedo = 0.8;
   return o;
 }
 
@@ -16896,7 +16900,7 @@ namespace lumo {
 /// The paper's search: J_contact and J_obs as large as can be over θ, from the references (the paper has five) and
 /// eight Sobol designs. Source: paper §III-D.
 inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1, const PadDimensions& pad = {},
-    const std::vector<FingerDesign>& references = reference_designs()) {
+    const std::vector<FingerDesign>& references = built_references()) {
   Problem p;
   p.space = finger_space(pad);
   p.objectives = {{"J_contact", true, 0.0}, {"J_obs", true, 0.0}};

@@ -41,7 +41,7 @@ TriangleSurface ball(int level, double radius) {
 TEST_CASE("mesh: filling a quarter of the pad", "[mesh]") {
   const TetgenMesher tetgen;  // first of all: it forks a helper
   const Body body = finger({.h_fp = 5.0, .h_ep = 10.0, .w_s = 10.0, .h_s = 6.0, .w_v = 3.0}, dragon_skin(),
-      {.mesh = {.contact_edge = 3.0_mm, .growth = 0.5}});
+      plain_finger({.contact_edge = 3.0_mm, .growth = 0.5}));
   const MeshInput quarter = quarter_of(body);
   const LinearTets swept = SweptMesher{}.fill(quarter), free = tetgen.fill(quarter);
   REQUIRE(swept.tets.size() > 500);

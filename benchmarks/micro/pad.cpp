@@ -14,7 +14,7 @@ const PressedPad& pressed_pad() {
     const Silicone card = dragon_skin();
     PressedPad p;
     p.body = finger({.h_fp = 5.0, .h_ep = 10.0, .w_s = 10.0, .h_s = 6.0, .w_v = 3.0}, card,
-        {.mesh = {.contact_edge = 3.0_mm, .growth = 0.5}});
+        plain_finger({.contact_edge = 3.0_mm, .growth = 0.5}));
     p.ball = {.indenter = {.diameter_m = 10.0_mm}, .loads_N = {5.0}};
     p.mesh = mesh_for_contact(p.body, mesh_body(p.body, SweptMesher{}), std::vector{p.ball}, SweptMesher{},
         {.finest = 0.7_mm, .growth = 0.5});

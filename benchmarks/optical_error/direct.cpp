@@ -51,11 +51,11 @@ int main() {
   std::printf(
       "design           card  albedo  direct   gathered: response  change   seconds   paths: response  change   "
       "seconds   gain: response  change\n");
-  for (const FingerDesign& d : {reference_designs()[0], reference_designs()[3]})
+  for (const FingerDesign& d : {plain_references()[0], plain_references()[3]})
     for (const char* card : {"DS", "Sol"})
       for (const double albedo : {0.5, 0.8}) {
         const Silicone silicone = lumo::silicone(card);
-        FingerOptions options;
+        FingerOptions options = plain_finger();
         options.carrier_albedo = albedo;
         const Body body = finger(d, silicone, options);
         const std::vector<Scenario<Sphere>> scenarios{{Sphere{10.0_mm}, 0.0, 0.0, {1.0}}};

@@ -60,7 +60,7 @@ struct RememberedPresses {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::size_t count = reference_designs().size(), first = 0;
+  std::size_t count = plain_references().size(), first = 0;
   std::string only;
   Ensemble ensemble = flat_ensemble();
   int threads = 2;
@@ -86,10 +86,10 @@ int main(int argc, char** argv) {
   std::printf(
       "design           card  J_obs      2 s.e.   J_fine     its 2 s.e.  off by   core-s  core-s of J_fine  least "
       "pair\n");
-  for (std::size_t k = first; k < std::min(first + count, reference_designs().size()); ++k)
+  for (std::size_t k = first; k < std::min(first + count, plain_references().size()); ++k)
     for (const char* card : {"DS", "Sol"}) {
       if (!only.empty() && only != card) continue;
-      const FingerDesign d = reference_designs()[k];
+      const FingerDesign d = plain_references()[k];
       const Silicone silicone = lumo::silicone(card);
       const RememberedPresses presses{{NeoHookean{silicone.mu_Pa, silicone.lambda_Pa}}};
       Pipeline<TetgenMesher, RememberedPresses, Light> pipeline{mesher, presses, Light{}};

@@ -42,7 +42,7 @@ struct State {
   Solid<NeoHookean, QuadraticTet> plain, cured;
 
   explicit State(double edge_m)
-      : body(finger(baseline_design(), dragon_skin(), options(edge_m))),
+      : body(finger(plain_baseline(), dragon_skin(), options(edge_m))),
         mesh(mesh_body(body, TetgenMesher{})),
         equations(sector_of(mesh, {}), body, {}),
         x(positions_of(mesh)),
@@ -54,7 +54,7 @@ struct State {
   State& operator=(const State&) = delete;
 
   static FingerOptions options(double edge_m) {
-    FingerOptions o;
+    FingerOptions o = plain_finger();
     o.mesh = {edge_m, edge_m, 0.0, 1.0, 1.6, edge_m};
     return o;
   }

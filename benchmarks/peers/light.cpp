@@ -47,8 +47,8 @@ void write_scene(const fs::path& dir, const Body& body, const TetMesh& mesh) {
   write(dir / "corners.f64", corners.data(), corners.size());
   write(dir / "normals.f64", normals.data(), normals.size());
   write(dir / "diffuse.i32", diffuse.data(), diffuse.size());
-  const FingerOptions o;
-  const FingerDesign d = baseline_design();
+  const FingerOptions o = plain_finger();
+  const FingerDesign d = plain_baseline();
   std::ofstream out(dir / "scene.json");
   out.precision(17);
   out << "{\"refractive_index\": " << body.medium.refractive_index
@@ -69,7 +69,7 @@ int main(int argc, char** argv) {
       std::cerr << "usage: lumo_peer_light DIR MATERIAL\n";
       return 2;
     }
-    const Body body = finger(baseline_design(), silicone(argv[2]));
+    const Body body = finger(plain_baseline(), silicone(argv[2]), plain_finger());
     const TetMesh mesh = mesh_body(body, TetgenMesher{});
     write_scene(argv[1], body, mesh);
     std::cout << "ready" << std::endl;

@@ -41,9 +41,9 @@ struct Scene {
   Touch touch;
 
   explicit Scene(double edge_m) {
-    FingerOptions options;
+    FingerOptions options = plain_finger();
     options.mesh = {edge_m, edge_m, 0.0, 1.0, 1.6, edge_m};
-    body = finger(baseline_design(), dragon_skin(), options);
+    body = finger(plain_baseline(), dragon_skin(), options);
     mesh = mesh_body(body, TetgenMesher{}, 1);
     touch = first_touch(body, mesh, scenario);
   }

@@ -30,10 +30,10 @@ constexpr double load_N = 5.0;
 
 int quadratic(double finest_m, double contact_edge_m) {
   const Silicone card = dragon_skin();
-  FingerOptions options;
+  FingerOptions options = plain_finger();
   options.mesh.contact_edge = contact_edge_m;
   options.mesh.coarsest_edge = std::max(options.mesh.coarsest_edge, contact_edge_m);
-  const Body body = finger(baseline_design(), card, options);
+  const Body body = finger(plain_baseline(), card, options);
   const Scenario<Sphere> scenario{.indenter = Sphere{10e-3}, .loads_N = {load_N}};
   const TetgenMesher mesher;
   const TetMesh mesh =
@@ -51,9 +51,9 @@ int quadratic(double finest_m, double contact_edge_m) {
 int linear(double edge_m, double stiffness_N_per_m) {
   using Model = SectorModel<StableNeoHookean, VertexContact, LinearTet, Cholmod>;
   const Silicone card = dragon_skin();
-  FingerOptions options;
+  FingerOptions options = plain_finger();
   options.mesh = {edge_m, edge_m, 0.0, 1.0, 1.6, edge_m};  // as in newton_vbd.cpp
-  const Body body = finger(baseline_design(), card, options);
+  const Body body = finger(plain_baseline(), card, options);
   const TetMesh mesh = mesh_body(body, TetgenMesher{}, 1);
   const Scenario<Sphere> scenario{.indenter = Sphere{10e-3}, .loads_N = {load_N}};
   const Touch touch = first_touch(body, mesh, scenario);

@@ -24,8 +24,8 @@ int main(int argc, char** argv) {
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const TetgenMesher mesher;
   std::printf("| θ [mm] | d [mm] | y [mm] | 1 N | 2 N | 5 N | 10 N | 15 N |\n|---|---|---|---|---|---|---|---|\n");
-  for (const FingerDesign& design : reference_designs()) {
-    const Body body = finger(design, card);
+  for (const FingerDesign& design : plain_references()) {
+    const Body body = finger(design, card, plain_finger());
     const TetMesh coarse = mesh_body(body, mesher);
     for (const auto& [diameter, y] : {std::pair(30e-3, 0.0), {10e-3, 22e-3}}) {
       const Scenario<Sphere> scenario{.indenter = {.diameter_m = diameter}, .y_m = y};

@@ -29,7 +29,7 @@ const std::vector<double> loads = {1.0, 2.0, 5.0, 10.0, 15.0};
 constexpr std::size_t loads_n = 5;
 
 std::vector<FingerDesign> designs() {
-  std::vector<FingerDesign> all = reference_designs();
+  std::vector<FingerDesign> all = plain_references();
   all.push_back({10.0, 8.0, 4.5, 4.0, 7.5});  // a wall of 5 mm beside wide voids
   return all;
 }
@@ -120,7 +120,7 @@ std::map<std::string, std::map<std::string, Row>> read(const std::string& file) 
 /// `lumo:finest:growth:depth_growth:contact_edge:coarsest:base_growth` (edges in mm) anything else; what is left out
 /// keeps its default.
 std::pair<FingerOptions, Focus> sizes_of(const std::string& level) {
-  FingerOptions o;
+  FingerOptions o = plain_finger();
   Focus f;
   std::istringstream in(level);
   std::string part;
@@ -262,7 +262,7 @@ const Focus base_focus = {.finest = 0.3e-3, .growth = 0.12, .depth_growth = 1.0}
 Row reference_solution(const Case& c, double size, const std::string& level, const TetgenMesher& mesher) {
   Row row;
   row.level = level;
-  FingerOptions options;
+  FingerOptions options = plain_finger();
   options.mesh = base_mesh;
   options.mesh.contact_edge *= size;
   options.mesh.coarsest_edge *= size;
@@ -272,7 +272,7 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   focus.finest *= size;
   focus.growth *= size;
   focus.depth_growth *= size;
-  const Body coarse = finger(c.design, dragon_skin());
+  const Body coarse = finger(c.design, dragon_skin(), plain_finger());
   const Scenario<Sphere> scenario = c.scenario();
   const Touch touch = first_touch(coarse, mesh_body(coarse, mesher), scenario);
   Body whole = finger(c.design, dragon_skin(), options);

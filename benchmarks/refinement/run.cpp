@@ -36,8 +36,8 @@ const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1
 
 /// The references first, then seeded feasible lattice designs.
 std::vector<FingerDesign> designs(std::size_t count) {
-  std::vector<FingerDesign> list = reference_designs();
-  const DesignSpace space = finger_space();
+  std::vector<FingerDesign> list = plain_references();
+  const DesignSpace space = finger_space(plain_pad());
   std::mt19937 random(2026);
   while (list.size() < count) {
     std::array<double, 5> x;
@@ -149,7 +149,7 @@ int main(int argc, char** argv) {
       const std::string key =
           message(name, " ", material, " ", contacts, " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
       if (done.count(key)) continue;
-      FingerOptions options;
+      FingerOptions options = plain_finger();
       options.mesh = options.mesh.scaled(s.mesh);
       const Pipeline<TetgenMesher, Simulation, Light> pipeline{
           mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), Focus{}.scaled(s.mesh)};

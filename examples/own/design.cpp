@@ -19,7 +19,7 @@ int main() {
   FingerOptions coarse;  // for a first look
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
   const Silicone card = dragon_skin();
-  Body body = finger(baseline_design(), card, coarse);
+  Body body = finger(built_baseline(), card, coarse);
   for (Emitter& e : body.emitters) e = own::LensedLed{.center = e.center(), .exponent = 4.0, .power_W = e.power_W()};
   //! [body]
 

@@ -375,21 +375,24 @@ struct Symmetry {
 namespace lumo {
 
 /// What one indenter does to the light at one side of a pad, computed at places along it and at loads. Powers are per
-/// emitted power; of one side, with both sides' numbers used. Places are y ≥ 0; those below are mirror images.
+/// emitted power; of one side, with both sides' numbers used. Places that begin at 0 are of a pad with equal ends:
+/// those below are mirror images.
 struct PadResponses {
   std::vector<double> theta_mm;  ///< design
   std::string material;
   double diameter_m = 0.0;              ///< of the sphere
   Eigen::VectorXd position_m;           ///< middles of the bins, ascending, symmetric about 0
   Eigen::VectorXd unloaded;             ///< power through each bin
-  Eigen::VectorXd place_m;              ///< ascending from 0
+  Eigen::VectorXd place_m;              ///< ascending, from 0 or from minus the last
   Eigen::VectorXd load_N;               ///< ascending, > 0
   Eigen::MatrixXd depth_m;              ///< loads × places
   std::vector<Eigen::MatrixXd> change;  ///< by place: bins × loads
-  Eigen::VectorXd tilt_place_m;         ///< places at which a tilted approach was computed, ascending from 0
+  Eigen::VectorXd tilt_place_m;         ///< places at which a tilted approach was computed, ascending
   std::vector<Eigen::MatrixXd>
       tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
   Eigen::VectorXd error;  ///< by load: RMS standard error of a bin's change, from the tracer's replicates
+
+  bool equal_ends() const { return place_m.size() > 0 && place_m[0] == 0.0; }
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
@@ -406,8 +409,9 @@ inline void validate(const PadResponses& r, const std::string& name) {
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads,
       "there must be at least 2 loads, ascending");
-  require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places,
-      "there must be at least 2 places, ascending from 0");
+  require(places >= 2 && ascend(r.place_m) && Eigen::Index(r.change.size()) == places &&
+              (r.equal_ends() || std::abs(r.place_m[0] + r.place_m[places - 1]) < 1e-9),
+      "there must be at least 2 places, ascending from 0 or from minus the last");
   require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts,
       "there must be a tilted approach at least at one place");
   require(
@@ -451,21 +455,22 @@ class PadLight {
   /// computed count as the last ones. The odd part of a tilt is that of the nearest tilt places, moved with the
   /// contact.
   Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
-    const auto [k, t] = between(r_.place_m, std::abs(y_m));
+    const double place = computed(y_m);
+    const auto [k, t] = between(r_.place_m, place);
     Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
     if (tilt_rad != 0.0) {
-      const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
+      const auto [i, s] = between(r_.tilt_place_m, place);
       add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N),
-          std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
+          place - r_.tilt_place_m[Eigen::Index(i)]);
       if (s > 0.0)
         add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N),
-            std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
+            place - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
-    return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
+    return place == y_m ? v : Eigen::VectorXd(v.reverse());
   }
   double depth_m(double y_m, double load_N) const {
-    const auto [k, t] = between(r_.place_m, std::abs(y_m));
+    const auto [k, t] = between(r_.place_m, computed(y_m));
     const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
@@ -483,6 +488,9 @@ class PadLight {
   }
 
  private:
+  /// A place, or its mirror image, for which there are responses.
+  double computed(double y_m) const { return r_.equal_ends() ? std::abs(y_m) : y_m; }
+
   /// Interval of ascending `x` and the share of it; clamped.
   static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};
@@ -10535,26 +10543,37 @@ inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& si
 struct PadGrid {
   double diameter_m = 10.0_mm;
   std::vector<double> load_N{1.0, 2.0, 5.0, 10.0, 15.0, 20.0};
-  double spacing_m = 1.0_mm;  ///< of the places; those at y < 0 are mirror images
-  int places = 27;            ///< 0, 1, …, 26 mm
+  double spacing_m = 1.0_mm;  ///< of the places
+  int places = 27;            ///< 0, 1, …, 26 mm, and −26 … −1 mm where they are no mirror images
   double tilt_rad = 4.0_deg;  ///< of an approach from the side, from which follows what small angles do
-  std::vector<double> tilt_place_m{0.0, 22.0_mm};
+  std::vector<double> tilt_place_m{0.0, 22.0_mm};  ///< and those below 0, likewise
+
+  /// The straight approaches, then the tilted ones, each in ascending order.
+  std::vector<Scenario<Sphere>> scenarios(bool equal_ends) const {
+    std::vector<Scenario<Sphere>> all;
+    for (int k = equal_ends ? 0 : 1 - places; k < places; ++k)
+      all.push_back({Sphere{diameter_m}, 0.0, spacing_m * k, load_N});
+    std::vector<double> tilted = tilt_place_m;
+    if (!equal_ends)
+      for (const double y : tilt_place_m)
+        if (y > 0.0) tilted.push_back(-y);
+    std::sort(tilted.begin(), tilted.end());
+    for (const double y : tilted) all.push_back({Sphere{diameter_m}, tilt_rad, y, load_N});
+    return all;
+  }
 };
 
 /// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as
-/// `sight` says. The pipeline's tracer must have `sight` for its readout; `body` must be symmetric. Throws
-/// InvalidArgument, MeshError, and PressFailure when a press does not converge.
+/// `sight` says. The pipeline's tracer must have `sight` for its readout; `body` must be symmetric in x.
+/// Throws InvalidArgument, MeshError, and PressFailure when a press does not converge.
 template <class P, Executor E> PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid,
     const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
-  if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
+  if (!body.symmetry.x) throw InvalidArgument("virtual lab: the pad must be symmetric in x");
+  const bool equal_ends = body.symmetry.y;
   require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
   require_positive("spacing of the virtual lab's places", grid.spacing_m, "m");
   require_in_range("tilt of the virtual lab", grid.tilt_rad, 0.001, 0.5, "rad");
-  std::vector<Scenario<Sphere>> scenarios;
-  for (int k = 0; k < grid.places; ++k)
-    scenarios.push_back({Sphere{grid.diameter_m}, 0.0, grid.spacing_m * k, grid.load_N});
-  for (const double y : grid.tilt_place_m)
-    scenarios.push_back({Sphere{grid.diameter_m}, grid.tilt_rad, y, grid.load_N});
+  const std::vector<Scenario<Sphere>> scenarios = grid.scenarios(equal_ends);
   const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
   for (const ScenarioRecord& s : seen.scenarios)
     if (s.status != Status::converged)
@@ -10568,14 +10587,16 @@ template <class P, Executor E> PadResponses observe_pad(const Body& body, const 
   r.position_m = Eigen::Map<const Eigen::VectorXd>(at.data(), bins);
   const Eigen::Map<const Eigen::VectorXd> rest(seen.unloaded_response.data(), 2 * bins);
   r.unloaded = 0.5 * (rest.head(bins) + rest.tail(bins));
-  r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
+  if (equal_ends) r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
   r.load_N = Eigen::Map<const Eigen::VectorXd>(grid.load_N.data(), loads);
-  r.place_m.resize(grid.places);
-  r.depth_m.resize(loads, grid.places);
-  r.tilt_place_m = Eigen::Map<const Eigen::VectorXd>(grid.tilt_place_m.data(), Eigen::Index(grid.tilt_place_m.size()));
+  const auto is_straight = [](const Scenario<Sphere>& s) { return s.angle_rad == 0.0; };
+  const auto places = Eigen::Index(std::count_if(scenarios.begin(), scenarios.end(), is_straight));
+  r.place_m.resize(places);
+  r.depth_m.resize(loads, places);
+  r.tilt_place_m.resize(Eigen::Index(scenarios.size()) - places);
   r.error = Eigen::VectorXd::Zero(loads);
   for (std::size_t k = 0; k < scenarios.size(); ++k) {
-    const bool straight = k < std::size_t(grid.places);
+    const bool straight = is_straight(scenarios[k]);
     Eigen::MatrixXd part(bins, loads);
     for (Eigen::Index l = 0; l < loads; ++l) {
       const StateRecord& s = seen.scenarios[k].states[std::size_t(l)];
@@ -10586,13 +10607,13 @@ template <class P, Executor E> PadResponses observe_pad(const Body& body, const 
       if (!straight) continue;
       double squares = 0.0;
       for (const double e : standard_error(wanted)) squares += e * e;
-      r.error[l] += squares / double(bins * grid.places);
+      r.error[l] += squares / double(bins * places);
       r.depth_m(l, Eigen::Index(k)) = s.depth_m;
     }
-    // At y = 0 the pad is its own mirror image; only the rays are not.
-    if (scenarios[k].y_m == 0.0) part = (0.5 * (part + part.colwise().reverse())).eval();
+    // At y = 0 a pad with equal ends is its own mirror image; only the rays are not.
+    if (equal_ends && scenarios[k].y_m == 0.0) part = (0.5 * (part + part.colwise().reverse())).eval();
     (straight ? r.change : r.tilt).push_back(std::move(part));
-    if (straight) r.place_m[Eigen::Index(k)] = scenarios[k].y_m;
+    (straight ? r.place_m[Eigen::Index(k)] : r.tilt_place_m[Eigen::Index(k) - places]) = scenarios[k].y_m;
   }
   r.error = r.error.cwiseSqrt().eval();
   return r;

@@ -1,10 +1,12 @@
 #pragma once
 
-#include "lumo/morphology/section.hpp"
+#include "lumo/fabrication/casting_options.hpp"
 
 #include <cmath>
 #include <random>
 #include <vector>
+
+inline lumo::CastingOptions plain_casting() { return lumo::CastingOptions{}.made_for(lumo::plain_finger()); }
 
 /// Area of a regular polygon in a circle.
 inline double ring_area(double radius, int corners = 32) {
@@ -22,8 +24,7 @@ inline std::vector<lumo::FingerDesign> extreme_designs() {
 }
 
 /// Feasible designs drawn from the lattice, each as likely as any other.
-inline std::vector<lumo::FingerDesign> random_designs(
-    int count, unsigned seed, const lumo::PadDimensions& pad = lumo::plain_pad()) {
+inline std::vector<lumo::FingerDesign> random_designs(int count, unsigned seed, const lumo::PadDimensions& pad) {
   std::mt19937_64 random(seed);
   const lumo::DesignSpace space = lumo::finger_space(pad);
   std::vector<lumo::FingerDesign> designs;

@@ -319,5 +319,5 @@ TEST_CASE("built fingers that cannot be made are refused by name", "[fabrication
   HalfSection held = casting_section(built_baseline(), built_pad());
   held.twin = Twin::held_top;
   CHECK_THROWS_AS(casting_kit(held, built_options()), InvalidArgument);
-  CHECK_THROWS_AS(led_bar_solid(casting_section({6, 6, 8, 5, 0})), InvalidArgument);
+  CHECK_THROWS_AS(led_bar_solid(casting_section({6, 6, 8, 5, 0}, plain_pad()), plain_casting()), InvalidArgument);
 }

@@ -23,7 +23,7 @@ double volume_mm3(const std::vector<CastingPart>& kit, const std::string& name) 
 
 std::vector<FingerDesign> all_designs() {
   auto designs = extreme_designs();
-  for (const FingerDesign& d : random_designs(20, 11)) designs.push_back(d);
+  for (const FingerDesign& d : random_designs(20, 11, plain_pad())) designs.push_back(d);
   return designs;
 }
 
@@ -31,11 +31,11 @@ std::vector<FingerDesign> all_designs() {
 
 TEST_CASE("the section for casting is the paper's", "[fabrication]") {
   for (const FingerDesign& d : all_designs()) {
-    const HalfSection s = casting_section(d);
+    const HalfSection s = casting_section(d, plain_pad());
     CHECK(s.half_width_m() == Approx(14.75e-3));
     CHECK(s.height_m() == Approx(1e-3 * (d.h_fp + d.h_ep)));
     const double exact = 29.5 * d.h_fp + 0.25 * pi * 29.5 * d.h_ep - (d.w_s + 2.0 * d.w_v) * d.h_s;
-    CHECK(1e9 * cast_volume(s).pad == Approx(60.0 * exact).epsilon(1e-12));
+    CHECK(1e9 * cast_volume(s, plain_casting()).pad == Approx(60.0 * exact).epsilon(1e-12));
     CHECK(section_area_mm2(s) == Approx(exact).epsilon(2e-4));
     CHECK(section_area_mm2(s) <= exact);
     const auto outline = pad_outline(s);
@@ -52,8 +52,8 @@ TEST_CASE("the section for casting is the paper's", "[fabrication]") {
 TEST_CASE("volumes of all parts are those of their closed forms, over the whole space", "[fabrication]") {
   for (const FingerDesign& d : all_designs()) {
     INFO(d.h_fp << "," << d.h_ep << "," << d.w_s << "," << d.h_s << "," << d.w_v);
-    const HalfSection s = casting_section(d);
-    const auto kit = casting_kit(s);
+    const HalfSection s = casting_section(d, plain_pad());
+    const auto kit = casting_kit(s, plain_casting());
     const double c = 0.2, plate = 35.5 * 74.0, duct = 2.0 * 3.0, pocket = 2.4 * 52.4;
     CHECK(volume_mm3(kit, "carrier") == Approx(4.0 * (plate - 4.0 * ring_area(1.7) - duct) +
                                                d.w_s * d.h_s * (60.0 - c) - pocket * 0.9 - duct * (d.h_s - 0.9))
@@ -73,7 +73,7 @@ TEST_CASE("volumes of all parts are those of their closed forms, over the whole 
                  gate = frustum(2.0, 2.0 + end * std::tan(15.0_deg), end);
     CHECK(volume_mm3(kit, "mould_a") == Approx(body + wall + keys - 2.0 * notch - 2.0 * vent - gate).epsilon(1e-10));
 
-    const CastVolume v = cast_volume(s);
+    const CastVolume v = cast_volume(s, plain_casting());
     CHECK(1e9 * v.openings == Approx(gate + 2.0 * vent).epsilon(1e-10));
     CHECK(1e9 * v.fits == Approx((pocket - 2.0 * 52.0) * 0.9 + d.w_s * d.h_s * c).epsilon(1e-10));
 
@@ -86,7 +86,7 @@ TEST_CASE("volumes of all parts are those of their closed forms, over the whole 
 }
 
 TEST_CASE("printed parts are the assembled ones, on the bed with their corner at the origin", "[fabrication]") {
-  for (const CastingPart& p : casting_kit(casting_section({5, 10, 10, 6, 3}))) {
+  for (const CastingPart& p : casting_kit(casting_section({5, 10, 10, 6, 3}, plain_pad()), plain_casting())) {
     const SurfaceReport report = validate_surface(p.printed);
     CHECK(report.low.norm() < 1e-15);
     CHECK((report.high - p.box).norm() < 1e-15);
@@ -104,7 +104,7 @@ TEST_CASE("the closed mould's cavity is the pad with its voids", "[fabrication]"
   std::uniform_real_distribution<double> u(-1.0, 1.0);
   for (const FingerDesign& d :
       {FingerDesign{5, 10, 10, 6, 3}, {6, 6, 8, 5, 0}, {10, 8, 4.5, 4, 7.5}, {19, 1, 15, 14, 2}, {8, 1, 4, 2, 0.5}}) {
-    const auto kit = casting_kit(casting_section(d));
+    const auto kit = casting_kit(casting_section(d, plain_pad()), plain_casting());
     int in_pad = 0, in_void = 0, elsewhere = 0;
     for (int k = 0; k < 400; ++k) {
       const double z_top = d.h_fp + d.h_ep + 8.0;
@@ -145,8 +145,8 @@ TEST_CASE("the closed mould's cavity is the pad with its voids", "[fabrication]"
 
 TEST_CASE("the mould opens without an undercut, and no other straight way is as good", "[fabrication]") {
   for (const FingerDesign& d : all_designs()) {
-    const HalfSection s = casting_section(d);
-    const TriangleSurface a = mould_half_a(s), b = mould_half_b(s);
+    const HalfSection s = casting_section(d, plain_pad());
+    const TriangleSurface a = mould_half_a(s, plain_casting()), b = mould_half_b(s, plain_casting());
     const Vec3d way = opening_direction();
     // The crown's last chord is the steepest place; its slope is the draft.
     const auto outline = pad_outline(s);
@@ -162,8 +162,10 @@ TEST_CASE("the mould opens without an undercut, and no other straight way is as 
 }
 
 TEST_CASE("options that cannot be made are refused by name", "[fabrication]") {
-  const HalfSection s = casting_section({5, 10, 10, 6, 3});
-  const auto refused = [&](const CastingOptions& o, const HalfSection& section, const std::string& word) {
+  const HalfSection s = casting_section({5, 10, 10, 6, 3}, plain_pad());
+  const auto refused = [&](CastingOptions o, const HalfSection& section, const std::string& word) {
+    o.leds.width_x = plain_casting().leds.width_x;
+    o.recess = plain_casting().recess;
     try {
       casting_kit(section, o);
       FAIL(word + " must be refused");
@@ -179,7 +181,7 @@ TEST_CASE("options that cannot be made are refused by name", "[fabrication]") {
   refused({.wall = 5e-3}, s, "mould wall");
   refused({.rim = 5e-3}, s, "mould rim");
   refused({.strip_width = 9e-3}, s, "LED strip width is 9 mm, must be at most 8.4 mm");
-  refused({.strip_width = 2.5e-3}, casting_section({6, 6, 4, 5, 0}), "0.6 mm of wall");
+  refused({.strip_width = 2.5e-3}, casting_section({6, 6, 4, 5, 0}, plain_pad()), "0.6 mm of wall");
   refused({.strip_height = 1.6e-3}, s, "LED strip height");
   refused({.gate_diameter = 5e-3}, s, "gate diameter");
   refused({.vent_diameter = 0.1e-3}, s, "vent diameter");
@@ -187,8 +189,8 @@ TEST_CASE("options that cannot be made are refused by name", "[fabrication]") {
   HalfSection soft = s;
   soft.twin = Twin::bonded_base;
   refused({}, soft, "cannot be cast");
-  CHECK_THROWS_AS(core_solid(casting_section({6, 6, 8, 5, 0})), InvalidArgument);
-  CHECK_THROWS_AS(casting_section({6, 6, 8, 12, 0}), InfeasibleDesign);
+  CHECK_THROWS_AS(core_solid(casting_section({6, 6, 8, 5, 0}, plain_pad()), plain_casting()), InvalidArgument);
+  CHECK_THROWS_AS(casting_section({6, 6, 8, 12, 0}, plain_pad()), InfeasibleDesign);
 }
 
 TEST_CASE("every option at its ends makes solids", "[fabrication]") {
@@ -197,7 +199,7 @@ TEST_CASE("every option at its ends makes solids", "[fabrication]") {
       {FingerDesign{2, 5.5, 4, 2, 0}, {19, 1, 4, 14.5, 7.5}, {5, 10, 10, 6, 3}, {8, 1, 4, 2, 0.5}})
     for (const bool low : {true, false}) {
       const auto end = [low](const Limits& mm) { return 1e-3 * (low ? mm.low : mm.high); };
-      CastingOptions o;
+      CastingOptions o = plain_casting();
       o.clearance = end(limits::clearance_mm);
       o.plate = end(limits::plate_mm);
       o.wall = end(limits::wall_mm);
@@ -206,6 +208,6 @@ TEST_CASE("every option at its ends makes solids", "[fabrication]") {
       o.vent_diameter = end(limits::vent_mm);
       o.rim = std::min(o.rim, o.plate);
       o.strip_width = low ? 0.8e-3 : 1e-3 * (d.w_s - 1.2) - 2.0 * o.clearance;
-      CHECK_NOTHROW(casting_kit(casting_section(d), o));
+      CHECK_NOTHROW(casting_kit(casting_section(d, plain_pad()), o));
     }
 }

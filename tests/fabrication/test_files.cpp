@@ -67,7 +67,7 @@ struct Broken : std::stringbuf {
 
 TEST_CASE("a binary .stl is read back as the same solid", "[fabrication]") {
   TemporaryFolder folder;
-  for (const CastingPart& part : casting_kit(casting_section({5, 10, 10, 6, 3}))) {
+  for (const CastingPart& part : casting_kit(casting_section({5, 10, 10, 6, 3}, plain_pad()), plain_casting())) {
     const std::string path = folder / (part.name + ".stl");
     std::ofstream out(path, std::ios::binary);
     write_stl(out, part.printed);
@@ -87,7 +87,7 @@ TEST_CASE("lengths are written in mm, in every locale, without noise", "[fabrica
 }
 
 TEST_CASE("a 3MF package names its parts, their copies and the mm", "[fabrication]") {
-  const auto kit = casting_kit(casting_section({5, 10, 10, 6, 3}));
+  const auto kit = casting_kit(casting_section({5, 10, 10, 6, 3}, plain_pad()), plain_casting());
   std::vector<PrintItem> items;
   for (const CastingPart& p : kit) items.push_back({p.name, p.printed, p.copies});
   const auto files = three_mf_files(items);
@@ -120,27 +120,27 @@ TEST_CASE("a 3MF package names its parts, their copies and the mm", "[fabricatio
 
 TEST_CASE("drawings are the design at 1:1", "[fabrication]") {
   for (const FingerDesign& d : {FingerDesign{5, 10, 10, 6, 3}, {6, 6, 8, 5, 0}}) {
-    const HalfSection s = casting_section(d);
-    const auto section = loops(dxf(section_drawing(s)));
+    const HalfSection s = casting_section(d, plain_pad());
+    const auto section = loops(dxf(section_drawing(s, plain_casting())));
     CHECK(section.count("SILICONE") == 1);
     CHECK(area(section.find("SILICONE")->second) == Approx(section_area_mm2(s)).epsilon(1e-5));
     CHECK(area(section.find("CARRIER")->second) == Approx(35.5 * 4.0 + d.w_s * d.h_s - 2.4 * 0.9).epsilon(1e-9));
     CHECK(section.count("MOULD") == 2);
     CHECK(section.count("CORES") == (d.w_v > 0.0 ? 2u : 0u));
-    const auto strip = loops(dxf(strip_drawing(s)));
+    const auto strip = loops(dxf(strip_drawing(s, plain_casting())));
     CHECK(strip.count("LEDS") == 5);
     for (auto led = strip.lower_bound("LEDS"); led != strip.upper_bound("LEDS"); ++led)
       CHECK(area(led->second) == Approx(1.6 * 0.8).epsilon(1e-9));
     CHECK(area(strip.find("OUTLINE")->second) == Approx(52.0 * 2.0).epsilon(1e-9));
   }
-  const auto core = loops(dxf(core_drawing(casting_section({5, 10, 10, 6, 3}))));
+  const auto core = loops(dxf(core_drawing(casting_section({5, 10, 10, 6, 3}, plain_pad()), plain_casting())));
   CHECK(area(core.find("OUTLINE")->second) == Approx(82.0 * 6.0 + 3.0 * 10.0).epsilon(1e-9));
-  CHECK_THROWS_AS(core_drawing(casting_section({6, 6, 8, 5, 0})), InvalidArgument);
+  CHECK_THROWS_AS(core_drawing(casting_section({6, 6, 8, 5, 0}, plain_pad()), plain_casting()), InvalidArgument);
 }
 
 TEST_CASE("an .svg at scale is as many mm wide as its user units", "[fabrication]") {
   std::ostringstream out;
-  write_svg(out, strip_drawing(casting_section({6, 6, 8, 5, 0})));
+  write_svg(out, strip_drawing(casting_section({6, 6, 8, 5, 0}, plain_pad()), plain_casting()));
   const std::string s = out.str();
   const auto value = [&s](const std::string& key) {
     const auto at = s.find(key) + key.size();
@@ -154,13 +154,13 @@ TEST_CASE("an .svg at scale is as many mm wide as its user units", "[fabrication
 TEST_CASE("a stream that fails is an error", "[fabrication]") {
   Broken broken;
   std::ostream out(&broken);
-  const HalfSection s = casting_section({6, 6, 8, 5, 0});
-  CHECK_THROWS_AS(write_stl(out, carrier_solid(s)), InputError);
+  const HalfSection s = casting_section({6, 6, 8, 5, 0}, plain_pad());
+  CHECK_THROWS_AS(write_stl(out, carrier_solid(s, plain_casting())), InputError);
   out.clear();
-  CHECK_THROWS_AS(write_dxf(out, strip_drawing(s)), InputError);
+  CHECK_THROWS_AS(write_dxf(out, strip_drawing(s, plain_casting())), InputError);
   out.clear();
-  CHECK_THROWS_AS(write_svg(out, strip_drawing(s)), InputError);
+  CHECK_THROWS_AS(write_svg(out, strip_drawing(s, plain_casting())), InputError);
   out.clear();
-  const std::vector<PrintItem> items{{"carrier", carrier_solid(s)}};
+  const std::vector<PrintItem> items{{"carrier", carrier_solid(s, plain_casting())}};
   CHECK_THROWS_AS(write_3mf(out, std::span<const PrintItem>(items), Zip{}), InputError);
 }

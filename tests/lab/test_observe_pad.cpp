@@ -3,8 +3,21 @@
 #include "lumo/lab/observe_pad.hpp"
 #include "pipeline/coarse_pipeline.hpp"
 
+#include <cmath>
+#include <vector>
+
 using namespace lumo;
-using namespace lumo::sense;
+
+TEST_CASE("a pad with unequal ends is pressed at both, one with equal ends at one") {
+  const PadGrid grid{.load_N = {1.0}, .spacing_m = 13.0_mm, .places = 3, .tilt_place_m = {0.0, 13.0_mm}};
+  const auto places = [&](bool equal_ends) {
+    std::vector<double> y_mm;
+    for (const Scenario<Sphere>& s : grid.scenarios(equal_ends)) y_mm.push_back(std::round(1e3 * s.y_m));
+    return y_mm;
+  };
+  CHECK(places(true) == std::vector<double>{0, 13, 26, 0, 13});
+  CHECK(places(false) == std::vector<double>{-26, -13, 0, 13, 26, -13, 0, 13});
+}
 
 TEST_CASE("a pad that finds no equilibrium has no responses for the lab: a failure of the numbers, not of the caller") {
   const SideSight sight;
@@ -16,5 +29,5 @@ TEST_CASE("a pad that finds no equilibrium has no responses for the lab: a failu
   p.simulator.solver.config.max_iterations = 1;
   const PadGrid grid{.load_N = {1.0, 2.0, 5.0, 10.0}, .spacing_m = 13.0_mm, .places = 2, .tilt_place_m = {}};
   CHECK_THROWS_AS(
-      observe_pad(finger(baseline_design(), dragon_skin(), coarse_finger()), sight, grid, p, Serial{}), PressFailure);
+      observe_pad(finger(plain_baseline(), dragon_skin(), coarse_finger()), sight, grid, p, Serial{}), PressFailure);
 }

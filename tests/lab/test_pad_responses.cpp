@@ -5,7 +5,6 @@
 #include "temporary_folder.hpp"
 
 using namespace lumo;
-using namespace lumo::sense;
 
 TEST_CASE("responses in between: exact at what was computed, mirrored below 0, nothing at 0 N", "[lab]") {
   const PadResponses r = test_pad();
@@ -25,6 +24,33 @@ TEST_CASE("responses in between: exact at what was computed, mirrored below 0, n
   CHECK(light.load_N(0.0, -1e-3) == 0.0);
   // Beyond what was computed the last state counts.
   CHECK(light.change(40e-3, 30.0) == r.change[26].col(2));
+}
+
+TEST_CASE("responses of a pad with unequal ends: each side of 0 has its own", "[lab]") {
+  const PadResponses half = test_pad();
+  PadResponses whole = half;
+  const Eigen::Index n = half.place_m.size();
+  whole.place_m = Eigen::VectorXd::LinSpaced(2 * n - 1, -half.place_m[n - 1], half.place_m[n - 1]);
+  whole.place_m[n - 1] = 0.0;
+  whole.depth_m = half.depth_m.col(0).replicate(1, 2 * n - 1);
+  whole.change.clear();
+  for (Eigen::Index k = n - 1; k > 0; --k) whole.change.push_back(half.change[std::size_t(k)].colwise().reverse());
+  for (const Eigen::MatrixXd& m : half.change) whole.change.push_back(m);
+  whole.tilt_place_m = Eigen::Vector3d(-1e-3, 0.0, 1e-3);
+  whole.tilt = {half.tilt[0], half.tilt[0], half.tilt[0]};
+  const PadLight mirrored(half), same(whole);
+  for (const double y : {-26e-3, -7.3e-3, 0.0, 4.25e-3, 30e-3})
+    CHECK((same.change(y, 7.0) - mirrored.change(y, 7.0)).norm() < 1e-15);
+  whole.change[std::size_t(n - 1 - 7)] *= 2.0;  // at −7 mm alone
+  whole.tilt[0] *= 3.0;
+  const PadLight other(whole);
+  CHECK((other.change(-7e-3, 10.0) - 2.0 * mirrored.change(-7e-3, 10.0)).norm() < 1e-15);
+  CHECK((other.change(7e-3, 10.0) - mirrored.change(7e-3, 10.0)).norm() < 1e-15);
+  CHECK((other.change(-7e-3, 10.0, 0.01) - other.change(-7e-3, 10.0)).sum() ==
+        Approx(3.0 * (other.change(7e-3, 10.0, 0.01) - other.change(7e-3, 10.0)).sum()).epsilon(1e-9));
+  CHECK(other.load_N(-7e-3, other.depth_m(-7e-3, 12.0)) == Approx(12.0));
+  whole.place_m[0] = -25.5e-3;
+  CHECK_THROWS_AS(PadLight(whole), InputError);
 }
 
 TEST_CASE("between loads the response never overshoots", "[lab]") {

@@ -37,7 +37,7 @@ struct PressedFinger {
 
 /// A coarse finger: contracts do not need accuracy.
 PressedFinger coarse_finger(const FingerDesign& design, const Scenario<Sphere>& scenario) {
-  FingerOptions o;
+  FingerOptions o = plain_finger();
   o.mesh.contact_edge = 5e-3;
   const Body body = finger(design, dragon_skin(), o);
   const TetgenMesher mesher;
@@ -91,7 +91,7 @@ TEST_CASE("loads are met exactly, certified independently, with little overlap")
 
 TEST_CASE("the independent residual notices what a solver would have to hide") {
   const Scenario<Sphere> s{Sphere{20e-3}, 0.0, 0.0, {2.0}};
-  const PressedFinger f = coarse_finger(baseline_design(), s);
+  const PressedFinger f = coarse_finger(plain_baseline(), s);
   const FastSimulator sim;
   const MechanicalState state = sim.press(f.body, f.mesh, s).front();
   const Touch touch = first_touch(f.body, f.mesh, s);
@@ -206,7 +206,7 @@ TEST_CASE("the Eigen-only simulator gives the same answer as the one with CHOLMO
 
 TEST_CASE("linear tetrahedra are offered, and lock") {
   const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {2.0}};
-  const PressedFinger f = coarse_finger(baseline_design(), s);
+  const PressedFinger f = coarse_finger(plain_baseline(), s);
   const double quadratic = FastSimulator{}.press(f.body, f.mesh, s).front().depth_m;
   TetMesh linear = f.mesh;
   linear.order = 1;

@@ -40,8 +40,8 @@ double drawn_area_mm2(const std::string& svg, double px_per_mm) {
 TEST_CASE(
     "the picture of a pressed body is its cut: the section's area while nothing moves, and the tool where it is") {
   const FingerDesign design{5, 10, 10, 6, 3};
-  const Body body = finger(design, dragon_skin());
-  const double section_mm2 = 1e6 * body.exact_volume_m3 / (1e-3 * PadDimensions{}.length);
+  const Body body = finger(design, dragon_skin(), plain_finger());
+  const double section_mm2 = 1e6 * body.exact_volume_m3 / (1e-3 * plain_pad().length);
   const TetgenMesher mesher;
   const TetMesh mesh = mesh_body(body, mesher);
   for (const double y : {0.0, 11.3e-3}) {  // through nodes, and between them
@@ -74,7 +74,7 @@ TEST_CASE(
 
 TEST_CASE("a swept mesh presses like an unstructured one") {
   const Silicone card = dragon_skin();
-  const Body body = finger(baseline_design(), card);
+  const Body body = finger(plain_baseline(), card, plain_finger());
   const Scenario<Sphere> scenario{.indenter = {20e-3}, .loads_N = {2.0, 10.0}};
   const Focus focus{.finest = 0.8e-3, .growth = 0.3};
   const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{

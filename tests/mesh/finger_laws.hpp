@@ -12,8 +12,8 @@ void check_finger_mesh(const lumo::FingerDesign& design, const M& mesher, const 
   using namespace lumo;
   const auto v = design.values();
   INFO("theta " << v[0] << " " << v[1] << " " << v[2] << " " << v[3] << " " << v[4]);
-  const Body body =
-      focused(finger(design, dragon_skin()), {Vec3d(0, 11e-3, 1e-3 * (design.h_fp + design.h_ep))}, focus);
+  const Body body = focused(
+      finger(design, dragon_skin(), plain_finger()), {Vec3d(0, 11e-3, 1e-3 * (design.h_fp + design.h_ep))}, focus);
   const TetMesh mesh = mesh_body(body, mesher);
   const MeshQuality q = measure(mesh);
   CHECK(q.min_jacobian_ratio > 0.0);

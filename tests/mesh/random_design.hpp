@@ -7,7 +7,7 @@
 
 /// Some feasible lattice design, by rejection.
 inline lumo::FingerDesign random_design(std::mt19937& random) {
-  const lumo::DesignSpace space = lumo::finger_space();
+  const lumo::DesignSpace space = lumo::finger_space(lumo::plain_pad());
   for (;;) {
     std::array<double, 5> x;
     for (std::size_t i = 0; i < 5; ++i)

@@ -13,16 +13,16 @@ using namespace lumo;
 
 TEST_CASE("a finger's mesh lies on the exact profile, is exactly symmetric and has the exact volume") {
   const TetgenMesher mesher;
-  for (const FingerDesign& d : {baseline_design(), FingerDesign{5, 10, 10, 6, 3}, FingerDesign{12, 1, 4, 5, 1}})
+  for (const FingerDesign& d : {plain_baseline(), FingerDesign{5, 10, 10, 6, 3}, FingerDesign{12, 1, 4, 5, 1}})
     check_finger_mesh(d, mesher, {0.5e-3, 0.2, 1.0}, true);
 }
 
 TEST_CASE("edges along y are longer by the stretch that is asked for, and the mesh is as true") {
   const TetgenMesher mesher;
   const auto meshed = [&](double stretch) {
-    FingerOptions options;
+    FingerOptions options = plain_finger();
     options.mesh.stretch_y = stretch;
-    const Body body = finger(baseline_design(), dragon_skin(), options);
+    const Body body = finger(plain_baseline(), dragon_skin(), options);
     const TetMesh mesh = mesh_body(body, mesher);
     const MeshQuality q = measure(mesh);
     CHECK(q.min_jacobian_ratio > 0.0);
@@ -57,7 +57,7 @@ TEST_CASE("300 random feasible designs mesh", "[long]") {
 
 TEST_CASE("2000 random designs are valid fingers or typed errors") {
   std::mt19937 random(5);
-  const DesignSpace space = finger_space();
+  const DesignSpace space = finger_space(plain_pad());
   const double odd[] = {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(),
       -std::numeric_limits<double>::infinity(), 1e308, -1e308, 1e-310, 0.0, -0.0};
   int valid = 0, refused = 0;
@@ -77,7 +77,7 @@ TEST_CASE("2000 random designs are valid fingers or typed errors") {
       }
     }
     try {
-      const Body b = finger(FingerDesign::from(x), solaris());
+      const Body b = finger(FingerDesign::from(x), solaris(), plain_finger());
       CHECK_NOTHROW(validate_surface(ClosedSurface{b.vertices, b.facets}));
       ++valid;
     } catch (const InfeasibleDesign& e) {
@@ -91,7 +91,7 @@ TEST_CASE("2000 random designs are valid fingers or typed errors") {
 }
 
 TEST_CASE("a sector and its mirror images are the whole") {
-  const Body body = finger({8, 4, 6, 4, 2}, dragon_skin());
+  const Body body = finger({8, 4, 6, 4, 2}, dragon_skin(), plain_finger());
   const TetMesh mesh = mesh_body(body, TetgenMesher{});
   const double volume = measure(mesh).volume_m3;
   for (Symmetry planes : {Symmetry{true, false}, Symmetry{false, true}, Symmetry{true, true}}) {

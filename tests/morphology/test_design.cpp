@@ -30,8 +30,8 @@ bool thick_enough(const FingerDesign& d, double tolerance) {
 }  // namespace
 
 TEST_CASE("the paper's bounds, sums and thickness are decided exactly on the lattice") {
-  const DesignSpace space = finger_space();
-  for (const FingerDesign& d : reference_designs()) CHECK(space.contains(d.values()));
+  const DesignSpace space = finger_space(plain_pad());
+  for (const FingerDesign& d : plain_references()) CHECK(space.contains(d.values()));
   CHECK(space.contains(FingerDesign{10, 8, 4.5, 4, 7.5}.values()));  // a wall of exactly 5 mm
   CHECK_FALSE(space.contains(FingerDesign{10, 8, 5, 4, 7.5}.values()));
   CHECK(space.contains(FingerDesign{12, 8, 8, 5, 2}.values()));  // h_fp + h_ep = 20 exactly
@@ -62,7 +62,7 @@ TEST_CASE("the paper's bounds, sums and thickness are decided exactly on the lat
 TEST_CASE("an infeasible design says which constraint is broken, the value and the limit") {
   const auto refusal = [](const FingerDesign& d) {
     try {
-      finger_space().check(d.values());
+      finger_space(plain_pad()).check(d.values());
     } catch (const InfeasibleDesign& e) {
       return e;
     }
@@ -82,12 +82,12 @@ TEST_CASE("an infeasible design says which constraint is broken, the value and t
   const InfeasibleDesign thin = refusal({4, 2, 8, 5, 0});
   CHECK(thin.constraint() == "t_min vertical");
   CHECK(thin.limit() == 5.0);
-  CHECK(thin.value() == Approx(vertical_thickness({4, 2, 8, 5, 0})));
+  CHECK(thin.value() == Approx(vertical_thickness({4, 2, 8, 5, 0}, plain_pad())));
   CHECK(refusal({2, 18, 15, 15, 2}).constraint() == "t_min vertical");
   CHECK(refusal({2, 16, 8, 12.5, 0}).constraint() == "t_min vertical");
   CHECK(refusal({not_a_number, 8, 8, 5, 2}).constraint() == "h_fp finite");
   CHECK(refusal({6, 8, inf, 5, 2}).constraint() == "w_s finite");
-  CHECK_THROWS_AS(finger_space().check(std::vector<double>{1, 2, 3}), InvalidArgument);
+  CHECK_THROWS_AS(finger_space(plain_pad()).check(std::vector<double>{1, 2, 3}), InvalidArgument);
 }
 
 TEST_CASE("a design is on the lattice in every bit, or not on it") {
@@ -109,10 +109,10 @@ TEST_CASE("a side wall that is too thin above the flat sides is refused") {
   for (double fp = 2; fp <= 10 && !found; fp += 0.5)
     for (double hs = fp + 0.5; hs <= 15 && !found; hs += 0.5) {
       const FingerDesign d{fp, 20 - fp, 15, hs, 2};
-      if (vertical_thickness(d) < 5.0 || horizontal_thickness(d) >= 5.0) continue;
+      if (vertical_thickness(d, plain_pad()) < 5.0 || horizontal_thickness(d, plain_pad()) >= 5.0) continue;
       found = true;
-      CHECK_THROWS_WITH(
-          finger_space().check(d.values()), Catch::Contains("t_min (horizontal)") && Catch::Contains("5 mm"));
+      CHECK_THROWS_WITH(finger_space(plain_pad()).check(d.values()),
+          Catch::Contains("t_min (horizontal)") && Catch::Contains("5 mm"));
     }
   CHECK(found);
 }
@@ -129,8 +129,8 @@ TEST_CASE("a design space has any dimension") {
 
 TEST_CASE("the section's polygon has the section's area and closes in the right sense") {
   for (Twin twin : {Twin::none, Twin::no_void, Twin::bonded_base, Twin::unsupported_base})
-    for (const FingerDesign& d : reference_designs()) {
-      const HalfSection s = half_section(d, twin, {0.2e-3, 0.05});
+    for (const FingerDesign& d : plain_references()) {
+      const HalfSection s = half_section(d, twin, {0.2e-3, 0.05}, plain_pad());
       double area = 0.0;
       for (std::size_t k = 0; k < s.x.size(); ++k) {
         const std::size_t n = (k + 1) % s.x.size();

@@ -52,8 +52,8 @@ TEST_CASE("the closest point of an ellipse lies on it for points beside the axes
 
 TEST_CASE("a finger is a closed, outward surface with the exact volume up to its chords") {
   for (Twin twin : {Twin::none, Twin::no_void, Twin::bonded_base, Twin::unsupported_base})
-    for (const FingerDesign& d : reference_designs()) {
-      FingerOptions o;
+    for (const FingerDesign& d : plain_references()) {
+      FingerOptions o = plain_finger();
       o.twin = twin;
       o.mesh.contact_edge = 0.5e-3;
       o.mesh.max_turn_rad = 0.1;
@@ -70,7 +70,7 @@ TEST_CASE("a finger is a closed, outward surface with the exact volume up to its
 }
 
 TEST_CASE("what is bonded, touchable, visible and lit follows the model") {
-  const Body b = finger({4, 8, 8, 5, 2}, dragon_skin());
+  const Body b = finger({4, 8, 8, 5, 2}, dragon_skin(), plain_finger());
   std::map<std::string, const Patch*> patch;
   for (const Patch& p : b.patches) patch[p.name] = &p;
   CHECK(patch.at("stem_top")->bonded);
@@ -109,11 +109,11 @@ TEST_CASE("what is bonded, touchable, visible and lit follows the model") {
   CHECK(outward_normal(b, dome, p).x() < 0.0);
   CHECK(outward_normal(b, dome, Vec3d(-p.x(), p.y(), p.z())).x() == -outward_normal(b, dome, p).x());
 
-  const Body plain = finger({4, 8, 8, 5, 0}, dragon_skin());
+  const Body plain = finger({4, 8, 8, 5, 0}, dragon_skin(), plain_finger());
   bool side = false;
   for (const Patch& q : plain.patches) side = side || (q.name == "stem_side" && q.bonded);
   CHECK(side);
-  FingerOptions soft;
+  FingerOptions soft = plain_finger();
   soft.twin = Twin::unsupported_base;
   const Body twin = finger({4, 8, 8, 5, 2}, dragon_skin(), soft);
   CHECK(twin.carrier.empty());
@@ -133,11 +133,11 @@ TEST_CASE("material cards are the paper's") {
 
 TEST_CASE("a scaled mesh wants edges that are longer by its factor everywhere, also where a tool touches") {
   const FingerDesign design{5, 10, 10, 6, 3};
-  FingerOptions coarse;
+  FingerOptions coarse = plain_finger();
   coarse.mesh = coarse.mesh.scaled(1.4);
   CHECK(FingerOptions::Mesh{}.scaled(1.0) == FingerOptions::Mesh{});
   const std::vector<Vec3d> touches = {{0, 5e-3, 15e-3}};
-  const Body usual = focused(finger(design, dragon_skin()), touches),
+  const Body usual = focused(finger(design, dragon_skin(), plain_finger()), touches),
              scaled = focused(finger(design, dragon_skin(), coarse), touches, Focus{}.scaled(1.4));
   for (const Vec3d& p :
       {Vec3d(0, 5e-3, 15e-3), Vec3d(1e-3, 6e-3, 14.9e-3), Vec3d(8e-3, -20e-3, 10e-3), Vec3d(6e-3, 25e-3, 1e-3)})
@@ -146,7 +146,7 @@ TEST_CASE("a scaled mesh wants edges that are longer by its factor everywhere, a
 
 TEST_CASE("other assumptions on the finger: held ends, LEDs at the sides, one side seen, a narrow pad") {
   const FingerDesign design{8, 4, 6, 4, 2};
-  FingerOptions o;
+  FingerOptions o = plain_finger();
   o.bonded_ends = true;
   o.leds.place = FingerOptions::Leds::Place::sides;
   o.readout.one_side = o.readout.in_space = true;

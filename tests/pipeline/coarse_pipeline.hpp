@@ -26,7 +26,7 @@ inline CoarsePipeline coarse_pipeline() {
 }
 
 inline lumo::FingerOptions coarse_finger() {
-  lumo::FingerOptions o;
+  lumo::FingerOptions o = lumo::plain_finger();
   o.mesh.contact_edge = o.mesh.coarsest_edge = 6e-3;
   return o;
 }

@@ -86,7 +86,7 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
 TEST_CASE("a scenario that fails leaves no score, and says which") {
   CoarsePipeline p = coarse_pipeline();
   p.simulator.solver.config.max_iterations = 1;
-  const Evaluation e = evaluate({baseline_design(), dragon_skin(), coarse_finger()}, small_ensemble(), p, Serial{});
+  const Evaluation e = evaluate({plain_baseline(), dragon_skin(), coarse_finger()}, small_ensemble(), p, Serial{});
   CHECK_FALSE(e.J_contact);
   CHECK_FALSE(e.J_obs);
   for (const ScenarioRecord& s : e.observations.scenarios) CHECK(s.status == Status::max_iterations);

@@ -33,9 +33,9 @@ Ensemble two_places() {
 TEST_CASE("held states are observed but not scored, unless the problem accepts them") {
   auto p = held_pipeline();
   CHECK_FALSE(p.accept_held);
-  const Evaluation refused = evaluate({baseline_design(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
+  const Evaluation refused = evaluate({plain_baseline(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
   p.accept_held = true;
-  const Evaluation accepted = evaluate({baseline_design(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
+  const Evaluation accepted = evaluate({plain_baseline(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
 
   CHECK_FALSE(refused.J_contact);
   CHECK_FALSE(refused.J_obs);
@@ -71,7 +71,7 @@ TEST_CASE("a solve that ended otherwise is not scored where held states are") {
   auto p = held_pipeline();
   p.accept_held = true;
   p.simulator.solver.config.max_advance_m = 1e-4;
-  const Evaluation e = evaluate({baseline_design(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
+  const Evaluation e = evaluate({plain_baseline(), dragon_skin(), coarse_finger()}, two_places(), p, Serial{});
   CHECK_FALSE(e.J_contact);
   CHECK_THAT(trial_result(e, true).why, Catch::Contains("press: max_iterations"));
   CHECK(is_scored(Status::converged));

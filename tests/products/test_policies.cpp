@@ -30,9 +30,9 @@ struct SmallFinger {
   TetMesh linear, quadratic;
 
   SmallFinger() {
-    FingerOptions options;
+    FingerOptions options = plain_finger();
     options.mesh = {7e-3, 9e-3, 1.0, 1.5, 1.2, 4e-3};
-    body = finger(baseline_design(), dragon_skin(), options);
+    body = finger(plain_baseline(), dragon_skin(), options);
     linear = mesh_body(body, TetgenMesher{}, 1);
     quadratic = mesh_body(body, TetgenMesher{}, 2);
   }

@@ -59,12 +59,13 @@ TEST_CASE("D is the median over scenarios of the norm of the change at its load"
 }
 
 TEST_CASE("A study draws the same designs however many it compares, and no more than it can draw evenly") {
-  Optimizer<> few(study_problem(finger_space(), 3, 1)), most(study_problem(finger_space(), largest_study, 1));
+  Optimizer<> few(study_problem(finger_space(plain_pad()), 3, 1)),
+      most(study_problem(finger_space(plain_pad()), largest_study, 1));
   for (int k = 0; k < 3; ++k) CHECK(few.ask()->x == most.ask()->x);
-  CHECK(study_problem(finger_space(), largest_study, 1).sobol >=
+  CHECK(study_problem(finger_space(plain_pad()), largest_study, 1).sobol >=
         2 * largest_study + CampaignConfig{}.failures_at_least);  // never a search, even if half fail
   for (const int designs : {0, largest_study + 1})
-    CHECK_THROWS_AS(study_problem(finger_space(), designs, 1), InvalidArgument);
+    CHECK_THROWS_AS(study_problem(finger_space(plain_pad()), designs, 1), InvalidArgument);
 }
 
 TEST_CASE("Variants of a design: softer without a carrier, and the design without gaps is its own variant") {

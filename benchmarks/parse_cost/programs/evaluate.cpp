@@ -5,8 +5,7 @@
 template <lumo::Mesher M> lumo::Evaluation evaluate_with() {
   const lumo::Pipeline<M, lumo::Simulator<lumo::NeoHookean, lumo::SDFContact>, lumo::Tracer<lumo::BeerLambert>>
       pipeline{{}, {lumo::NeoHookean{}}, {}};
-  return lumo::evaluate(
-      {lumo::baseline_design(), lumo::dragon_skin()}, lumo::flat_ensemble(), pipeline, lumo::Serial{});
+  return lumo::evaluate({lumo::built_baseline(), lumo::dragon_skin()}, lumo::flat_ensemble(), pipeline, lumo::Serial{});
 }
 
 struct Filler {  // somewhere else

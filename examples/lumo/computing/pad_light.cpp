@@ -29,6 +29,10 @@ struct PadSettings {
     // A half as fine about the contact as elsewhere: depths are within 0.2 % of the default mesh's (y = 5 mm, 1 to 20
     // N), in less than half of the time.
     focus = {0.4e-3, 0.2, 0.8};
+    if (of.pad.cap_length > 0.0) {  // places on both sides of the middle: twice as far apart
+      grid.places = 14;
+      grid.spacing_m = 2.0_mm;
+    }
     grid.tilt_place_m = {0.0, 22.0_mm};
     rays.rays_per_emitter = 1 << 17;
     rays.carrier_rays = 1 << 17;

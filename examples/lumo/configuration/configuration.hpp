@@ -18,9 +18,9 @@ namespace lumo::program {
 
 /// A finger: its design, its silicone, and what is assumed of it.
 struct Pad {
-  std::array<double, 5> theta_mm = baseline_design().values();
+  std::array<double, 5> theta_mm = built_baseline().values();
   Silicone silicone = dragon_skin();
-  FingerOptions finger = plain_finger();
+  FingerOptions finger = built_finger();
 
   const std::string& material() const { return silicone.name; }
   FingerDesign design() const { return FingerDesign::from(theta_mm); }
@@ -53,7 +53,7 @@ enum class References { built, plain };
 struct Search {
   int evaluations = 160, seed = 1;
   std::string source = "default";             ///< of candidates: "default" or "paper"
-  References references = References::plain;  ///< the designs that it starts with
+  References references = References::built;  ///< the designs that it starts with
 
   bool operator==(const Search&) const = default;
 };
@@ -82,10 +82,10 @@ struct Configuration {
 
 /// The designs that a search with these references starts with, and the one that others are compared with.
 inline std::vector<FingerDesign> designs_of(References references) {
-  return references == References::built ? built_references() : reference_designs();
+  return references == References::built ? built_references() : plain_references();
 }
 inline FingerDesign baseline_of(References references) {
-  return references == References::built ? built_baseline() : baseline_design();
+  return references == References::built ? built_baseline() : plain_baseline();
 }
 
 /// Ensembles that have a name.

@@ -533,11 +533,7 @@ std::string_view name(Mark mark) {
 }
 
 Mark source_of(const Setting& s, const Configuration& configuration) {
-  Configuration built;
-  built.pad.theta_mm = built_baseline().values();
-  built.pad.finger = built_finger();
-  built.search.references = References::built;
-  return s.mark == Mark::code && s.get(configuration) != s.get(built) ? Mark::lumo : s.mark;
+  return s.mark == Mark::code && s.get(configuration) != s.get(Configuration{}) ? Mark::lumo : s.mark;
 }
 
 const std::vector<Setting>& settings() {

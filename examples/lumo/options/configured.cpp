@@ -28,7 +28,7 @@ void Configured::declare_configuration(CLI::App& app) {
   add_value(app, "--config", "FILE", "Configuration (JSON); what is not in it keeps its default",
       [this](const std::string& file) { effective.read(file); });
   add_value(
-      app, "--finger", "NAME", "built (as its authors built it) or plain (default)", [this](const std::string& typed) {
+      app, "--finger", "NAME", "built (default: as its authors built it) or plain", [this](const std::string& typed) {
         effective.assume(one_of("--finger", typed, {"built", "plain"}), "--finger");
       });
   add_layers(app, "--assume", "NAME", "Another assumption, over the file; may be repeated. lumo config lists them",

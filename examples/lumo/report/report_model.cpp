@@ -18,15 +18,20 @@ namespace {
 constexpr int fewest_for_check = 5;
 constexpr double normal_95 = 1.96;  // standard deviations about the mean that hold 95 % of a normal distribution
 
-/// The designs that a campaign begins with, reference designs first.
-std::vector<Design> starts(const CampaignProblem& problem) {
+/// The designs that a campaign begins with: references, then others.
+struct Starts {
+  std::vector<Design> designs;
+  std::size_t references = 0;
+};
+
+Starts starts(const CampaignProblem& problem) {
   return with_optimizer(problem, 1000, [](auto optimizer) {
-    std::vector<Design> designs;
-    const std::size_t count = optimizer.problem().initial.size() + std::size_t(optimizer.problem().sobol);
-    while (designs.size() < count)
-      if (const auto trial = optimizer.ask()) designs.push_back(trial->x);
+    Starts s{{}, optimizer.problem().initial.size()};
+    const std::size_t count = s.references + std::size_t(optimizer.problem().sobol);
+    while (s.designs.size() < count)
+      if (const auto trial = optimizer.ask()) s.designs.push_back(trial->x);
       else break;
-    return designs;
+    return s;
   });
 }
 
@@ -37,13 +42,14 @@ Json only_numbers(const Json& record, std::initializer_list<const char*> keys) {
   return j;
 }
 
-Json trial_model(const StoredTrial& t, const std::vector<Design>& first) {
+Json trial_model(const StoredTrial& t, const Starts& first) {
   const auto here = [&](const Design& x) { return std::equal(x.begin(), x.end(), t.theta_mm.begin()); };
-  const auto start = std::size_t(std::find_if(first.begin(), first.end(), here) - first.begin());
+  const auto start =
+      std::size_t(std::find_if(first.designs.begin(), first.designs.end(), here) - first.designs.begin());
   Json j = {{"index", t.id}, {"theta_mm", numbers(t.theta_mm)},
-      {"origin", start < reference_designs().size() ? "reference"
-                 : start < first.size()             ? "sobol"
-                                                    : "search"},
+      {"origin", start < first.references       ? "reference"
+                 : start < first.designs.size() ? "sobol"
+                                                : "search"},
       {"state", name(t.state)}, {"why", t.why}};
   append(j, only_numbers(t.record, {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}));
   append(j, {{"hypervolume", number(t.hypervolume)}, {"on_front", t.on_front}, {"selected", t.selected}});
@@ -147,7 +153,7 @@ Json campaign_model(const StoredCampaign& c, const std::string& store) {
       {"problem_digest", c.problem_digest}, {"results_version", c.problem.results},
       {"hypervolume", number(c.hypervolume)}, {"machine", machine_model(c)}, {"trials", Json::array()},
       {"model_check", {model_check(c, "J_contact"), model_check(c, "J_obs")}}, {"design", nullptr}};
-  const std::vector<Design> first = starts(c.problem);
+  const Starts first = starts(c.problem);
   for (const StoredTrial& t : c.trials) j["trials"].push_back(trial_model(t, first));
   if (!c.selected) return j;
 

@@ -13,7 +13,7 @@ namespace lumo {
 /// The paper's search: J_contact and J_obs as large as can be over θ, from the references (the paper has five) and
 /// eight Sobol designs. Source: paper §III-D.
 inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1, const PadDimensions& pad = {},
-    const std::vector<FingerDesign>& references = reference_designs()) {
+    const std::vector<FingerDesign>& references = built_references()) {
   Problem p;
   p.space = finger_space(pad);
   p.objectives = {{"J_contact", true, 0.0}, {"J_obs", true, 0.0}};

@@ -14,21 +14,24 @@
 namespace lumo {
 
 /// What one indenter does to the light at one side of a pad, computed at places along it and at loads. Powers are per
-/// emitted power; of one side, with both sides' numbers used. Places are y ≥ 0; those below are mirror images.
+/// emitted power; of one side, with both sides' numbers used. Places that begin at 0 are of a pad with equal ends:
+/// those below are mirror images.
 struct PadResponses {
   std::vector<double> theta_mm;  ///< design
   std::string material;
   double diameter_m = 0.0;              ///< of the sphere
   Eigen::VectorXd position_m;           ///< middles of the bins, ascending, symmetric about 0
   Eigen::VectorXd unloaded;             ///< power through each bin
-  Eigen::VectorXd place_m;              ///< ascending from 0
+  Eigen::VectorXd place_m;              ///< ascending, from 0 or from minus the last
   Eigen::VectorXd load_N;               ///< ascending, > 0
   Eigen::MatrixXd depth_m;              ///< loads × places
   std::vector<Eigen::MatrixXd> change;  ///< by place: bins × loads
-  Eigen::VectorXd tilt_place_m;         ///< places at which a tilted approach was computed, ascending from 0
+  Eigen::VectorXd tilt_place_m;         ///< places at which a tilted approach was computed, ascending
   std::vector<Eigen::MatrixXd>
       tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
   Eigen::VectorXd error;  ///< by load: RMS standard error of a bin's change, from the tracer's replicates
+
+  bool equal_ends() const { return place_m.size() > 0 && place_m[0] == 0.0; }
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
@@ -45,8 +48,9 @@ inline void validate(const PadResponses& r, const std::string& name) {
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads,
       "there must be at least 2 loads, ascending");
-  require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places,
-      "there must be at least 2 places, ascending from 0");
+  require(places >= 2 && ascend(r.place_m) && Eigen::Index(r.change.size()) == places &&
+              (r.equal_ends() || std::abs(r.place_m[0] + r.place_m[places - 1]) < 1e-9),
+      "there must be at least 2 places, ascending from 0 or from minus the last");
   require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts,
       "there must be a tilted approach at least at one place");
   require(
@@ -90,21 +94,22 @@ class PadLight {
   /// computed count as the last ones. The odd part of a tilt is that of the nearest tilt places, moved with the
   /// contact.
   Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
-    const auto [k, t] = between(r_.place_m, std::abs(y_m));
+    const double place = computed(y_m);
+    const auto [k, t] = between(r_.place_m, place);
     Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
     if (tilt_rad != 0.0) {
-      const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
+      const auto [i, s] = between(r_.tilt_place_m, place);
       add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N),
-          std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
+          place - r_.tilt_place_m[Eigen::Index(i)]);
       if (s > 0.0)
         add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N),
-            std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
+            place - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
-    return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
+    return place == y_m ? v : Eigen::VectorXd(v.reverse());
   }
   double depth_m(double y_m, double load_N) const {
-    const auto [k, t] = between(r_.place_m, std::abs(y_m));
+    const auto [k, t] = between(r_.place_m, computed(y_m));
     const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
@@ -122,6 +127,9 @@ class PadLight {
   }
 
  private:
+  /// A place, or its mirror image, for which there are responses.
+  double computed(double y_m) const { return r_.equal_ends() ? std::abs(y_m) : y_m; }
+
   /// Interval of ascending `x` and the share of it; clamped.
   static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};

@@ -42,17 +42,19 @@ enum class Stem {
   free     ///< it lies on the stem, which only pushes
 };
 
-/// What the paper leaves open about the pad, shared by all designs; lengths in mm.
+/// What the paper leaves open about the pad, shared by all designs; lengths in mm. Its defaults are those of the pad
+/// that the paper's authors cast: a stair-shaped carrier, bonded shoulders beside its block, a solid distal cap.
+/// Source: the first author's public code (dokkev/fingertip-design-framework, August 2026), lumo/fingertip/.
 struct PadDimensions {
-  double width = 29.5;           ///< at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
-  double length = 60.0;          ///< of the part that has a cavity, centred on y = 0
-  double cap_length = 0.0;       ///< of a solid end beyond it, at positive y
-  double shoulder_width = 0.0;   ///< of silicone that hangs down beside the carrier's block; 0: the base is flat
-  double shoulder_height = 0.0;  ///< how far it hangs down below z = 0
+  double width = 30.0;
+  double length = 55.0;          ///< of the part that has a cavity, centred on y = 0
+  double cap_length = 5.0;       ///< of a solid end beyond it, at positive y
+  double shoulder_width = 5.0;   ///< of silicone that hangs down beside the carrier's block; 0: the base is flat
+  double shoulder_height = 8.0;  ///< how far it hangs down below z = 0
   double carrier_height = 10.0;  ///< of the carrier below z = 0
-  Stem stem = Stem::bonded;
+  Stem stem = Stem::free;
   double t_min = 5.0;  ///< smallest silicone thickness
-  Thickness thickness = Thickness::along_axes;
+  Thickness thickness = Thickness::euclidean;
 
   double lip_end() const { return 0.5 * width - shoulder_width; }  ///< |x| up to which the base z = 0 is silicone
   double proximal_end() const { return -0.5 * length; }            ///< y
@@ -60,18 +62,17 @@ struct PadDimensions {
   bool operator==(const PadDimensions&) const = default;
 };
 
-/// A pad on a flat base, free at both ends, as lumo had it before the built one was known.
-inline PadDimensions plain_pad() { return {}; }
-/// The pad that the paper's authors cast: a stair-shaped carrier, bonded shoulders beside its block, a solid distal
-/// cap. Source: the first author's public code (dokkev/fingertip-design-framework, August 2026), lumo/fingertip/.
-inline PadDimensions built_pad() {
-  return {.width = 30.0,
-      .length = 55.0,
-      .cap_length = 5.0,
-      .shoulder_width = 5.0,
-      .shoulder_height = 8.0,
-      .stem = Stem::free,
-      .thickness = Thickness::euclidean};
+inline PadDimensions built_pad() { return {}; }
+/// A pad on a flat base, free at both ends, as lumo had it before the built one was known. At its width w_s + 2 w_v ≤
+/// 19.5 says the same as 5 mm of silicone at each side.
+inline PadDimensions plain_pad() {
+  return {.width = 29.5,
+      .length = 60.0,
+      .cap_length = 0.0,
+      .shoulder_width = 0.0,
+      .shoulder_height = 0.0,
+      .stem = Stem::bonded,
+      .thickness = Thickness::along_axes};
 }
 
 /// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
@@ -80,7 +81,7 @@ double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 /// Least distance between the half ellipse, its ends included, and the cavity's walls and roof, or between cavity and
 /// side if that is less, in mm. 0 if the cavity's corner is not under the dome.
-double euclidean_thickness(const FingerDesign& d, const PadDimensions& pad);
+double euclidean_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the
 /// lattice where it is counted along the axes, to 1e-9 mm where it is a distance.
@@ -98,10 +99,10 @@ inline std::vector<FingerDesign> built_references() {
 /// lattice.
 inline void require_feasible(const FingerDesign& d, const PadDimensions& pad);
 
-/// Nominal design and the five reference designs that start every campaign.
-inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
-inline std::vector<FingerDesign> reference_designs() {
-  return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0},
+/// The plain finger's nominal design, and the five that start its campaigns.
+inline FingerDesign plain_baseline() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
+inline std::vector<FingerDesign> plain_references() {
+  return {plain_baseline(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0},
       {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 

@@ -16,8 +16,9 @@ enum class TiltPivot {
   base       ///< x = 0, z = 0
 };
 
-/// What may be chosen about a finger besides θ, where the paper leaves a choice open: see plain_finger() and
-/// built_finger().
+/// What may be chosen about a finger besides θ, where the paper leaves a choice open. Its defaults are the finger that
+/// the paper's authors built. Source: as PadDimensions; lengths of LEDs and recesses, albedo and pivot are of the same
+/// code. Ours: the mesh, that a side is seen by its normals, and that the film of air over an LED never closes.
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
@@ -45,7 +46,7 @@ struct FingerOptions {
     int count = 5;
     double pitch = 11.0e-3;
     double length_y = 1.6e-3;
-    double width_x = 0.8e-3;  ///< on the sides, their height
+    double width_x = 1.8e-3;  ///< on the sides, their height
     double power_W = 1.0;     ///< of all together
 
     bool operator==(const Leds&) const = default;
@@ -53,9 +54,9 @@ struct FingerOptions {
   /// Hollows in the top of a stem on which the silicone lies free, one for each LED on the top, across the stem's whole
   /// width: the LED lies on the floor and shines into the film of air above it.
   struct Recess {
-    double depth = 0.0;  ///< 0: there are none, and LEDs touch the silicone
+    double depth = 0.19e-3;  ///< 0: there are none, and LEDs touch the silicone
     double length_y = 5.1e-3;
-    std::optional<double> film_closes = 0.0;  ///< Body::film_closes_m
+    std::optional<double> film_closes;  ///< Body::film_closes_m
 
     bool operator==(const Recess&) const = default;
   };
@@ -64,7 +65,7 @@ struct FingerOptions {
     int bins = 11;
     double half_range = 27.5e-3;  ///< |y| beyond it is not seen [m]
     double min_abs_nx = 0.5;      ///< the undeformed normal must point this much sideways
-    bool one_side = false;        ///< only x > 0 is seen
+    bool one_side = true;         ///< only x > 0 is seen
     bool in_space = false;        ///< bins stay where they are; otherwise they move with the material
 
     bool operator==(const Readout&) const = default;
@@ -76,29 +77,31 @@ struct FingerOptions {
   Leds leds = {};
   Recess recess = {};
   Readout readout = {};
-  TiltPivot pivot = TiltPivot::flat_top;
-  double carrier_albedo = 0.8;
+  TiltPivot pivot = TiltPivot::base;
+  double carrier_albedo = 0.7;
   bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};  ///< Body::touched
 
   bool operator==(const FingerOptions&) const = default;
 };
 
-/// A pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone: lumo's own reading of the
-/// paper.
-inline FingerOptions plain_finger() { return {}; }
-
-/// The finger that the paper's authors built. Source: as built_pad(); lengths of LEDs and recesses, albedo and pivot
-/// are of the same code. Ours: that a side is seen by its normals, and that the film of air over an LED never closes.
-inline FingerOptions built_finger() {
+inline FingerOptions built_finger(const FingerOptions::Mesh& mesh = {}) {
   FingerOptions o;
-  o.pad = built_pad();
-  o.leds.width_x = 1.8e-3;
-  o.recess.depth = 0.19e-3;
-  o.recess.film_closes.reset();
-  o.readout.one_side = true;
-  o.pivot = TiltPivot::base;
-  o.carrier_albedo = 0.7;
+  o.mesh = mesh;
+  return o;
+}
+
+/// A pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone: lumo's reading of the paper
+/// before the built one was known.
+inline FingerOptions plain_finger(const FingerOptions::Mesh& mesh = {}) {
+  FingerOptions o = built_finger(mesh);
+  o.pad = plain_pad();
+  o.leds.width_x = 0.8e-3;
+  o.recess.depth = 0.0;
+  o.recess.film_closes = 0.0;
+  o.readout.one_side = false;
+  o.pivot = TiltPivot::flat_top;
+  o.carrier_albedo = 0.8;
   return o;
 }
 

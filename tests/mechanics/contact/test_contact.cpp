@@ -142,8 +142,8 @@ TEST_CASE("contact area and overlap of known fields are exact up to the facets")
 }
 
 TEST_CASE("first touch is on the exact profile, not on the mesh") {
-  const FingerDesign design = baseline_design();
-  const Body body = finger(design, dragon_skin());
+  const FingerDesign design = plain_baseline();
+  const Body body = finger(design, dragon_skin(), plain_finger());
   const double w = 14.75e-3, fp = 6e-3, ep = 6e-3;
   // A coarse stand-in mesh: only the extent of the patches matters.
   TetMesh mesh;

@@ -1,3 +1,3 @@
 #include "every_header.hpp"
 
-double volume() { return lumo::finger(lumo::baseline_design(), lumo::dragon_skin()).exact_volume_m3; }
+double volume() { return lumo::finger(lumo::built_baseline(), lumo::dragon_skin()).exact_volume_m3; }
