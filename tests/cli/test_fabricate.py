@@ -45,8 +45,8 @@ def run(*arguments, **options):
     )
 
 
-def fabricate(folder, *arguments):
-    done = run("fabricate", "--json", "--quiet", "--out", folder, *arguments)
+def fabricate(folder, *arguments, finger="plain"):
+    done = run("fabricate", "--json", "--quiet", "--finger", finger, "--out", folder, *arguments)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
     return json.loads(done.stdout)
 
@@ -150,10 +150,10 @@ class Files(unittest.TestCase):
         fabricate(self.folder / "flat", "--theta", "6,6,8,5,0")
         self.assertFalse([n for n in self.names(self.folder / "flat") if "core" in n])
 
-    def check_solids(self, theta):
-        with self.subTest(theta):
-            out = self.folder / theta
-            report = fabricate(out, "--theta", theta)
+    def check_solids(self, theta, finger="plain"):
+        with self.subTest(finger + " " + theta):
+            out = self.folder / finger / theta
+            report = fabricate(out, "--theta", theta, finger=finger)
             solids = {p["name"]: p for p in report["parts"]}
             printed, items = {}, []
             for package in ["carrier", "mould"]:
@@ -182,9 +182,18 @@ class Files(unittest.TestCase):
             theta = ",".join(
                 str(chance.randint(2 * low, 2 * high) / 2) for low, high in [(2, 18), (1, 18), (4, 15), (2, 10), (0, 7)]
             )
-            if run("section", "--theta", theta).returncode == 0:
+            if run("section", "--finger", "plain", "--theta", theta).returncode == 0:
                 drawn += 1
                 self.check_solids(theta)
+        for theta in ["5,9,7.6,6,2", "8,1.5,9,4,5", "14.5,4,5,12.5,5", "13,7,7.5,14.5,0"]:
+            self.check_solids(theta, "built")
+
+    def test_the_finger_as_built(self):
+        out = self.folder / "out"
+        report = fabricate(out, finger="built")  # its own baseline, off the lattice
+        self.assertEqual(report["theta_mm"], [5, 9, 7.6, 6, 2])
+        self.assertEqual({p["name"] for p in report["parts"]}, {"carrier", "led_bar", "mould_a", "mould_b", "core"})
+        self.assertAlmostEqual(report["silicone"]["pad_volume_mm3"], 23495.5, delta=5)
 
     def test_same_bits(self):
         for folder in ["a", "b"]:
@@ -248,7 +257,7 @@ class Files(unittest.TestCase):
                 self.assertAlmostEqual(got, wanted, 5, name)
 
     def test_text(self):
-        done = run("fabricate", "--out", self.folder, "--theta", "5,10,10,6,3")
+        done = run("fabricate", "--finger", "plain", "--out", self.folder, "--theta", "5,10,10,6,3")
         self.assertEqual(done.returncode, 0)
         for words in ["mould_a", "core", "mm³", "g of A"]:
             self.assertIn(words, done.stdout)
@@ -258,7 +267,7 @@ class Files(unittest.TestCase):
 class Refusals(unittest.TestCase):
     def refused(self, code, words, *arguments):
         with self.subTest(" ".join(arguments)), tempfile.TemporaryDirectory() as folder:
-            done = run("fabricate", *arguments, cwd=folder)
+            done = run("fabricate", "--finger", "plain", *arguments, cwd=folder)
             check_refusal(self, done, code, words)
             self.assertEqual(os.listdir(folder), [])
 
@@ -289,7 +298,7 @@ class Refusals(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             taken = pathlib.Path(folder) / "mould_b.stl"
             taken.mkdir()
-            done = run("fabricate", "--quiet", "--out", folder)
+            done = run("fabricate", "--finger", "plain", "--quiet", "--out", folder)
             self.assertEqual((done.returncode, done.stderr.count("\n")), (BAD_FILE, 1), done.stderr)
             self.assertIn("is a directory", done.stderr)
             self.assertEqual(os.listdir(folder), ["mould_b.stl"])

@@ -63,7 +63,7 @@ class Design:
         self.scratch = tempfile.TemporaryDirectory()
         self.folder = pathlib.Path(self.scratch.name)
         done = subprocess.run(
-            [LUMO, "fabricate", "--json", "--quiet", "--theta", theta, "--out", self.folder],
+            [LUMO, "fabricate", "--finger", "plain", "--json", "--quiet", "--theta", theta, "--out", self.folder],
             capture_output=True,
             text=True,
             timeout=120,

@@ -23,6 +23,9 @@ LUMO = ""
 USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
 
 
+PLAIN = ["--finger", "plain"]  # pressed in a fraction of the time
+
+
 def run(*arguments, **options):
     return subprocess.run(
         [LUMO, *map(str, arguments)],
@@ -47,6 +50,7 @@ class Lab(unittest.TestCase):
             done = run(
                 "lab",
                 kind,
+                *PLAIN,
                 "--coarse",
                 "--quiet",
                 "--json",
@@ -94,6 +98,7 @@ class Lab(unittest.TestCase):
                 run(
                     "lab",
                     "force",
+                    *PLAIN,
                     "--coarse",
                     "--quiet",
                     "--seed",
@@ -114,7 +119,7 @@ class Lab(unittest.TestCase):
         file = next(cache.iterdir())
         text = file.read_text()
         file.write_text(text.replace("unloaded 60", "unloaded 61"))
-        done = run("lab", "force", "--coarse", "--out", self.folder / "after", "--cache", cache)
+        done = run("lab", "force", *PLAIN, "--coarse", "--out", self.folder / "after", "--cache", cache)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("damaged", done.stderr)
         self.assertEqual(file.read_text(), text)  # same responses, to the bit
@@ -122,7 +127,7 @@ class Lab(unittest.TestCase):
     def test_an_interrupt_leaves_nothing(self):
         target = self.folder / "stopped"
         lab = subprocess.Popen(
-            [LUMO, "lab", "recontact", "--coarse", "--cache", self.folder / "cache", "--out", target],
+            [LUMO, "lab", "recontact", *PLAIN, "--coarse", "--cache", self.folder / "cache", "--out", target],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -229,7 +234,9 @@ class Lab(unittest.TestCase):
                 one["mae_in_sample_N"],
                 share * sequences[k]["mae_in_sample_N"] + (1 - share) * one["mae_without_it_N"],
             )
-        self.refused(USAGE, ["--alpha-from is 6", "no sequence"], "force", self.folder / "force", "--alpha-from", 6)
+        self.refused(
+            USAGE, ["--alpha-from is 6", "no sequence"], "force", self.folder / "force", "--alpha-from", 6, "--quiet"
+        )
         rows = rows_of(out / "forces.csv")
         for row in rows:
             for key in ["force_N", "force_sigma_N", "y_mm"]:
@@ -240,6 +247,7 @@ class Lab(unittest.TestCase):
         done = run(
             "lab",
             "force",
+            *PLAIN,
             "--coarse",
             "--quiet",
             "--joints",
@@ -340,6 +348,7 @@ class Lab(unittest.TestCase):
         done = run(
             "lab",
             "imaging",
+            *PLAIN,
             "--coarse",
             "--quiet",
             "--stiffness",
@@ -363,6 +372,7 @@ class Lab(unittest.TestCase):
             ["force", '"dark"'],
             "calibrate",
             self.folder / "force",
+            *PLAIN,
             "--coarse",
             "--quiet",
             "--cache",
@@ -451,6 +461,7 @@ class Lab(unittest.TestCase):
             ["not empty"],
             "lab",
             "force",
+            *PLAIN,
             "--coarse",
             "--out",
             self.folder / "force",

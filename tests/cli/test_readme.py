@@ -16,7 +16,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHOWN = "\n".join((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/manual.md"))
 LUMO = MAKE_STORE = ""
 STARTED_S = 3.0  # a wrong command line is reported at once
-MADE_S = 120.0  # for what later commands read: the logs of the virtual lab
+MADE_S = 900.0  # for what later commands read: the logs of the virtual lab
 ANSWERS = "".join('{"tell": {"id": %d, "y": [%d]}}\n' % (k, k) for k in range(4))  # for `optimize`
 SPACE = (
     '{"variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}], '

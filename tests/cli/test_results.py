@@ -21,6 +21,7 @@ import unittest
 import xml.etree.ElementTree
 
 LUMO, LONG = "", False
+COMPUTE = ["mesh", "press", "trace", "evaluate", "study"]
 STATE = [
     "load_N",
     "force_N",
@@ -68,8 +69,10 @@ MECHANICS = {
 STUDIED = ["name", "mechanics", "mesh", "status", "q_form", "q_stable", "q_stiff", "score", "seconds", "states"]
 
 
-def run(*arguments, timeout=900):
-    return subprocess.run([LUMO, *arguments], capture_output=True, text=True, timeout=timeout)
+def run(*arguments, timeout=900, finger="plain"):
+    """Of a plain finger unless another is asked for: it is pressed in a fraction of the time."""
+    chosen = ["--finger", finger] if arguments[0] in COMPUTE else []
+    return subprocess.run([LUMO, *arguments, *chosen], capture_output=True, text=True, timeout=timeout)
 
 
 def strict(text):
@@ -103,8 +106,8 @@ def without_times(report):
 
 
 class Quick(unittest.TestCase):
-    def good(self, *arguments):
-        done = run(*arguments)
+    def good(self, *arguments, **options):
+        done = run(*arguments, **options)
         self.assertEqual(done.returncode, 0, done.stderr)
         return done
 
@@ -186,6 +189,21 @@ class Quick(unittest.TestCase):
             )
             report = strict(done.stdout)
             self.assertEqual([report["diameter_mm"], report["angle_deg"], report["y_mm"]], [10, angle, -11])
+
+    def test_the_finger_as_built(self):
+        with tempfile.TemporaryDirectory() as folder:
+            report = strict(self.good("trace", "--json", "--loads", "1", "--out", folder, finger="built").stdout)
+            for picture in pathlib.Path(folder).glob("*.svg"):
+                xml.etree.ElementTree.parse(picture)
+        self.assertEqual(report["theta_mm"], [5, 9, 7.6, 6, 2])
+        self.assertEqual(report["configuration"]["finger"]["stem"], "free")
+        (state,) = report["states"]
+        self.assertEqual(report["status"], "converged")
+        self.assertAlmostEqual(state["depth_mm"], 0.846, delta=0.015)
+        self.assertTrue(all(r > 0 for r in report["unloaded_response"]))
+        plain = strict(self.good("mesh", "--json").stdout)
+        self.assertEqual(plain["theta_mm"], [6, 6, 8, 5, 0])
+        self.assertLess(plain["mesh"]["nodes"], strict(self.good("mesh", "--json", finger="built").stdout)["mesh"]["nodes"])
 
     def test_no_equilibrium(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -406,7 +424,7 @@ class Quick(unittest.TestCase):
 
     def test_little_memory_is_a_numerical_failure(self):  # OpenBLAS would ask for its work area for ever
         for command, megabytes in [("press", 250), ("press", 300), ("press", 350), ("trace", 500)]:
-            limited = f"ulimit -v {1000 * megabytes}; exec '{LUMO}' {command} --loads 1 --threads 2"
+            limited = f"ulimit -v {1000 * megabytes}; exec '{LUMO}' {command} --finger plain --loads 1 --threads 2"
             done = subprocess.run(
                 ["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=120
             )
@@ -467,7 +485,7 @@ class Quick(unittest.TestCase):
 
     def test_a_terminal_sees_a_bar_with_the_time_left(self):
         ours, theirs = pty.openpty()
-        process = subprocess.Popen([LUMO, "trace", "--loads", "1,2"], stdout=subprocess.PIPE, stderr=theirs)
+        process = subprocess.Popen([LUMO, "trace", "--finger", "plain", "--loads", "1,2"], stdout=subprocess.PIPE, stderr=theirs)
         os.close(theirs)
         seen = b""
         try:
@@ -486,7 +504,7 @@ class Quick(unittest.TestCase):
     def test_termination_is_heard_at_any_moment(self):  # METIS has a handler of its own for it
         for moment in range(25):
             process = subprocess.Popen(
-                [LUMO, "press", "--loads", "1", "--threads", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+                [LUMO, "press", "--finger", "plain", "--loads", "1", "--threads", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
             )
             time.sleep(0.1 + 0.04 * moment)
             process.send_signal(signal.SIGTERM)
@@ -515,7 +533,7 @@ class Quick(unittest.TestCase):
 class Long(unittest.TestCase):
     def test_evaluate(self):
         with tempfile.TemporaryDirectory() as folder:
-            done = run("evaluate", "--json", "--out", folder, timeout=3600)
+            done = run("evaluate", "--json", "--out", folder, timeout=7200, finger="built")
             self.assertEqual(done.returncode, 0, done.stderr)
             report = strict(done.stdout)
             self.assertEqual(strict((pathlib.Path(folder) / "evaluation.json").read_text()), report)
@@ -596,7 +614,7 @@ class Long(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             store, page = os.path.join(folder, "campaign.db"), os.path.join(folder, "report.html")
             done = run(
-                "campaign", "run", "--store", store, "--evaluations", "1", "--ray-error", "5", "--json", timeout=1800
+                "campaign", "run", "--store", store, "--evaluations", "1", "--ray-error", "5", "--json", timeout=7200
             )
             self.assertEqual(done.returncode, 0, done.stderr)
             status = strict(done.stdout)
@@ -605,7 +623,7 @@ class Long(unittest.TestCase):
             self.assertEqual(run("campaign", "report", "--store", store, "--out", page, timeout=1800).returncode, 0)
             self.assertGreater(os.path.getsize(page), 100000)
         theta = ",".join(str(v) for v in row["theta_mm"])
-        alone = strict(run("evaluate", "--theta", theta, "--ray-error", "5", "--json", timeout=1800).stdout)
+        alone = strict(run("evaluate", "--theta", theta, "--ray-error", "5", "--json", timeout=7200, finger="built").stdout)
         self.assertEqual(status["evaluated"], 1)
         for key in ["J_contact", "J_obs"]:
             self.assertEqual(row["record"][key], alone[key])

@@ -95,11 +95,16 @@ std::string shown(const Specimen& s, bool as_json) {
 /// that lacks one of them.
 struct Calibrate : LogCommand {
   ResponsesRequest nominal;
+  std::string finger;  ///< of the nominal pad; empty: as the session says
 
   Calibrate() { nominal.threads = all_threads(); }
 
   void declare(CLI::App& app) {
     add_log(app);
+    add_value(app, "--finger", "NAME", "Nominal finger, built or plain; default: as the session says",
+        [this](const std::string& typed) {
+          finger = one_of("--finger", typed, {"built", "plain"});
+        });
     add_text(app, "--cache", nominal.cache, "DIR", "Folder that keeps computed responses, default: beside LOG");
     add_flag(app, "--coarse", nominal.coarse, "Nominal pad on a coarse mesh");
     add_threads(app, nominal.threads);
@@ -116,6 +121,7 @@ struct Calibrate : LogCommand {
       throw InputError(opened.session_place() + ": theta_mm and material (DS or Sol) must describe the nominal pad");
     std::copy(session.theta_mm.begin(), session.theta_mm.end(), nominal.pad.theta_mm.begin());
     nominal.pad.silicone = silicone(session.material);
+    nominal.pad.finger = nominal_finger(opened);
     try {
       require_feasible(nominal.pad.design(), nominal.pad.finger.pad);
       const Specimen specimen = measured(opened, progress);
@@ -126,6 +132,13 @@ struct Calibrate : LogCommand {
     } catch (const InfeasibleDesign& e) {
       throw InputError(opened.session_place() + ": " + e.what());
     }
+  }
+  FingerOptions nominal_finger(const OpenLog& opened) const {
+    const std::string& stated = finger.empty() ? opened.session.finger : finger;
+    if (stated == "built") return built_finger();
+    if (stated == "plain") return plain_finger();
+    throw InputError(opened.session_place() + ": finger is " + in_quotes(stated) +
+                     ", must be built or plain to tell the nominal pad; --finger says it, too");
   }
   Specimen measured(const OpenLog& opened, Progress& progress) const {
     PhotonTransfer transfer;

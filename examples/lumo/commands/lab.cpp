@@ -23,7 +23,8 @@ bool in_contact(const TruthSample& s) { return s.contact >= 0; }
 bool in_contact(const HandTruth& s) { return !s.touches.empty(); }
 
 /// The log that a virtual rig or hand leaves, and its truth beside it.
-template <class Lab> void leave(const Lab& rig, Recording log, NewFolder& folder, Progress& progress) {
+template <class Lab>
+void leave(const Lab& rig, Recording log, const FingerOptions& finger, NewFolder& folder, Progress& progress) {
   progress.stage("pictures", int(rig.frames().size()));
   for (std::size_t k = 0; k < rig.frames().size(); ++k) {
     write_bytes(
@@ -32,6 +33,7 @@ template <class Lab> void leave(const Lab& rig, Recording log, NewFolder& folder
   }
   log.path = folder.path().string();
   log.session = rig.session();
+  log.session.finger = name(finger);
   log.frames = rig.frames();
   log.joints = rig.joints();
   write_log_folder(log);
@@ -97,14 +99,14 @@ struct Lab : Configured {
     if (!plan) {
       const HandLab hand(computed, hand_plan(whole_seed, 12, light.coarse ? 13.0_mm : 0.0), whole_seed, settings.noise,
           {.rig = instruments, .side = side});
-      leave(hand, {}, made, progress);
+      leave(hand, {}, pad.finger, made, progress);
       return summary(hand, "grasps", hand.plan().grasps.size());
     }
     const VirtualRig rig(computed, plan(), whole_seed, settings.noise, instruments, side);
     Recording log;
     log.wrenches = rig.wrenches();
     log.markers = rig.markers();
-    leave(rig, std::move(log), made, progress);
+    leave(rig, std::move(log), pad.finger, made, progress);
     return summary(rig, "contacts", rig.plan().contacts.size());
   }
 

@@ -7,18 +7,23 @@
 #include "lumo/campaign/finger_campaign.hpp"
 
 #include <algorithm>
+#include <functional>
+#include <utility>
 
 namespace lumo::program {
 
 namespace {
 
-/// A quantity whose difference a study reports, between designs and one of their variants.
+/// A quantity whose difference a study reports, between designs, or a variant of them, and another variant.
 struct Comparison {
   std::string quantity;  ///< key in the record
   std::string variant;
   std::string label;
   int digits;
-  std::string paper;  ///< what the paper found
+  std::string paper;    ///< what the paper found
+  std::string of = "";  ///< the variant that is compared; empty: the design
+
+  std::string name() const { return of.empty() ? variant : of + "_" + variant; }
 };
 
 struct StudyPlan {
@@ -27,11 +32,21 @@ struct StudyPlan {
   std::vector<Comparison> comparisons;
 };
 
+const std::string paper_carrier = "40 of 40 above 0, median 0.121 (§IV-A)";
+
+/// As the authors' code compares: no voids on both sides, so that the carrier alone differs.
 StudyPlan carrier_plan() {
+  return {"carrier", {{Twin::no_void, Twin::held_top}, false},
+      {{"J_contact", "held_top", "ΔJ_contact of the carrier: no voids against silicone alone, held at its back", 4,
+           paper_carrier, "no_void"},
+          {"J_contact", "held_top", "ΔJ_contact against silicone alone, held at its back", 4, ""}}};
+}
+
+/// Of a plain finger, whose twins rest on its flat base.
+StudyPlan plain_carrier_plan() {
   return {"carrier", {{Twin::bonded_base, Twin::unsupported_base}, false},
       {{"J_contact", "bonded_base", "ΔJ_contact against a soft pad bonded at its base", 4, ""},
-          {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4,
-              "40 of 40 above 0, median 0.121 (§IV-A; what its twin rests on is not said)"}}};
+          {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4, paper_carrier}}};
 }
 
 StudyPlan void_plan() {
@@ -56,7 +71,7 @@ std::string why(const StudyRow& row, const std::string& variant) {
 }
 
 std::optional<Estimate> change(const StudyRow& row, const Comparison& c) {
-  const auto design = value(row, "", c.quantity), variant = value(row, c.variant, c.quantity);
+  const auto design = value(row, c.of, c.quantity), variant = value(row, c.variant, c.quantity);
   return design && variant ? std::optional(paired_difference(*design, *variant)) : std::nullopt;
 }
 
@@ -87,8 +102,8 @@ std::string summary_text(const std::vector<StudyRow>& rows, const Comparison& c)
 }
 
 Json summary_json(const std::vector<StudyRow>& rows, const Comparison& c) {
-  Json j = {
-      {"quantity", c.quantity}, {"variant", c.variant}, {"paper", c.paper.empty() ? Json(nullptr) : Json(c.paper)}};
+  Json j = {{"quantity", c.quantity}, {"variant", c.variant}, {"of", c.of.empty() ? "design" : c.of},
+      {"paper", c.paper.empty() ? Json(nullptr) : Json(c.paper)}};
   const auto s = summarize(changes(rows, c));
   j["count"] = s ? s->count() : 0;
   if (s) append(j, json(*s));
@@ -119,7 +134,7 @@ std::string table(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   for (const std::string q : {"J_contact", "D"})
     if (q == "J_contact" || plan.study.light) text += q + "," + q + "_err,";
   for (const Comparison& c : plan.comparisons)
-    text += c.quantity + "_" + c.variant + "," + c.quantity + "_" + c.variant + "_err,";
+    text += c.quantity + "_" + c.name() + "," + c.quantity + "_" + c.name() + "_err,";
   text.back() = '\n';
   for (const StudyRow& r : rows) {
     text += joined(r.theta_mm);
@@ -142,7 +157,7 @@ std::string json_text(Json j, const std::vector<StudyRow>& rows, const StudyPlan
     j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}});
     for (const Comparison& c : plan.comparisons) {
       const auto d = change(r, c);
-      j["designs"].back()[c.variant + " delta_" + c.quantity] = d ? Json{d->value, d->error} : Json(nullptr);
+      j["designs"].back()[c.name() + " delta_" + c.quantity] = d ? Json{d->value, d->error} : Json(nullptr);
     }
     j["designs"].back()["record"] = r.record;
   }
@@ -152,14 +167,14 @@ std::string json_text(Json j, const std::vector<StudyRow>& rows, const StudyPlan
 
 std::string result_text(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   std::string text = pad("theta [mm]", -20) + pad("J_contact", 18);
-  for (const Comparison& c : plan.comparisons) text += "  " + pad("Δ" + c.quantity + ", " + c.variant, 29);
+  for (const Comparison& c : plan.comparisons) text += "  " + pad("Δ" + c.quantity + ", " + c.name(), 29);
   text += "\n";
   for (const StudyRow& r : rows) {
     text += pad(joined(r.theta_mm), -20) + pad(shown(value(r, "", "J_contact"), 4), 19);
     for (const Comparison& c : plan.comparisons) text += "  " + pad(shown(change(r, c), c.digits), 29);
-    for (const Comparison& c : plan.comparisons)
-      if (const std::string said = why(r, c.variant); !said.empty() && c.quantity == "J_contact")
-        text += "  " + c.variant + ": " + said;
+    for (const Twin t : plan.study.twins)
+      if (const std::string variant(to_string(t)), said = why(r, variant); !said.empty())
+        text += "  " + variant + ": " + said;
     text += "\n";
   }
   text += "\n";
@@ -169,23 +184,30 @@ std::string result_text(const std::vector<StudyRow>& rows, const StudyPlan& plan
 
 /// Each design against its variants.
 struct StudyVariants : StudyCommand {
-  StudyPlan plan;
+  std::function<StudyPlan(const FingerOptions&)> plan_for;
+  std::string scenario = "middle";
 
-  explicit StudyVariants(StudyPlan p) : plan(std::move(p)) {}
+  explicit StudyVariants(std::function<StudyPlan(const FingerOptions&)> p) : plan_for(std::move(p)) {}
 
   void declare(CLI::App& app) {
-    StudyCommand::declare(app, {"Feasible designs to compare, default 40",
-                                   "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°"});
+    StudyCommand::declare(
+        app, {"Feasible designs to compare, default 40", "All contacts of an ensemble, in place of a scenario"});
+    add_value(app, "--scenario", "NAME",
+        "middle (default: 10 and 30 mm at y = 0) or authors (20 mm at y = -5.5 mm, 1 to 10 N, as their code has it)",
+        [this](const std::string& typed) {
+          scenario = one_of("--scenario", typed, {"middle", "authors"});
+        });
+    add_mode(app, effective);
   }
   /// Of the designs that are compared.
-  DesignSpace space() const {
+  DesignSpace space(const StudyPlan& plan) const {
     DesignSpace s = finger_space(asked().pad.finger.pad);
     if (plan.study.twins.front() == Twin::no_void)  // without a gap there is nothing to compare
       s.variables.back().lower = s.variables.back().step;
     return s;
   }
-  std::string contacts_name() const { return whole_ensemble() ? name(asked().ensemble) : "middle"; }
-  std::string problem_text(const Problem& problem, const Configuration& computed) const {
+  std::string contacts_name() const { return whole_ensemble() ? name(asked().ensemble) : scenario; }
+  std::string problem_text(const StudyPlan& plan, const Problem& problem, const Configuration& computed) const {
     Json j = {{"study", plan.title}};
     append(j, conditions(computed, evaluation_groups));
     j["sobol"] = problem.sobol;
@@ -196,23 +218,24 @@ struct StudyVariants : StudyCommand {
   Result run(Output& files, Progress& progress) const {
     StudyTools used = tools;
     used.asked = asked();
-    if (!whole_ensemble()) used.asked.ensemble = middle_contacts();
+    const StudyPlan plan = plan_for(asked().pad.finger);
+    if (!whole_ensemble()) used.asked.ensemble = scenario == "authors" ? authors_study_contact() : middle_contacts();
     const Evaluator evaluate =
         study_evaluator(used, plan.study, progress);  // before a store is opened, for the mesher forks
     const auto line = [&](const StudyRow& row) {
       std::string text;
       for (const Comparison& c : plan.comparisons)
-        text += "  " + c.variant + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
+        text += "  " + c.name() + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
       return text;
     };
-    const Problem problem = study_problem(space(), designs, std::uint64_t(seed));
+    const Problem problem = study_problem(space(plan), designs, std::uint64_t(seed));
     const std::vector<StudyRow> rows =
-        study_rows(store, problem_text(problem, used.asked), problem, evaluate, line, progress);
+        study_rows(store, problem_text(plan, problem, used.asked), problem, evaluate, line, progress);
     const std::string file = "study_" + plan.title;
     files.add(file + ".csv", table(rows, plan));
     if (files.wanted())
       for (const Comparison& c : plan.comparisons)
-        files.add(file + "_" + c.variant + "_" + c.quantity + ".svg",
+        files.add(file + "_" + c.name() + "_" + c.quantity + ".svg",
             picture(rows, c, lumo::message(asked().pad.material(), ", ", contacts_name(), " contacts")));
     if (!json) return result_text(rows, plan);
     return json_text({{"study", plan.title}, {"material", asked().pad.material()}, {"contacts", contacts_name()},
@@ -225,8 +248,12 @@ struct StudyVariants : StudyCommand {
 
 void add_study_variants(CommandLine& line) {
   static_assert(most_designs == largest_study);
-  line.add("study carrier", "Each design against pads without a carrier in them", StudyVariants(carrier_plan()));
-  line.add("study void", "Each design against itself without lateral voids", StudyVariants(void_plan()));
+  line.add("study carrier", "Each design against pads without a carrier in them",
+      StudyVariants([](const FingerOptions& finger) {
+        return finger.pad.shoulder_height > 0.0 ? carrier_plan() : plain_carrier_plan();
+      }));
+  line.add("study void", "Each design against itself without lateral voids",
+      StudyVariants([](const FingerOptions&) { return void_plan(); }));
 }
 
 }  // namespace lumo::program

@@ -27,6 +27,11 @@ struct Pad {
   bool operator==(const Pad&) const = default;
 };
 
+/// "built", "plain", or "own" for another.
+inline std::string name(const FingerOptions& finger) {
+  return finger == built_finger() ? "built" : finger == plain_finger() ? "plain" : "own";
+}
+
 /// A sphere that is pressed on the pad.
 struct Touch {
   double diameter_mm = 10.0;

@@ -35,6 +35,15 @@ inline Ensemble middle_contacts() {
   return e;
 }
 
+/// The one contact of the authors' carrier and void study. Source: the first author's public code
+/// (dokkev/fingertip-design-framework), validation/contact-physics/multi_design_void_ablation.py.
+inline Ensemble authors_study_contact() {
+  Ensemble e = authors_flat_ensemble();
+  e.diameters_m = {20e-3};
+  e.places_m = {-5.5e-3};
+  return e;
+}
+
 /// Points that a study draws its designs from.
 inline constexpr int study_points = 1024;
 /// Designs up to which a study is spread evenly: a campaign stops before half of its evaluations have failed, and twice
@@ -92,7 +101,7 @@ template <class P, Executor E> VariantResult evaluate_variant(const Finger& want
     return result;
   }
   const auto& scenarios = result.observations.scenarios;
-  result.why = failed_press(scenarios);
+  result.why = failed_press(scenarios, pipeline.accept_held);
   if (!result.why.empty()) return result;
   if (const auto worst = contact_progression(scenarios)) {
     result.J_contact = worst->first;

@@ -243,6 +243,7 @@ inline sense::Session session_from_json(std::string_view json, const std::string
   top.get("title", s.title);
   top.get("clock", s.clock);
   top.get("material", s.material);
+  top.get("finger", s.finger);
   top.get("theta_mm", s.theta_mm);
   top.get("video", s.video);
   top.get("torque_constant_Nm_per_A", s.torque_constant_Nm_per_A);
@@ -307,7 +308,7 @@ inline std::string to_json(const sense::Session& s) {
     return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}};
   };
   Json j{{"format", "lumo-log"}, {"version", 1}, {"title", s.title}, {"clock", s.clock}, {"material", s.material},
-      {"theta_mm", s.theta_mm}, {"video", s.video}};
+      {"finger", s.finger}, {"theta_mm", s.theta_mm}, {"video", s.video}};
   j["leds"] = {{"count", s.led_count}, {"pitch_mm", detail::millimetres(s.led_pitch_m)},
       {"first_y_mm", detail::millimetres(s.led_first_y_m)}, {"depth_mm", detail::millimetres(s.led_depth_m)},
       {"camera_distance_mm", detail::millimetres(s.camera_distance_m)}, {"distal", {s.distal.x(), s.distal.y()}}};

@@ -111,6 +111,7 @@ struct Session {
   std::string title;
   std::string clock = "monotonic";  ///< on which frames are stamped
   std::string material;             ///< of the pad
+  std::string finger;               ///< which body the pad has, "built", "plain" or "own"; empty: not stated
   std::vector<double> theta_mm;     ///< its design; may be empty
   std::string video;                ///< file name beside session.json; empty: frames/
   int led_count = 5;
