@@ -25,6 +25,17 @@ TEST_CASE(
   CHECK(plan_contacts(flat_ensemble().scenarios(), {true, true}, {}).solves.size() == 28);
 }
 
+TEST_CASE("the authors' ensembles have 21 and 75 scenarios, and on a finger with unequal ends 21 and 45 solves") {
+  const Ensemble flat = authors_flat_ensemble(), curved = authors_curved_ensemble();
+  CHECK(flat.scenarios().size() == 21);
+  CHECK(curved.scenarios().size() == 75);
+  CHECK(plan_contacts(flat.scenarios(), {true, false}).solves.size() == 21);
+  CHECK(plan_contacts(curved.scenarios(), {true, false}).solves.size() == 45);
+  CHECK(flat.loads_N == std::vector<double>{1.0, 2.0, 5.0, 10.0});
+  CHECK(flat.places_m == flat_ensemble().places_m);
+  CHECK(curved.places_m == std::vector<double>{-11e-3, -5.5e-3, 0.0, 5.5e-3, 11e-3});
+}
+
 TEST_CASE("contacts tilted along the finger are mirrored together with their place") {
   Ensemble e;
   e.tilt = TiltPlane::yz;

@@ -106,7 +106,7 @@ TEST_CASE(
   o.json = true;
   const Json whole = Json::parse(run(o, scratch.path / "json"));
   REQUIRE(whole["designs"].size() == 13);  // five references first
-  CHECK(whole["designs"][0]["theta_mm"] == Json({6, 6, 8, 5, 0}));
+  CHECK(whole["designs"][0]["theta_mm"] == Json({14.5, 4, 5, 12.5, 5}));
   REQUIRE(whole["readings"].size() == assumption_variants().size());
   const Json& narrow = whole["readings"][0];
   CHECK(narrow["compared"].get<int>() + narrow["lost"].get<int>() == 13);

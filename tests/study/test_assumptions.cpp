@@ -60,13 +60,14 @@ TEST_CASE(
     names.insert(d.name());
     if (same_mechanics(other, usual)) lit.insert(d.quantity);
   }
-  CHECK(assumption_variants().size() == 18);
-  CHECK(names.size() == 18);
+  CHECK(assumption_variants().size() == 23);
+  CHECK(names.size() == 23);
+  CHECK(assumption_variants({dragon_skin(), plain_finger()}).size() == 18);  // it has no recesses and no free stem
 
   std::set<std::string> keys;
-  for (const auto& list : {assumption_variants(), absorption_variants()})
+  for (const auto& list : {all_assumption_variants(), absorption_variants()})
     for (const AssumptionVariant& d : list) keys.insert(d.key);
-  CHECK(keys.size() == 26);
+  CHECK(keys.size() == 32);
   for (const AssumptionVariant& d : absorption_variants()) {
     FingerAssumptions other = usual;
     d.apply(other);
@@ -76,7 +77,7 @@ TEST_CASE(
     CHECK(same_mechanics(other, usual));
   }
   CHECK(lit == std::set<std::string>{"LEDs", "visible normal", "visible side", "bins", "scattering albedo", "indenter",
-                   "carrier albedo"});
+                   "carrier albedo", "film over LEDs"});
 }
 
 namespace {
@@ -91,7 +92,7 @@ std::vector<Scenario<Sphere>> three_contacts() {
 /// Three of the list, and one that no finger can be made under.
 std::vector<AssumptionVariant> few_variants() {
   std::vector<AssumptionVariant> rows;
-  for (const AssumptionVariant& d : assumption_variants())
+  for (const AssumptionVariant& d : all_assumption_variants())
     if (d.quantity == "tilt plane" || d.value == "0.95" || d.value == "+10 %") rows.push_back(d);
   rows.push_back({"thick", "pad", "too thick", [](FingerAssumptions& r) { r.finger.pad.t_min = 9.0; }});
   return rows;

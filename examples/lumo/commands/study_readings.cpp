@@ -1,6 +1,7 @@
 #include "commands/study_readings.hpp"
 
 #include "charts/chart.hpp"
+#include "computing/pad.hpp"
 #include "console/text.hpp"
 #include "report/records.hpp"
 #include "store/campaign_problem.hpp"
@@ -44,10 +45,10 @@ struct Effect {
   AssumptionEffect effect;
 };
 
-std::vector<Effect> effects(const std::vector<StudyRow>& rows) {
+std::vector<Effect> effects(const std::vector<StudyRow>& rows, const FingerAssumptions& assumed) {
   const std::vector<AssumptionScore> usual = scores(rows, 0);
   std::vector<Effect> list;
-  for (const AssumptionVariant& d : assumption_variants())
+  for (const AssumptionVariant& d : assumption_variants(assumed))
     list.push_back({d, effect_of(usual, scores(rows, list.size() + 1))});
   return list;
 }
@@ -220,7 +221,7 @@ std::string StudyReadings::problem_text(const Problem& p) const {
   }
   j["coarse"] = tools.coarse;
   j["readings"] = Json::array();
-  for (const AssumptionVariant& d : assumption_variants()) j["readings"].push_back(d.name());
+  for (const AssumptionVariant& d : assumption_variants(usual_assumptions(asked()))) j["readings"].push_back(d.name());
   j["initial"] = p.initial;
   j["sobol"] = p.sobol;
   j["seed"] = seed;
@@ -238,7 +239,7 @@ Result StudyReadings::run(Output& files, Progress& progress) const {
       {asked(), tools.threads, tools.coarse}, pressed(), progress);  // before a store is opened, for the mesher forks
   const Problem search = problem();
   const std::vector<StudyRow> rows = study_rows(store, problem_text(search), search, evaluate, row_line, progress);
-  const std::vector<Effect> list = effects(rows);
+  const std::vector<Effect> list = effects(rows, usual_assumptions(asked()));
   if (files.wanted()) {
     files.add("study_readings.csv", effects_csv(rows, list));
     files.add("study_readings_designs.csv", designs_csv(rows));

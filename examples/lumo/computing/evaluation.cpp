@@ -154,8 +154,8 @@ Evaluator assumptions_evaluator(
         tools.simulator = simulation(mechanics, reading.silicone);
         return tools;
       };
-      const std::vector<AssumptionVariant> rows = assumption_variants();
-      FingerAssumptions usual{o.asked.pad.silicone, finger_options(o.asked), o.asked.mechanics.friction};
+      FingerAssumptions usual = usual_assumptions(o.asked);
+      const std::vector<AssumptionVariant> rows = assumption_variants(usual);
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
       const auto results = evaluate_assumptions(
           FingerDesign::from(x), {usual, rows, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);

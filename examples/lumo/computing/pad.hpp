@@ -6,6 +6,7 @@
 #include "lumo/mechanics/contact/scenario.hpp"
 #include "lumo/mesh/size_field.hpp"
 #include "lumo/morphology/finger.hpp"
+#include "lumo/study/assumptions.hpp"
 
 /// A request as the library wants it.
 namespace lumo::program {
@@ -24,6 +25,11 @@ inline Focus focus_of(const Configuration& o) {
 }
 
 inline Body body_of(const Configuration& o) { return finger(o.pad.design(), o.pad.silicone, finger_options(o)); }
+
+/// What other assumptions are compared with.
+inline FingerAssumptions usual_assumptions(const Configuration& o) {
+  return {o.pad.silicone, finger_options(o), o.mechanics.friction, o.touch.tilt};
+}
 
 inline Scenario<Sphere> scenario_of(const Touch& o) {
   return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N, o.tilt};

@@ -117,17 +117,7 @@ const std::vector<NamedAssumption> about_fingers = {{"built", "the finger as its
           assume_built(c);
           c.pad.finger.recess.film_closes = 0.0;
           c.pad.finger.readout.in_space = true;
-        }},
-    {"bonded_stem", "stem: bonded, as on a primed one", [](Configuration& c) { c.pad.finger.pad.stem = Stem::bonded; }},
-    {"film_closes_on_touch", "film over LEDs: closes on touch",
-        [](Configuration& c) { c.pad.finger.recess.film_closes = 0.0; }},
-    {"film_closes_20_um", "film over LEDs: closes below 20 µm",
-        [](Configuration& c) { c.pad.finger.recess.film_closes = 20e-6; }},
-    {"both_sides_seen", "visible side: both", [](Configuration& c) { c.pad.finger.readout.one_side = false; }},
-    {"carrier_0.8", "carrier albedo: 0.8", [](Configuration& c) { c.pad.finger.carrier_albedo = 0.8; }},
-    {"tilt_about_flat_top", "tilt: about z = h_fp", [](Configuration& c) { c.pad.finger.pivot = TiltPivot::flat_top; }},
-    {"thickness_along_axes", "t_min: along the axes",
-        [](Configuration& c) { c.pad.finger.pad.thickness = Thickness::along_axes; }}};
+        }}};
 
 void apply_variant(const AssumptionVariant& variant, Configuration& c) {
   FingerAssumptions a{c.pad.silicone, c.pad.finger, c.mechanics.friction, c.touch.tilt};
@@ -142,7 +132,7 @@ void apply_variant(const AssumptionVariant& variant, Configuration& c) {
 
 std::vector<NamedAssumption> named_assumptions() {
   std::vector<NamedAssumption> all = about_fingers;
-  for (const auto& variants : {assumption_variants(), absorption_variants()})
+  for (const auto& variants : {all_assumption_variants(), absorption_variants()})
     for (const AssumptionVariant& v : variants)
       all.push_back({v.key, v.name(), [v](Configuration& c) { apply_variant(v, c); }});
   return all;

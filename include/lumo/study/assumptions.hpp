@@ -122,6 +122,13 @@ inline Apply absorbing(double per_m, double anisotropy) {
   return [=](FingerAssumptions& a) { a.silicone = scattering_the_rest(a.silicone, per_m, anisotropy); };
 }
 
+/// Where LEDs lie in recesses. `height_m`: Body::film_closes_m.
+inline Apply film_closing(double height_m) {
+  return [height_m](FingerAssumptions& a) {
+    if (a.finger.recess.depth > 0.0) a.finger.recess.film_closes = height_m;
+  };
+}
+
 /// How the pad is built and held.
 inline std::vector<AssumptionVariant> assumptions_about_the_pad() {
   using Changed = FingerAssumptions;
@@ -138,6 +145,10 @@ inline std::vector<AssumptionVariant> assumptions_about_the_pad() {
       {"friction_1", "friction", "1", with_friction(1.0)},
       {"softer", "shear modulus", "−10 %", with_stiffness(0.9)},
       {"stiffer", "shear modulus", "+10 %", with_stiffness(1.1)},
+      {"bonded_stem", "stem", "bonded, as on a primed one", [](Changed& a) { a.finger.pad.stem = Stem::bonded; }},
+      {"tilt_about_flat_top", "tilt", "about z = h_fp", [](Changed& a) { a.finger.pivot = TiltPivot::flat_top; }},
+      {"thickness_along_axes", "t_min", "along the axes",
+          [](Changed& a) { a.finger.pad.thickness = Thickness::along_axes; }},
   };
 }
 
@@ -149,6 +160,7 @@ inline std::vector<AssumptionVariant> assumptions_about_light() {
           [](Changed& a) { a.finger.leds.place = FingerOptions::Leds::Place::sides; }},
       {"steep_sides_seen", "visible normal", "|n_x| ≥ 0.9", [](Changed& a) { a.finger.readout.min_abs_nx = 0.9; }},
       {"one_side_seen", "visible side", "one", [](Changed& a) { a.finger.readout.one_side = true; }},
+      {"both_sides_seen", "visible side", "both", [](Changed& a) { a.finger.readout.one_side = false; }},
       {"bins_in_space", "bins", "in space", [](Changed& a) { a.finger.readout.in_space = true; }},
       {"scattering_0.5", "scattering albedo", "0.5, g = 0.9", with_scattering(0.5)},
       {"scattering_0.9", "scattering albedo", "0.9, g = 0.9", with_scattering(0.9)},
@@ -156,15 +168,29 @@ inline std::vector<AssumptionVariant> assumptions_about_light() {
       {"wetted_white", "indenter", "wetted, white (0.8)", wetted_by(Lambertian{0.8})},
       {"carrier_0.5", "carrier albedo", "0.5", with_carrier(0.5)},
       {"carrier_0.95", "carrier albedo", "0.95", with_carrier(0.95)},
+      {"carrier_0.8", "carrier albedo", "0.8", with_carrier(0.8)},
+      {"film_closes_on_touch", "film over LEDs", "closes on touch", film_closing(0.0)},
+      {"film_closes_20_um", "film over LEDs", "closes below 20 µm", film_closing(20e-6)},
   };
 }
 
 }  // namespace detail
 
-/// All variants that the study compares with lumo's own assumptions.
-inline std::vector<AssumptionVariant> assumption_variants() {
+/// Every other assumption about one quantity, of pads and their light.
+inline std::vector<AssumptionVariant> all_assumption_variants() {
   std::vector<AssumptionVariant> all = detail::assumptions_about_the_pad();
   for (AssumptionVariant& v : detail::assumptions_about_light()) all.push_back(std::move(v));
+  return all;
+}
+
+/// Those of them that the study compares with the usual assumptions: all that change them.
+inline std::vector<AssumptionVariant> assumption_variants(const FingerAssumptions& usual = {dragon_skin(), {}}) {
+  std::vector<AssumptionVariant> all = all_assumption_variants();
+  std::erase_if(all, [&](const AssumptionVariant& v) {
+    FingerAssumptions assumed = usual;
+    v.apply(assumed);
+    return assumed == usual;
+  });
   return all;
 }
 
