@@ -13155,7 +13155,7 @@ class Tracer {
     int carrier_rays = 1 << 15;  ///< over all replicates and Lambertian faces, by area; at least one on each triangle
     int exit_rays = 1 << 18;     ///< likewise over the faces with regions that light is gathered from; 0: not done
     double roulette_below = 0.005;  ///< branches below this share of their path's start weight may be ended
-    double scattered_below = 0.25;  ///< the same for the many branches that were scattered in the medium
+    double scattered_below = 0.5;   ///< the same for the many branches that were scattered in the medium
     int max_events = 4096;          ///< a branch that meets more surfaces is booked as lost
     std::uint64_t seed = 0;         ///< another number, another independent pattern
     OpticalScene::Config scene{};
