@@ -98,7 +98,7 @@ class Configurations(unittest.TestCase):
 
     def test_same_bits(self):
         options = ["--diameter", "12.345678901234567", "--angle", "7.1", "--loads", "1", "--set", "mesh.seam_edge_mm=0.7"]
-        asked = ["--size", "5", *options]
+        asked = ["--finger", "plain", "--size", "5", *options]
         typed = run("press", "--json", "--quiet", *asked)
         self.assertEqual(typed.returncode, 0, typed.stderr)
         kept = run("press", "--dump-config", *asked)

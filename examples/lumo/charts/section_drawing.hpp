@@ -83,6 +83,10 @@ inline std::vector<Place> label_places(const SectionDrawing::Dimension& d, Point
     for (const Place& side : sides)
       if (d.shift == 0.0 || (d.shift < 0.0) == (side.anchor == Svg::end))
         places.push_back({{side.at[0], bottom + part * (top - bottom) + 4}, side.anchor});
+  if (d.along == SectionDrawing::Dimension::Along::straight)  // nearly level, it has room above and below only
+    for (const double away : {6.0, 12.0, 18.0})
+      for (const double across : {x, left, right})
+        for (const double level : {top - away, bottom + away + 9}) places.push_back({{across, level}, Svg::middle});
   return places;
 }
 
