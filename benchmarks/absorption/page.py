@@ -59,12 +59,16 @@ def table(rows):
 def main(folder):
     rows = []
     for body in ("plain", "built"):
+        if not (folder / f"{body}.csv").exists():
+            continue
         shutil.copy(folder / f"{body}.csv", HERE / f"{body}.csv")
         with open(folder / f"{body}.csv", encoding="utf-8", newline="") as file:
             rows += csv.DictReader(file)
     for name in PICTURES:
         for place in ("on_led", "between"):
-            shutil.copy(folder / f"{name}_{place}.svg", PAGE.parent / f"absorption_{name}_{place}.svg")
+            picture = folder / f"{name}_{place}.svg"
+            if picture.exists():
+                shutil.copy(picture, PAGE.parent / f"absorption_{name}_{place}.svg")
     pages.replace_part(PAGE, BEGIN, END, "\n" + "\n".join(table(rows)) + "\n\n")
 
 

@@ -17,11 +17,11 @@ namespace {
 using namespace lumo;
 using namespace lumo::program;
 
-/// Objectives in closed form; the first departure loses every other design, the second turns the ranking by J_contact
+/// Objectives in closed form; the first departure loses some designs, the second turns the ranking by J_contact
 /// round.
 Json made_up(const Design& x, int reading) {
   const double contact = 0.3 + 0.01 * x[0] + 0.003 * x[3], light = 1e-6 * (x[1] + 0.1 * x[2]);
-  const bool lost = reading == 1 && int(2.0 * x[0]) % 2 != 0;
+  const bool lost = reading == 1 && int(2.0 * x[0]) % 3 == 0;
   Json j = {{"reading", "r"}, {"why", lost ? Json("mesh: none, \"at all\"") : Json(nullptr)}};
   const auto add = [&](const char* key, double value, double error) {
     j[key] = lost ? Json(nullptr) : Json(value);
