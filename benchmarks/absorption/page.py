@@ -59,7 +59,7 @@ def table(rows):
 def main(folder):
     rows = []
     for body in ("plain", "built"):
-        if not (folder / f"{body}.csv").exists():
+        if not (folder / f"{body}.csv").exists():  # not run yet
             continue
         shutil.copy(folder / f"{body}.csv", HERE / f"{body}.csv")
         with open(folder / f"{body}.csv", encoding="utf-8", newline="") as file:

@@ -140,7 +140,8 @@ void Study::row(
 }
 
 void Study::curve(const std::string& film, const Assumption& a, const Observations& seen, std::size_t place) {
-  if (a.silicone == "Sol" && a.absorbed != "all") return;
+  // Of what is scattered, forwards alone: isotropic scattering leaves too much noise for a curve.
+  if (a.absorbed != "all" && (a.silicone == "Sol" || a.anisotropy == 0.0)) return;
   const std::string name = body + (film.empty() ? "" : "_" + film) + (place == on_led ? "_on_led" : "_between");
   program::LineChart& chart = pictures[name];
   chart.title = "From 2 to 15 N, 10 mm sphere " + std::string(place == on_led ? "on an LED" : "between two LEDs");
@@ -155,7 +156,6 @@ void Study::curve(const std::string& film, const Assumption& a, const Observatio
   program::Curve c;
   c.label = a.silicone + " " + (k == 0 ? message(std::lround(a.card.extinction_per_m()), " (all)") : a.absorbed) + g;
   c.colour = a.silicone == "Sol" ? "#cc79a7" : colours[k];
-  c.opacity = a.anisotropy > 0.0 ? 0.5 : 1.0;
   const Eigen::VectorXd change = change_between_loads(seen, place);
   for (Eigen::Index i = 0; i < change.size(); ++i) c.points.push_back({double(i) - 27.0, 1e6 * change[i]});
   chart.curves.push_back(std::move(c));
