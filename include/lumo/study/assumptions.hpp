@@ -146,7 +146,8 @@ inline std::vector<AssumptionVariant> assumptions_about_the_pad() {
       {"softer", "shear modulus", "−10 %", with_stiffness(0.9)},
       {"stiffer", "shear modulus", "+10 %", with_stiffness(1.1)},
       {"bonded_stem", "stem", "bonded, as on a primed one", [](Changed& a) { a.finger.pad.stem = Stem::bonded; }},
-      {"tilt_about_flat_top", "tilt", "about z = h_fp", [](Changed& a) { a.finger.pivot = TiltPivot::flat_top; }},
+      {"tilt_about_flat_top", "tilt", "about where the flat sides end",
+          [](Changed& a) { a.finger.pivot = TiltPivot::flat_top; }},
       {"thickness_along_axes", "t_min", "along the axes",
           [](Changed& a) { a.finger.pad.thickness = Thickness::along_axes; }},
   };
