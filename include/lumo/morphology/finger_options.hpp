@@ -7,6 +7,7 @@
 
 #include <optional>
 #include <variant>
+#include <vector>
 
 namespace lumo {
 
@@ -103,6 +104,20 @@ inline FingerOptions plain_finger(const FingerOptions::Mesh& mesh = {}) {
   o.pivot = TiltPivot::flat_top;
   o.carrier_albedo = 0.8;
   return o;
+}
+
+/// Another finger by one choice. By its key, a word without blanks, it is asked for.
+struct FingerVariant {
+  const char *key, *quantity, *value;
+  void (*apply)(FingerOptions&);
+};
+
+/// What distinguishes the plain finger's pad from the built one's, and may be chosen by itself.
+inline std::vector<FingerVariant> finger_variants() {
+  return {{"bonded_stem", "stem", "bonded, as on a primed one", [](FingerOptions& o) { o.pad.stem = Stem::bonded; }},
+      {"tilt_about_flat_top", "tilt", "about z = h_fp", [](FingerOptions& o) { o.pivot = TiltPivot::flat_top; }},
+      {"thickness_along_axes", "t_min", "along the axes",
+          [](FingerOptions& o) { o.pad.thickness = Thickness::along_axes; }}};
 }
 
 /// Throws InvalidArgument for an option that is out of range.

@@ -145,11 +145,6 @@ inline std::vector<AssumptionVariant> assumptions_about_the_pad() {
       {"friction_1", "friction", "1", with_friction(1.0)},
       {"softer", "shear modulus", "−10 %", with_stiffness(0.9)},
       {"stiffer", "shear modulus", "+10 %", with_stiffness(1.1)},
-      {"bonded_stem", "stem", "bonded, as on a primed one", [](Changed& a) { a.finger.pad.stem = Stem::bonded; }},
-      {"tilt_about_flat_top", "tilt", "about where the flat sides end",
-          [](Changed& a) { a.finger.pivot = TiltPivot::flat_top; }},
-      {"thickness_along_axes", "t_min", "along the axes",
-          [](Changed& a) { a.finger.pad.thickness = Thickness::along_axes; }},
   };
 }
 
@@ -180,6 +175,9 @@ inline std::vector<AssumptionVariant> assumptions_about_light() {
 /// Every other assumption about one quantity, of pads and their light.
 inline std::vector<AssumptionVariant> all_assumption_variants() {
   std::vector<AssumptionVariant> all = detail::assumptions_about_the_pad();
+  for (const FingerVariant& v : finger_variants())
+    all.push_back(
+        {v.key, v.quantity, v.value, [apply = v.apply](FingerAssumptions& assumed) { apply(assumed.finger); }});
   for (AssumptionVariant& v : detail::assumptions_about_light()) all.push_back(std::move(v));
   return all;
 }
