@@ -18,7 +18,7 @@ int main(int argc, char** argv) {
   Ensemble contacts = flat_ensemble();
   contacts.diameters_m = {20.0_mm};
   contacts.places_m = {0.0_mm, 11.0_mm};
-  FingerOptions coarse;
+  FingerOptions coarse = plain_finger();
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
 
   using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
@@ -42,9 +42,10 @@ int main(int argc, char** argv) {
           state.optimizer().hypervolume());
     std::fflush(stdout);
   };
-  run_campaign(log, Optimizer<>(finger_problem(6)), evaluate_design, show);
+  const Problem problem = finger_problem(6, 1, plain_pad(), plain_references());
+  run_campaign(log, Optimizer<>(problem), evaluate_design, show);
 
-  CampaignState state(Optimizer<>(finger_problem(6)));
+  CampaignState state(Optimizer<>{problem});
   state.read(log.entries());
   std::printf(
       "%d designs in %s, hypervolume %.3e\n", state.optimizer().observed(), file, state.optimizer().hypervolume());

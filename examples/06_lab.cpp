@@ -22,11 +22,12 @@ int main(int argc, char** argv) {
   using namespace lumo::sense;
   const std::string folder = argc > 1 ? argv[1] : "lab_log";
   const Silicone card = solaris();
-  FingerOptions coarse;
+  FingerOptions coarse = plain_finger();
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
-  const Body pad = finger(built_baseline(), card, coarse);
+  const Body pad = finger(plain_baseline(), card, coarse);
 
-  // What a camera beside the pad sees of it, in bins of 1 mm, under a sphere of 10 mm at −26, −13, …, 26 mm.
+  // What a camera beside the pad sees of it, in bins of 1 mm, under a sphere of 10 mm at 0, 13 and 26 mm; the places at
+  // y < 0 are mirror images.
   const SideSight sight;
   const PadGrid grid{.load_N = {2.0, 5.0, 10.0, 15.0}, .spacing_m = 13.0_mm, .places = 3, .tilt_place_m = {13.0_mm}};
   using Light = Tracer<BeerLambert, SideSight, Embree>;

@@ -16,10 +16,10 @@
 int main() {
   using namespace lumo;
   //! [body]
-  FingerOptions coarse;  // for a first look
+  FingerOptions coarse = plain_finger();  // for a first look
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
   const Silicone card = dragon_skin();
-  Body body = finger(built_baseline(), card, coarse);
+  Body body = finger(plain_baseline(), card, coarse);
   for (Emitter& e : body.emitters) e = own::LensedLed{.center = e.center(), .exponent = 4.0, .power_W = e.power_W()};
   //! [body]
 

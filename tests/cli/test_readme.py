@@ -51,7 +51,7 @@ class Readme(unittest.TestCase):
         self.assertGreater(len(commands), 18)
         with tempfile.TemporaryDirectory() as folder:
             # What is to be read must be there: a search of the manual's name, and the space that its text describes.
-            subprocess.run([MAKE_STORE, os.path.join(folder, "ds_flat.db"), "DS", "flat", "3"], check=True)
+            subprocess.run([MAKE_STORE, os.path.join(folder, "ds_flat.db"), "DS", "flat-built", "3"], check=True)
             (pathlib.Path(folder) / "space.json").write_text(SPACE)
             for words in commands:
                 with self.subTest(words):

@@ -329,7 +329,7 @@ class OneCampaign(Page):
         self.assertEqual([rows[0]["bin_y_mm"], rows[10]["bin_y_mm"]], ["-25", "25"])
 
         # The 3-D view is the boundary of the mesh that a press of this design has.
-        mesh = json.loads(run("mesh", "--theta", theta, "--json", "--quiet").stdout)
+        mesh = json.loads(run("mesh", "--finger", "plain", "--theta", theta, "--json", "--quiet").stdout)
         triangles = self.plot("pad-figure", "(({i, j, k}) => i.map((n, t) => [n, j[t], k[t]]))(plot.data[0])")
         self.assertEqual(len(triangles), 4 * mesh["boundary_faces"])  # four for each curved face
         rows = self.csv("pad-figure", "pressed_pad")
@@ -342,7 +342,7 @@ class OneCampaign(Page):
         self.assertAlmostEqual(
             volume(points, triangles) / volume(rest, triangles), 1.0, delta=0.01
         )  # silicone hardly gives way in volume
-        press = json.loads(run("press", "--theta", theta, "--json", "--quiet").stdout)
+        press = json.loads(run("press", "--finger", "plain", "--theta", theta, "--json", "--quiet").stdout)
         depth = press["states"][-1]["depth_mm"] if "states" in press else press["scenario"]["states"][-1]["depth_mm"]
         apex = max(range(len(rest)), key=lambda n: (rest[n][2], -abs(rest[n][0]) - abs(rest[n][1])))
         self.assertAlmostEqual((rest[apex][2] - points[apex][2]) / depth, 1.0, delta=0.01)

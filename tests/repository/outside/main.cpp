@@ -28,7 +28,7 @@ std::optional<lumo::Estimate> rigidity(const lumo::Observations& all) {
 int main(int argc, char** argv) {
   using namespace lumo;
   constexpr int evaluations = 4;
-  FingerOptions coarse;
+  FingerOptions coarse = plain_finger();
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
   const Silicone card = dragon_skin();
   const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, QuasiStatic<Cholmod>> simulator{
@@ -44,7 +44,7 @@ int main(int argc, char** argv) {
   contacts.loads_N = {1.0, 2.0};
 
   Problem problem;
-  problem.space = finger_space();
+  problem.space = finger_space(plain_pad());
   problem.objectives = {{"even sight", true, 0.0}, {"rigidity", true, 0.0}};
   problem.initial = {{6, 6, 8, 5, 0}};
   problem.sobol = 2;
