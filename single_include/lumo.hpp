@@ -2034,6 +2034,7 @@ struct PadDimensions {
   bool operator==(const PadDimensions&) const = default;
 };
 
+/// The default, by name.
 inline PadDimensions built_pad() { return {}; }
 /// A pad on a flat base, free at both ends, as lumo had it before the built one was known. At its width w_s + 2 w_v ≤
 /// 19.5 says the same as 5 mm of silicone at each side.
@@ -3005,6 +3006,7 @@ struct FingerOptions {
   bool operator==(const FingerOptions&) const = default;
 };
 
+/// The default, by name.
 inline FingerOptions built_finger(const FingerOptions::Mesh& mesh = {}) {
   FingerOptions o;
   o.mesh = mesh;

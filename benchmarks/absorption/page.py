@@ -4,8 +4,8 @@
 usage: benchmarks/absorption/page.py FOLDER    (that program's; its tables are copied beside this script, its pictures
        beside the page)
 
-Rows are assumptions of one body; DS : Sol compares the strongest part of its change with that of Solaris of which all is
-absorbed, as the paper has it.
+Rows are assumptions of one body; DS : Sol compares the strongest part of its change with that of Solaris of which all
+is absorbed, as the paper has it.
 """
 
 import csv
@@ -20,7 +20,6 @@ import pages
 PAGE = HERE.parents[1] / "docs/pages/absorption.md"
 BEGIN, END = "<!-- found: made by benchmarks/absorption/page.py -->\n", "<!-- found: end -->\n"
 BODIES = ["plain", "built-dry", "built-wet"]
-PICTURES = ["plain", "built_dry", "built_wet"]
 
 
 def number(text, digits, sign=False):
@@ -64,7 +63,7 @@ def main(folder):
         shutil.copy(folder / f"{body}.csv", HERE / f"{body}.csv")
         with open(folder / f"{body}.csv", encoding="utf-8", newline="") as file:
             rows += csv.DictReader(file)
-    for name in PICTURES:
+    for name in (body.replace("-", "_") for body in BODIES):
         for place in ("on_led", "between"):
             picture = folder / f"{name}_{place}.svg"
             if picture.exists():

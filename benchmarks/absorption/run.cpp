@@ -21,7 +21,6 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -60,17 +59,11 @@ Eigen::MatrixXd merged(const Eigen::MatrixXd& change, int groups) {
   return sums;
 }
 
-/// Estimate of the least distance between responses at two places, at one load, over all loads.
+/// J_obs of the contacts, in regions as wide as the paper's; its error is that of rays, two standard errors.
 Estimate least_distance(const Observations& seen) {
-  std::optional<Estimate> least;
-  for (std::size_t l = 0; l <= last_load; ++l)
-    for (std::size_t a = 0; a < places_m.size(); ++a)
-      for (std::size_t b = a + 1; b < places_m.size(); ++b) {
-        const Estimate d = response_distance(
-            merged(seen.scenarios[a].states[l].change, coarse), merged(seen.scenarios[b].states[l].change, coarse));
-        if (!least || d.value < least->value) least = d;
-      }
-  return *least;
+  std::vector<ObservedState> states = observed_states(seen.scenarios);
+  for (ObservedState& s : states) s.change = merged(s.change, coarse);
+  return optical_separation(states, {.mesh = 0.0})->distance;
 }
 
 /// Change of the power through each bin from the second load to the last.
@@ -133,7 +126,7 @@ void Study::row(
   for (const double r : seen.unloaded_response) rest += r;
   const auto rms = part_rms(change_between_loads(seen, between));
   table << message(body, film.empty() ? "" : "-", film, ",", a.silicone, ",", a.absorbed, ",", a.anisotropy, ",", rest,
-      ",", J.value, ",", J.error, ",", at_contact(seen, on_led), ",", at_contact(seen, between), ",",
+      ",", J.value, ",", 0.5 * J.error, ",", at_contact(seen, on_led), ",", at_contact(seen, between), ",",
       peak_over_far(rms), ",", *std::max_element(rms.begin(), rms.end()), ",", seconds, ",", seconds / clear_s);
   for (const double r : rms) table << ',' << r;
   table << std::endl;
@@ -150,12 +143,13 @@ void Study::curve(const std::string& film, const Assumption& a, const Observatio
   chart.x_label = "y [mm]";
   chart.y_label = "change of power through 1 mm [1e-6 W/W]";
   const std::string g = a.absorbed == "all" ? "" : message(", g = ", a.anisotropy);
-  const std::array<const char*, 4> colours = {"#000000", "#0072b2", "#009e73", "#d55e00"};
+  const auto& [blue, red, green, pink, orange, sky, black] = program::palette;
+  const std::array<const char*, 4> colours = {black, blue, green, red};
   const std::array<std::string, 4> amounts = {"all", "41", "20", "7"};
   const auto k = std::size_t(std::find(amounts.begin(), amounts.end(), a.absorbed) - amounts.begin());
   program::Curve c;
   c.label = a.silicone + " " + (k == 0 ? message(std::lround(a.card.extinction_per_m()), " (all)") : a.absorbed) + g;
-  c.colour = a.silicone == "Sol" ? "#cc79a7" : colours[k];
+  c.colour = a.silicone == "Sol" ? pink : colours[k];
   const Eigen::VectorXd change = change_between_loads(seen, place);
   for (Eigen::Index i = 0; i < change.size(); ++i) c.points.push_back({double(i) - 27.0, 1e6 * change[i]});
   chart.curves.push_back(std::move(c));
@@ -179,7 +173,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: lumo_absorption plain|built FOLDER\n");
     return 2;
   }
-  Study study{argv[1], {}, argv[2]};
+  Study study{argv[1], {}, argv[2], {}};
   std::filesystem::create_directories(study.folder);
   study.table.open(study.folder / (study.body + ".csv"));
   study.table << "body,silicone,absorbed_per_m,g,rest,J_obs,J_obs_err,on_led,between,peak_over_far,peak,cpu_s,"

@@ -203,7 +203,8 @@ class Quick(unittest.TestCase):
         self.assertTrue(all(r > 0 for r in report["unloaded_response"]))
         plain = strict(self.good("mesh", "--json").stdout)
         self.assertEqual(plain["theta_mm"], [6, 6, 8, 5, 0])
-        self.assertLess(plain["mesh"]["nodes"], strict(self.good("mesh", "--json", finger="built").stdout)["mesh"]["nodes"])
+        built = strict(self.good("mesh", "--json", finger="built").stdout)
+        self.assertLess(plain["mesh"]["nodes"], built["mesh"]["nodes"])
 
     def test_no_equilibrium(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -485,7 +486,9 @@ class Quick(unittest.TestCase):
 
     def test_a_terminal_sees_a_bar_with_the_time_left(self):
         ours, theirs = pty.openpty()
-        process = subprocess.Popen([LUMO, "trace", "--finger", "plain", "--loads", "1,2"], stdout=subprocess.PIPE, stderr=theirs)
+        process = subprocess.Popen(
+            [LUMO, "trace", "--finger", "plain", "--loads", "1,2"], stdout=subprocess.PIPE, stderr=theirs
+        )
         os.close(theirs)
         seen = b""
         try:
@@ -504,7 +507,9 @@ class Quick(unittest.TestCase):
     def test_termination_is_heard_at_any_moment(self):  # METIS has a handler of its own for it
         for moment in range(25):
             process = subprocess.Popen(
-                [LUMO, "press", "--finger", "plain", "--loads", "1", "--threads", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+                [LUMO, "press", "--finger", "plain", "--loads", "1", "--threads", "1"],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
             )
             time.sleep(0.1 + 0.04 * moment)
             process.send_signal(signal.SIGTERM)
@@ -623,7 +628,9 @@ class Long(unittest.TestCase):
             self.assertEqual(run("campaign", "report", "--store", store, "--out", page, timeout=1800).returncode, 0)
             self.assertGreater(os.path.getsize(page), 100000)
         theta = ",".join(str(v) for v in row["theta_mm"])
-        alone = strict(run("evaluate", "--theta", theta, "--ray-error", "5", "--json", timeout=7200, finger="built").stdout)
+        alone = strict(
+            run("evaluate", "--theta", theta, "--ray-error", "5", "--json", timeout=7200, finger="built").stdout
+        )
         self.assertEqual(status["evaluated"], 1)
         for key in ["J_contact", "J_obs"]:
             self.assertEqual(row["record"][key], alone[key])

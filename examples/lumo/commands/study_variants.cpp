@@ -7,7 +7,6 @@
 #include "lumo/campaign/finger_campaign.hpp"
 
 #include <algorithm>
-#include <functional>
 #include <utility>
 
 namespace lumo::program {
@@ -34,22 +33,19 @@ struct StudyPlan {
 
 const std::string paper_carrier = "40 of 40 above 0, median 0.121 (§IV-A)";
 
-/// As the authors' code compares: no voids on both sides, so that the carrier alone differs.
-StudyPlan carrier_plan() {
-  return {"carrier", {{Twin::no_void, Twin::held_top}, false},
-      {{"J_contact", "held_top", "ΔJ_contact of the carrier: no voids against silicone alone, held at its back", 4,
-           paper_carrier, "no_void"},
-          {"J_contact", "held_top", "ΔJ_contact against silicone alone, held at its back", 4, ""}}};
-}
-
-/// Of a plain finger, whose twins rest on its flat base.
-StudyPlan plain_carrier_plan() {
+StudyPlan carrier_plan(const FingerOptions& finger) {
+  if (finger.pad.cap_length >
+      0.0)  // as the authors' code compares: no voids on both sides, so that the carrier differs
+    return {"carrier", {{Twin::no_void, Twin::held_top}, false},
+        {{"J_contact", "held_top", "ΔJ_contact of the carrier: no voids against silicone alone, held at its back", 4,
+             paper_carrier, "no_void"},
+            {"J_contact", "held_top", "ΔJ_contact against silicone alone, held at its back", 4, ""}}};
   return {"carrier", {{Twin::bonded_base, Twin::unsupported_base}, false},
       {{"J_contact", "bonded_base", "ΔJ_contact against a soft pad bonded at its base", 4, ""},
           {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4, paper_carrier}}};
 }
 
-StudyPlan void_plan() {
+StudyPlan void_plan(const FingerOptions&) {
   return {"void", {{Twin::no_void}, true},
       {{"J_contact", "no_void", "ΔJ_contact against the same θ without voids", 4,
            "both signs, depending on the morphology (§IV-A)"},
@@ -184,10 +180,10 @@ std::string result_text(const std::vector<StudyRow>& rows, const StudyPlan& plan
 
 /// Each design against its variants.
 struct StudyVariants : StudyCommand {
-  std::function<StudyPlan(const FingerOptions&)> plan_for;
+  StudyPlan (*plan_for)(const FingerOptions&);
   std::string scenario = "middle";
 
-  explicit StudyVariants(std::function<StudyPlan(const FingerOptions&)> p) : plan_for(std::move(p)) {}
+  explicit StudyVariants(StudyPlan (*p)(const FingerOptions&)) : plan_for(p) {}
 
   void declare(CLI::App& app) {
     StudyCommand::declare(
@@ -248,12 +244,8 @@ struct StudyVariants : StudyCommand {
 
 void add_study_variants(CommandLine& line) {
   static_assert(most_designs == largest_study);
-  line.add("study carrier", "Each design against pads without a carrier in them",
-      StudyVariants([](const FingerOptions& finger) {
-        return finger.pad.shoulder_height > 0.0 ? carrier_plan() : plain_carrier_plan();
-      }));
-  line.add("study void", "Each design against itself without lateral voids",
-      StudyVariants([](const FingerOptions&) { return void_plan(); }));
+  line.add("study carrier", "Each design against pads without a carrier in them", StudyVariants(carrier_plan));
+  line.add("study void", "Each design against itself without lateral voids", StudyVariants(void_plan));
 }
 
 }  // namespace lumo::program

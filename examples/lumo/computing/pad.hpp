@@ -28,7 +28,7 @@ inline Body body_of(const Configuration& o) { return finger(o.pad.design(), o.pa
 
 /// What other assumptions are compared with.
 inline FingerAssumptions usual_assumptions(const Configuration& o) {
-  return {o.pad.silicone, finger_options(o), o.mechanics.friction, o.touch.tilt};
+  return {o.pad.silicone, finger_options(o), o.mechanics.friction, o.ensemble.tilt};
 }
 
 inline Scenario<Sphere> scenario_of(const Touch& o) {

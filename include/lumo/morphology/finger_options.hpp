@@ -86,6 +86,7 @@ struct FingerOptions {
   bool operator==(const FingerOptions&) const = default;
 };
 
+/// The default, by name.
 inline FingerOptions built_finger(const FingerOptions::Mesh& mesh = {}) {
   FingerOptions o;
   o.mesh = mesh;
