@@ -96,13 +96,16 @@ struct Lab : Configured {
     Rig instruments;
     instruments.specimen = {settings.stiffness, settings.lamps};
     instruments.motor.joints = settings.joints;
+    const PadResponses& light_of = computed.responses();
     if (!plan) {
-      const HandLab hand(computed, hand_plan(whole_seed, 12, light.coarse ? 13.0_mm : 0.0), whole_seed, settings.noise,
+      const double next = *std::upper_bound(light_of.place_m.begin(), light_of.place_m.end(), 0.0);
+      const HandLab hand(computed, hand_plan(whole_seed, 12, light.coarse ? next : 0.0), whole_seed, settings.noise,
           {.rig = instruments, .side = side});
       leave(hand, {}, pad.finger, made, progress);
       return summary(hand, "grasps", hand.plan().grasps.size());
     }
-    const VirtualRig rig(computed, plan(), whole_seed, settings.noise, instruments, side);
+    const VirtualRig rig(computed, moved(plan(), light_of.equal_ends() ? 0.0 : built_finger_shift_m), whole_seed,
+        settings.noise, instruments, side);
     Recording log;
     log.wrenches = rig.wrenches();
     log.markers = rig.markers();

@@ -29,19 +29,23 @@ struct PadSettings {
     // A half as fine about the contact as elsewhere: depths are within 0.2 % of the default mesh's (y = 5 mm, 1 to 20
     // N), in less than half of the time.
     focus = {0.4e-3, 0.2, 0.8};
-    if (of.pad.cap_length > 0.0) {  // places on both sides of the middle: twice as far apart
-      grid.places = 14;
-      grid.spacing_m = 2.0_mm;
+    const bool equal_ends = of.pad.cap_length == 0.0;
+    if (equal_ends) {
+      grid.place_m = even_places(0.0, 26.0_mm, 1.0_mm);
+      grid.tilt_place_m = {0.0, 22.0_mm};
     }
-    grid.tilt_place_m = {0.0, 22.0_mm};
     rays.rays_per_emitter = 1 << 17;
     rays.carrier_rays = 1 << 17;
     rays.exit_rays = 1 << 19;
     if (!coarse) return;
-    grid.places = 3;
-    grid.spacing_m = 13.0_mm;
     grid.load_N = {2.0, 5.0, 20.0};
-    grid.tilt_place_m = {13.0_mm};
+    if (equal_ends) {
+      grid.place_m = {0.0, 13.0_mm, 26.0_mm};
+      grid.tilt_place_m = {13.0_mm};
+    } else {
+      grid.place_m = {-24.0_mm, -12.0_mm, 0.0, 12.0_mm, 24.0_mm, 28.0_mm};
+      grid.tilt_place_m = {-12.0_mm, 12.0_mm};
+    }
     finger.mesh.contact_edge = finger.mesh.coarsest_edge = 6.0_mm;
     focus = {1.2e-3, 0.4, 1.0};
     rays.rays_per_emitter = 1 << 12;
@@ -56,8 +60,8 @@ std::string pad_responses_key(const Pad& o, bool coarse) {
   const PadSettings s(o.finger, coarse);
   return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ",
       text_of(tree_of(of_pad(o), {"silicone", "finger", "leds", "mesh"}), -1), ", sphere ", 1e3 * s.grid.diameter_m,
-      " mm, ", s.grid.places, " places every ", 1e3 * s.grid.spacing_m, " mm, loads ", joined(s.grid.load_N),
-      " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge, " mm, rays ",
+      " mm, places ", joined(s.grid.place_m), " m, loads ", joined(s.grid.load_N), " N, finest edge ",
+      1e3 * s.focus.finest, " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge, " mm, rays ",
       s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
 }
 

@@ -9,7 +9,7 @@
 
 namespace lumo::program {
 
-/// Light of a pad at all places and loads of the virtual lab. Coarse: three places, for trying out; contacts in between
+/// Light of a pad at all places and loads of the virtual lab. Coarse: a few places, for trying out; contacts in between
 /// are then far from right.
 PadResponses make_pad_responses(const Pad& pad, bool coarse, int threads, Progress& progress);
 

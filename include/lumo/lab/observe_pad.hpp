@@ -71,26 +71,28 @@ inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& si
   return body;
 }
 
+/// `from`, `from` + `spacing` … `to` [m].
+inline std::vector<double> even_places(double from, double to, double spacing) {
+  std::vector<double> y;
+  for (int k = 0; from + spacing * k < to + 0.5 * spacing; ++k) y.push_back(from + spacing * k);
+  return y;
+}
+
 /// Where and how hard a pad is pressed for the virtual lab.
 struct PadGrid {
   double diameter_m = 10.0_mm;
   std::vector<double> load_N{1.0, 2.0, 5.0, 10.0, 15.0, 20.0};
-  double spacing_m = 1.0_mm;  ///< of the places
-  int places = 27;            ///< 0, 1, …, 26 mm, and −26 … −1 mm where they are no mirror images
+  /// Ascending; from 0 for a pad with equal ends. The default is for the built finger, whose open proximal end gives
+  /// way under a sphere: at y = −25 mm between 15 and 20 N, at −26 mm between 10 and 15 N.
+  std::vector<double> place_m = even_places(-24.0_mm, 28.0_mm, 2.0_mm);
   double tilt_rad = 4.0_deg;  ///< of an approach from the side, from which follows what small angles do
-  std::vector<double> tilt_place_m{0.0, 22.0_mm};  ///< and those below 0, likewise
+  std::vector<double> tilt_place_m{-22.0_mm, 0.0, 22.0_mm};
 
-  /// The straight approaches, then the tilted ones, each in ascending order.
-  std::vector<Scenario<Sphere>> scenarios(bool equal_ends) const {
+  /// The straight approaches, then the tilted ones.
+  std::vector<Scenario<Sphere>> scenarios() const {
     std::vector<Scenario<Sphere>> all;
-    for (int k = equal_ends ? 0 : 1 - places; k < places; ++k)
-      all.push_back({Sphere{diameter_m}, 0.0, spacing_m * k, load_N});
-    std::vector<double> tilted = tilt_place_m;
-    if (!equal_ends)
-      for (const double y : tilt_place_m)
-        if (y > 0.0) tilted.push_back(-y);
-    std::sort(tilted.begin(), tilted.end());
-    for (const double y : tilted) all.push_back({Sphere{diameter_m}, tilt_rad, y, load_N});
+    for (const double y : place_m) all.push_back({Sphere{diameter_m}, 0.0, y, load_N});
+    for (const double y : tilt_place_m) all.push_back({Sphere{diameter_m}, tilt_rad, y, load_N});
     return all;
   }
 };
@@ -102,10 +104,12 @@ template <class P, Executor E> PadResponses observe_pad(const Body& body, const 
     const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   if (!body.symmetry.x) throw InvalidArgument("virtual lab: the pad must be symmetric in x");
   const bool equal_ends = body.symmetry.y;
-  require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
-  require_positive("spacing of the virtual lab's places", grid.spacing_m, "m");
+  require_in_range("places of the virtual lab", double(grid.place_m.size()), 2, 1000, "");
+  if (equal_ends != (grid.place_m[0] == 0.0))
+    throw InvalidArgument(message("virtual lab: the first place is y = ", 1e3 * grid.place_m[0], " mm, must be ",
+        equal_ends ? "0: the pad has equal ends" : "below 0: the pad's ends are not alike"));
   require_in_range("tilt of the virtual lab", grid.tilt_rad, 0.001, 0.5, "rad");
-  const std::vector<Scenario<Sphere>> scenarios = grid.scenarios(equal_ends);
+  const std::vector<Scenario<Sphere>> scenarios = grid.scenarios();
   const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
   for (const ScenarioRecord& s : seen.scenarios)
     if (s.status != Status::converged)
@@ -122,7 +126,7 @@ template <class P, Executor E> PadResponses observe_pad(const Body& body, const 
   if (equal_ends) r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
   r.load_N = Eigen::Map<const Eigen::VectorXd>(grid.load_N.data(), loads);
   const auto is_straight = [](const Scenario<Sphere>& s) { return s.angle_rad == 0.0; };
-  const auto places = Eigen::Index(std::count_if(scenarios.begin(), scenarios.end(), is_straight));
+  const auto places = Eigen::Index(grid.place_m.size());
   r.place_m.resize(places);
   r.depth_m.resize(loads, places);
   r.tilt_place_m.resize(Eigen::Index(scenarios.size()) - places);

@@ -22,7 +22,7 @@ struct PadResponses {
   double diameter_m = 0.0;              ///< of the sphere
   Eigen::VectorXd position_m;           ///< middles of the bins, ascending, symmetric about 0
   Eigen::VectorXd unloaded;             ///< power through each bin
-  Eigen::VectorXd place_m;              ///< ascending, from 0 or from minus the last
+  Eigen::VectorXd place_m;              ///< ascending, from 0 or from one below it
   Eigen::VectorXd load_N;               ///< ascending, > 0
   Eigen::MatrixXd depth_m;              ///< loads × places
   std::vector<Eigen::MatrixXd> change;  ///< by place: bins × loads
@@ -48,9 +48,9 @@ inline void validate(const PadResponses& r, const std::string& name) {
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads,
       "there must be at least 2 loads, ascending");
-  require(places >= 2 && ascend(r.place_m) && Eigen::Index(r.change.size()) == places &&
-              (r.equal_ends() || std::abs(r.place_m[0] + r.place_m[places - 1]) < 1e-9),
-      "there must be at least 2 places, ascending from 0 or from minus the last");
+  require(places >= 2 && ascend(r.place_m) && Eigen::Index(r.change.size()) == places && r.place_m[0] <= 0.0 &&
+              r.place_m[places - 1] > 0.0,
+      "there must be at least 2 places, ascending from 0 or from one below it to one above");
   require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts,
       "there must be a tilted approach at least at one place");
   require(
@@ -76,7 +76,11 @@ class PadLight {
   }
 
   const PadResponses& responses() const { return r_; }
-  double reach_m() const { return r_.place_m[r_.place_m.size() - 1]; }
+  /// The first and the last place.
+  std::pair<double, double> reach_m() const {
+    const double last = r_.place_m[r_.place_m.size() - 1];
+    return {r_.equal_ends() ? -last : r_.place_m[0], last};
+  }
   double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
   /// Factor on the light for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
   double scale_to(double level) const {

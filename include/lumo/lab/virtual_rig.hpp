@@ -146,7 +146,8 @@ inline VirtualRig::VirtualRig(
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
   require_in_range("frames of a plan", plan_.frames_per_s, 0.0, 1000.0, "1/s");
   for (const LabContact& c : plan_.contacts) {
-    require_in_range("place of a contact", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
+    require_in_range(
+        "place of a contact", 1e3 * c.y_m, 1e3 * light.reach_m().first, 1e3 * light.reach_m().second, "mm");
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
     require_in_range("place's number", c.place, 0, 1000, "");
     for (const LoadStep& s : c.steps) {
@@ -176,11 +177,11 @@ inline VirtualRig::VirtualRig(
 
 inline void VirtualRig::draw_contacts() {
   RandomStream draws(seed_, 1);
-  const double reach = light_->reach_m();
+  const auto [from, to] = light_->reach_m();
   for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(),
                  tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
-    contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
+    contacts_.push_back({std::clamp(y, from, to), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
     for (const LoadStep& s : c.steps)
       contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()),
           s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
