@@ -28,18 +28,35 @@ using namespace lumo;
 const std::vector<double> loads = {1.0, 2.0, 5.0, 10.0, 15.0};
 constexpr std::size_t loads_n = 5;
 
-std::vector<FingerDesign> designs() {
+/// What is pressed.
+struct Kind {
+  FingerOptions options;
+  std::vector<FingerDesign> designs;
+};
+
+Kind kind_of(const std::string& finger) {
+  if (finger == "built") {
+    std::vector<FingerDesign> all = built_references();
+    all.push_back(built_baseline());
+    return {built_finger(), all};
+  }
   std::vector<FingerDesign> all = plain_references();
   all.push_back({10.0, 8.0, 4.5, 4.0, 7.5});  // a wall of 5 mm beside wide voids
-  return all;
+  return {plain_finger(), all};
 }
 
 struct Case {
+  FingerOptions options;
   FingerDesign design;
   double d_mm, alpha_deg, y_mm;
 
   Scenario<Sphere> scenario() const { return {Sphere{d_mm * 1e-3}, alpha_deg * pi / 180, y_mm * 1e-3, loads}; }
-  Symmetry planes() const { return {alpha_deg == 0.0, y_mm == 0.0}; }
+  Symmetry planes() const { return {alpha_deg == 0.0, y_mm == 0.0 && options.pad.cap_length == 0.0}; }
+  Body body(const FingerOptions::Mesh& mesh) const {
+    FingerOptions o = options;
+    o.mesh = mesh;
+    return finger(design, dragon_skin(), o);
+  }
   std::string key() const {
     std::ostringstream s;
     s << design.h_fp << ',' << design.h_ep << ',' << design.w_s << ',' << design.h_s << ',' << design.w_v << ',' << d_mm
@@ -119,24 +136,24 @@ std::map<std::string, std::map<std::string, Row>> read(const std::string& file) 
 /// Mesh sizes of lumo's own solution, from a level's name: `lumo` is the default,
 /// `lumo:finest:growth:depth_growth:contact_edge:coarsest:base_growth` (edges in mm) anything else; what is left out
 /// keeps its default.
-std::pair<FingerOptions, Focus> sizes_of(const std::string& level) {
-  FingerOptions o = plain_finger();
+std::pair<FingerOptions::Mesh, Focus> sizes_of(const std::string& level) {
+  FingerOptions::Mesh mesh;
   Focus f;
   std::istringstream in(level);
   std::string part;
   std::getline(in, part, ':');
   const std::array<std::pair<double*, double>, 6> fields = {{{&f.finest, 1e-3}, {&f.growth, 1.0},
-      {&f.depth_growth, 1.0}, {&o.mesh.contact_edge, 1e-3}, {&o.mesh.coarsest_edge, 1e-3}, {&o.mesh.growth, 1.0}}};
+      {&f.depth_growth, 1.0}, {&mesh.contact_edge, 1e-3}, {&mesh.coarsest_edge, 1e-3}, {&mesh.growth, 1.0}}};
   for (const auto& [field, unit] : fields)
     if (std::getline(in, part, ':')) *field = unit * std::stod(part);
-  return {o, f};
+  return {mesh, f};
 }
 
 Row own_solution(const Case& c, const std::string& level, const TetgenMesher& mesher) {
   Row row;
   row.level = level;
-  const auto [options, focus] = sizes_of(level);
-  const Body body = finger(c.design, dragon_skin(), options);
+  const auto [sizes, focus] = sizes_of(level);
+  const Body body = c.body(sizes);
   std::vector<Scenario<Sphere>> place;  // what shares a mesh in a campaign
   for (double d : {10e-3, 15e-3, 20e-3, 30e-3})
     place.push_back({Sphere{d}, c.scenario().angle_rad, c.scenario().y_m, loads});
@@ -262,22 +279,23 @@ const Focus base_focus = {.finest = 0.3e-3, .growth = 0.12, .depth_growth = 1.0}
 Row reference_solution(const Case& c, double size, const std::string& level, const TetgenMesher& mesher) {
   Row row;
   row.level = level;
-  FingerOptions options = plain_finger();
-  options.mesh = base_mesh;
-  options.mesh.contact_edge *= size;
-  options.mesh.coarsest_edge *= size;
-  options.mesh.growth *= size;
-  options.mesh.max_turn_rad *= size;
+  FingerOptions::Mesh sizes = base_mesh;
+  sizes.contact_edge *= size;
+  sizes.coarsest_edge *= size;
+  sizes.growth *= size;
+  sizes.max_turn_rad *= size;
+  sizes.support_edge *= size;
+  sizes.seam_edge *= size;
   Focus focus = base_focus;
   focus.finest *= size;
   focus.growth *= size;
   focus.depth_growth *= size;
-  const Body coarse = finger(c.design, dragon_skin(), plain_finger());
+  const Body coarse = c.body({});
   const Scenario<Sphere> scenario = c.scenario();
   const Touch touch = first_touch(coarse, mesh_body(coarse, mesher), scenario);
-  Body whole = finger(c.design, dragon_skin(), options);
+  Body whole = c.body(sizes);
   if (!c.planes().x) whole = spelled_out(whole, 0);
-  if (!c.planes().y) whole = spelled_out(whole, 1);
+  if (!c.planes().y && whole.symmetry.y) whole = spelled_out(whole, 1);
   const Body body = focused(whole, {touch.point}, focus);
   const TetMesh mesh = mesh_body(body, mesher);
   const Stopwatch clock;
@@ -469,28 +487,33 @@ void Deviations::write_summary(std::ostream& out) const {
   }
 }
 
-void write_introduction(const std::string& compared, std::ostream& out) {
-  out << "# `" << compared
-      << "` against the extrapolated Taylor–Hood reference\n\n"
+void write_introduction(const std::string& compared, bool built, std::ostream& out) {
+  const std::string name = built ? "built" : "results", finger = built ? " --finger built" : "";
+  out << "# `" << compared << "` against the extrapolated Taylor–Hood reference" << (built ? ", built finger" : "")
+      << "\n\n"
          "Presses at the default setting beside equilibria of another formulation: quadratic displacement and "
          "continuous linear pressure (Taylor–Hood, inf-sup stable),\n"
-         "with an element, contact assembly, factorisation and Newton loop of its own (`taylor_hood.hpp`), on three or "
+         "with an element, contact assembly, factorisation and Newton loop of its own (`taylor_hood.hpp`), on two to "
          "four meshes of its own: `size` multiplies every\n"
          "length and growth. What it shares with lumo is the finger's shape, the mesher and the evaluation of areas. "
          "Smooth quantities are extrapolated (Richardson, with\n"
-         "the order that three sizes show); areas scatter from mesh to mesh, so that their reference is the finest "
+         "the order that three sizes show; with two, the finer one counts); areas scatter from mesh to mesh, so that "
+         "their reference is the finest "
          "mesh and ± the last change. *Beyond limit* counts\n"
          "cases in which the difference alone exceeds the limit; where it is less than the reference's own ± it says "
          "nothing of lumo. Silicone: Dragon Skin.\n\n"
-         "```\nlumo_reference run --csv benchmarks/reference/results.csv      # goes on where it was stopped; hours\n"
-         "lumo_reference table --csv benchmarks/reference/results.csv --markdown "
-         "benchmarks/reference/results.md\n```\n\n| quantity | cases | largest | median | root mean square | limit | "
+         "```\nlumo_reference run"
+      << finger << " --csv benchmarks/reference/" << name << ".csv      # goes on where it was stopped; hours\n"
+      << "lumo_reference table" << finger << " --csv benchmarks/reference/" << name
+      << ".csv --markdown benchmarks/reference/" << name
+      << ".md\n```\n\n"
+         "| quantity | cases | largest | median | root mean square | limit | "
          "beyond limit | reference ± (median) | worst case |\n"
          "|---|---|---|---|---|---|---|---|---|\n";
 }
 
 /// Markdown: deviations of lumo's solution `compared` from the extrapolated reference, per case and in summary.
-void table(const std::string& file, const std::string& compared, std::ostream& out) {
+void table(const std::string& file, const std::string& compared, bool built, std::ostream& out) {
   Deviations deviations;
   std::ostringstream cases;
   for (const auto& [key, rows] : read(file)) {
@@ -499,7 +522,7 @@ void table(const std::string& file, const std::string& compared, std::ostream& o
     if (own == rows.end() || own->second.status != "converged" || levels.size() < 2) continue;
     deviations.add(key, own->second, levels, cases);
   }
-  write_introduction(compared, out);
+  write_introduction(compared, built, out);
   deviations.write_summary(out);
   out << "\nAreas measured from gap levels instead of the edge fit, finest reference: at most "
       << 100 * deviations.fit_area << " % from them; IoU " << deviations.fit_iou << ".\n";
@@ -517,7 +540,8 @@ std::vector<std::string> split(const std::string& text) {
 
 int main(int argc, char** argv) {
   std::map<std::string, std::string> option = {{"--csv", "results.csv"}, {"--designs", "0,1,2,3,4,5"}, {"--d", "10,30"},
-      {"--alpha", "0,30"}, {"--y", "0,22"}, {"--levels", "lumo,1,0.7,0.5"}, {"--markdown", ""}, {"--compared", "lumo"}};
+      {"--alpha", "0,30"}, {"--y", "0,22"}, {"--levels", "lumo,1,0.7,0.5"}, {"--markdown", ""}, {"--compared", "lumo"},
+      {"--finger", "plain"}};
   const std::string command = argc > 1 ? argv[1] : "";
   for (int k = 2; k + 1 < argc; k += 2) {
     if (!option.contains(argv[k])) {
@@ -527,18 +551,20 @@ int main(int argc, char** argv) {
     option[argv[k]] = argv[k + 1];
   }
   if (command == "table") {
-    if (option["--markdown"].empty()) table(option["--csv"], option["--compared"], std::cout);
+    const bool built = option["--finger"] == "built";
+    if (option["--markdown"].empty()) table(option["--csv"], option["--compared"], built, std::cout);
     else {
       std::ofstream out(option["--markdown"]);
-      table(option["--csv"], option["--compared"], out);
+      table(option["--csv"], option["--compared"], built, out);
     }
     return 0;
   }
   if (command != "run") {
     std::cerr << "usage: lumo_reference run|table [--csv FILE] [--designs 0,1,…] [--d 10,30] [--alpha 0,30] [--y 0,22] "
-                 "[--levels lumo,1,0.7,0.5] [--markdown FILE] [--compared lumo]\n";
+                 "[--levels lumo,1,0.7,0.5] [--markdown FILE] [--compared lumo] [--finger plain|built]\n";
     return 2;
   }
+  const Kind kind = kind_of(option["--finger"]);
   TetgenMesher mesher;
   mesher.time_limit_s = 600.0;
   const auto known = read(option["--csv"]);
@@ -548,7 +574,8 @@ int main(int argc, char** argv) {
       for (const std::string& level : split(option["--levels"]))
         for (const std::string& design : split(option["--designs"]))
           for (const std::string& d : split(option["--d"])) {
-            const Case c{designs().at(std::stoul(design)), std::stod(d), std::stod(alpha), std::stod(y)};
+            const Case c{
+                kind.options, kind.designs.at(std::stoul(design)), std::stod(d), std::stod(alpha), std::stod(y)};
             if (const auto found = known.find(c.key()); found != known.end() && found->second.contains(level)) continue;
             Row row;
             try {
