@@ -51,11 +51,12 @@ std::string run(const StudyReadings& o, const fs::path& out) {
 namespace lumo::program {
 
 /// In place of simulations.
-Evaluator assumptions_evaluator(const StudyTools&, const std::vector<Scenario<Sphere>>& contacts, Progress&) {
-  return [contacts](const Design& x) {
+Evaluator assumptions_evaluator(const StudyTools&, const std::vector<Scenario<Sphere>>& contacts,
+    const std::vector<AssumptionVariant>& variants, Progress&) {
+  return [contacts, variants](const Design& x) {
     TrialResult v;
     Json record = {{"theta_mm", numbers(x)}};
-    for (int r = 0; r <= int(assumption_variants().size()); ++r) record["readings"].push_back(made_up(x, r));
+    for (int r = 0; r <= int(variants.size()); ++r) record["readings"].push_back(made_up(x, r));
     v.outputs = {record["readings"][0]["J_contact"], record["readings"][0]["J_obs"]};
     v.record = record.dump();
     v.notes = "{}";

@@ -2,6 +2,7 @@
 
 #include "charts/chart.hpp"
 #include "computing/pad.hpp"
+#include "configuration/settings.hpp"
 #include "console/text.hpp"
 #include "report/records.hpp"
 #include "store/campaign_problem.hpp"
@@ -21,6 +22,13 @@ constexpr double weak_ranking = 0.8;  // Kendall's τ below which conclusions ha
 
 std::string contact_name(double diameter_mm, double angle_deg) {
   return short_number(diameter_mm) + " mm, " + short_number(angle_deg) + "°, ";
+}
+
+/// All that can be asked for.
+std::vector<AssumptionVariant> every_variant() {
+  std::vector<AssumptionVariant> all = all_assumption_variants();
+  for (AssumptionVariant& v : absorption_variants()) all.push_back(std::move(v));
+  return all;
 }
 
 /// Reading `r` of each design; 0 is lumo's own.
@@ -45,11 +53,10 @@ struct Effect {
   AssumptionEffect effect;
 };
 
-std::vector<Effect> effects(const std::vector<StudyRow>& rows, const FingerAssumptions& assumed) {
+std::vector<Effect> effects(const std::vector<StudyRow>& rows, const std::vector<AssumptionVariant>& variants) {
   const std::vector<AssumptionScore> usual = scores(rows, 0);
   std::vector<Effect> list;
-  for (const AssumptionVariant& d : assumption_variants(assumed))
-    list.push_back({d, effect_of(usual, scores(rows, list.size() + 1))});
+  for (const AssumptionVariant& d : variants) list.push_back({d, effect_of(usual, scores(rows, list.size() + 1))});
   return list;
 }
 
@@ -198,6 +205,28 @@ void StudyReadings::declare(CLI::App& app) {
       app, {"Seeded designs to compare beside the five references, default 30",
                "All contacts of flat or curved, default: 10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)",
                "Edges 1.4 times as long, J_obs by rays to 4 % instead of 1.5: half of the time"});
+  add_value(app, "--only", "NAME,...",
+      "Assumptions to compare, as lumo config lists them; default: all that change what is usual",
+      [this](const std::string& typed) {
+        std::vector<std::string> known;
+        for (const AssumptionVariant& v : every_variant()) known.push_back(v.key);
+        only_.clear();
+        for (const std::string_view name : split(typed)) {
+          if (std::find(known.begin(), known.end(), name) == known.end())
+            throw UsageError("--only has " + in_quotes(name) + ", the nearest assumption is '" +
+                             nearest(std::string(name), known) + "'");
+          only_.emplace_back(name);
+        }
+      });
+}
+
+std::vector<AssumptionVariant> StudyReadings::variants() const {
+  if (only_.empty()) return assumption_variants(usual_assumptions(asked()));
+  std::vector<AssumptionVariant> chosen;
+  for (const std::string& key : only_)
+    for (const AssumptionVariant& v : every_variant())
+      if (v.key == key) chosen.push_back(v);
+  return chosen;
 }
 
 // The reference designs, then seeded ones.
@@ -221,7 +250,7 @@ std::string StudyReadings::problem_text(const Problem& p) const {
   }
   j["coarse"] = tools.coarse;
   j["readings"] = Json::array();
-  for (const AssumptionVariant& d : assumption_variants(usual_assumptions(asked()))) j["readings"].push_back(d.name());
+  for (const AssumptionVariant& d : variants()) j["readings"].push_back(d.name());
   j["initial"] = p.initial;
   j["sobol"] = p.sobol;
   j["seed"] = seed;
@@ -235,11 +264,11 @@ std::string StudyReadings::about() const {
 }
 
 Result StudyReadings::run(Output& files, Progress& progress) const {
-  const Evaluator evaluate = assumptions_evaluator(
-      {asked(), tools.threads, tools.coarse}, pressed(), progress);  // before a store is opened, for the mesher forks
+  const Evaluator evaluate = assumptions_evaluator({asked(), tools.threads, tools.coarse}, pressed(), variants(),
+      progress);  // before a store is opened, for the mesher forks
   const Problem search = problem();
   const std::vector<StudyRow> rows = study_rows(store, problem_text(search), search, evaluate, row_line, progress);
-  const std::vector<Effect> list = effects(rows, usual_assumptions(asked()));
+  const std::vector<Effect> list = effects(rows, variants());
   if (files.wanted()) {
     files.add("study_readings.csv", effects_csv(rows, list));
     files.add("study_readings_designs.csv", designs_csv(rows));

@@ -5,6 +5,7 @@
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/study/assumptions.hpp"
 
+#include <string>
 #include <vector>
 
 namespace lumo::program {
@@ -18,10 +19,13 @@ struct StudyReadings : StudyCommand {
   Result run(Output& files, Progress& progress) const;
 
  private:
+  std::vector<std::string> only_;  ///< keys; empty: all
   std::vector<Scenario<Sphere>> pressed() const {
     return whole_ensemble() ? asked().ensemble.scenarios() : assumption_contacts();
   }
   std::string contacts_name() const { return whole_ensemble() ? name(asked().ensemble) : "few"; }
+  /// Those asked for, or all that change what is usual.
+  std::vector<AssumptionVariant> variants() const;
   Problem problem() const;
   std::string problem_text(const Problem& p) const;
   /// In the words of captions.

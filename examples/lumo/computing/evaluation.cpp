@@ -135,8 +135,8 @@ Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, Progre
   };
 }
 
-Evaluator assumptions_evaluator(
-    const StudyTools& o, const std::vector<Scenario<Sphere>>& contacts, Progress& progress) {
+Evaluator assumptions_evaluator(const StudyTools& o, const std::vector<Scenario<Sphere>>& contacts,
+    const std::vector<AssumptionVariant>& variants, Progress& progress) {
   const double edges = o.coarse ? 1.4 : 1.0;
   auto usual_tools = pipeline_for(o.asked);
   if (o.coarse) {
@@ -145,7 +145,7 @@ Evaluator assumptions_evaluator(
     usual_tools.focus = usual_tools.focus.scaled(edges);
   }
   const auto pipeline = shared(std::move(usual_tools));
-  return [o, contacts, edges, &progress, pipeline](const Design& x) {
+  return [o, contacts, variants, edges, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json&, const ProgressReport& report_stage) {
       const auto tools_for = [&](const FingerAssumptions& reading) {
         auto tools = *pipeline;
@@ -155,11 +155,10 @@ Evaluator assumptions_evaluator(
         return tools;
       };
       FingerAssumptions usual = usual_assumptions(o.asked);
-      const std::vector<AssumptionVariant> rows = assumption_variants(usual);
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
       const auto results = evaluate_assumptions(
-          FingerDesign::from(x), {usual, rows, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);
-      return put_assumptions(record, rows, results);
+          FingerDesign::from(x), {usual, variants, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);
+      return put_assumptions(record, variants, results);
     };
     return recorded(
         {{"theta_mm", numbers(x)}, {"material", o.asked.pad.material()}}, run_notes(o.threads), progress, work);

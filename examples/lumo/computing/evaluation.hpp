@@ -5,6 +5,7 @@
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/pipeline/ensemble.hpp"
 #include "lumo/pipeline/evaluate.hpp"
+#include "lumo/study/assumptions.hpp"
 #include "lumo/study/matched_study.hpp"
 
 #include <functional>
@@ -36,8 +37,8 @@ struct StudyTools {
 /// The value is the design's J_contact, and the record has that of its variants, too.
 Evaluator study_evaluator(const StudyTools& tools, const MatchedStudy& study, Progress& progress);
 
-/// Values are the design's objectives, and the record has those under all assumptions, lumo's own first.
-Evaluator assumptions_evaluator(
-    const StudyTools& tools, const std::vector<Scenario<Sphere>>& contacts, Progress& progress);
+/// Values are the design's objectives, and the record has those under all variants, after the usual ones.
+Evaluator assumptions_evaluator(const StudyTools& tools, const std::vector<Scenario<Sphere>>& contacts,
+    const std::vector<AssumptionVariant>& variants, Progress& progress);
 
 }  // namespace lumo::program
