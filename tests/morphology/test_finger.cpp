@@ -144,6 +144,21 @@ TEST_CASE("a scaled mesh wants edges that are longer by its factor everywhere, a
     CHECK(scaled.sizing.edge(p) == Approx(1.4 * usual.sizing.edge(p)));
 }
 
+TEST_CASE("light seen by its direction is seen wherever it leaves") {
+  FingerOptions o;
+  const FingerDesign design{8, 4, 6, 4, 2};
+  CHECK(finger(design, dragon_skin(), o).seen_towards == Vec3d::Zero());
+  o.readout.by_direction = true;
+  const Body body = finger(design, dragon_skin(), o);
+  CHECK(body.seen_towards == Vec3d::UnitX());
+  CHECK(body.region(Vec3d(-15e-3, 0, 2e-3), -Vec3d::UnitX()) == 5);
+  CHECK(body.region(Vec3d(0, 28e-3, 8e-3), Vec3d::UnitZ()) == -1);
+  CHECK_FALSE(body.region_image_x);
+  for (const Patch& p : body.patches) CHECK((p.visible || p.bonded));
+  o.readout.one_side = false;
+  CHECK(finger(design, dragon_skin(), o).seen_towards == Vec3d::Zero());
+}
+
 TEST_CASE("other assumptions on the finger: held ends, LEDs at the sides, one side seen, a narrow pad") {
   const FingerDesign design{8, 4, 6, 4, 2};
   FingerOptions o = plain_finger();

@@ -388,6 +388,30 @@ TEST_CASE(
   CHECK(std::abs(space.power_W[3] - rest.power_W[3]) > 10.0 * rest.error_W[3]);  // the two are not the same thing
 }
 
+TEST_CASE(
+    "Light seen by its direction: gathered and forward tracing agree, and both directions are all of it", "[tracer]") {
+  const PadShape s = coarse();
+  Model m = pad(s);
+  m.body.region = [](const Vec3d&, const Vec3d&) { return 0; };
+  m.body.regions = 1;
+  m.body.region_image_x = m.body.region_image_y = std::vector<int>{};
+  auto forwards = quick();
+  forwards.exit_rays = 0;
+  const Response all = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh);
+  m.body.seen_towards = Vec3d::UnitX();
+  m.body.region_image_x.reset();
+  const Response gathered = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh),
+                 traced = Tracer<BeerLambert>(forwards).trace(m.body, m.mesh);
+  CHECK(std::abs(gathered.power_W[0] - traced.power_W[0]) < 4.5 * std::hypot(gathered.error_W[0], traced.error_W[0]));
+  CHECK(2.0 * gathered.power_W[0] == Approx(all.power_W[0]).epsilon(1e-3));  // the pad is its own mirror image
+  m.body.seen_towards = Vec3d(1.0, 0.0, 1.0).normalized();
+  const double up = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh).power_W[0];
+  m.body.seen_towards = -m.body.seen_towards;
+  const double down = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh).power_W[0];
+  CHECK(up + down == Approx(all.power_W[0]).epsilon(1e-9));
+  CHECK(up > 1.2 * down);  // light leaves through the dome, away from the carrier
+}
+
 TEST_CASE("One side seen is half of both in a symmetric state", "[tracer]") {
   const PadShape s = coarse();
   Model m = pad(s);

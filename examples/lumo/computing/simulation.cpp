@@ -29,9 +29,10 @@ AnySimulation of_kind(const Mechanics& m, const Silicone& s, const Solver& solve
     return any(Simulator<decltype(material), decltype(contact), Element, Solver>{material, contact, {}, solver});
   };
   const auto touching = [&](auto material) {
+    const double margin = 1e-3 * m.record_margin_mm;
     if (m.points == Mechanics::Points::vertex)
-      return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction});
-    return with(material, SDFContact{m.contact_stiffness_N_per_m3, m.friction});
+      return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction, 0.0, margin});
+    return with(material, SDFContact{m.contact_stiffness_N_per_m3, m.friction, margin});
   };
   if (m.law == Mechanics::Law::newton) return touching(StableNeoHookean{s.mu_Pa, s.lambda_Pa});
   return touching(NeoHookean{.mu = s.mu_Pa, .lambda = s.lambda_Pa});
@@ -44,7 +45,8 @@ AnySimulation simulation(const Mechanics& m, const Silicone& s) {
   if (m.solver == Mechanics::Solver::quasi_static)
     return linear ? of_kind<LinearTet, QuasiStatic<Cholmod>>(m, s, {})
                   : of_kind<QuadraticTet, QuasiStatic<Cholmod>>(m, s, {});
-  const VertexBlockDescent descent{{.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3}, {}};
+  const VertexBlockDescent descent{
+      {.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3, .hold_s = m.hold_s}, {}};
   return linear ? of_kind<LinearTet, VertexBlockDescent>(m, s, descent)
                 : of_kind<QuadraticTet, VertexBlockDescent>(m, s, descent);
 }

@@ -108,16 +108,24 @@ void assume_built(Configuration& c) {
   c.search.references = References::built;
 }
 
-const std::vector<NamedAssumption> about_fingers = {{"built", "the finger as its authors built it", assume_built},
+const std::vector<NamedAssumption> own_assumptions = {{"built", "the finger as its authors built it", assume_built},
     {"plain", "a pad on a flat carrier, bonded to the stem, with free ends and LEDs in the silicone", assume_plain},
     {"authors",
-        "built, and what the authors' code has otherwise: the film over an LED closes on touch, regions stay in "
-        "space",
+        "built, and what the authors' code has otherwise: the film over an LED closes on touch; all light is seen that "
+        "leaves towards +x, in regions that stay in space; contact sets are records within 0.1 mm, and in time no load "
+        "is held",
         [](Configuration& c) {
           assume_built(c);
           c.pad.finger.recess.film_closes = 0.0;
+          c.pad.finger.readout.by_direction = true;
           c.pad.finger.readout.in_space = true;
-        }}};
+          c.mechanics.record_margin_mm = 0.1;
+          c.mechanics.hold_s = 0.0;
+        }},
+    {"contact_by_records", "contact set: all triangles within 0.1 mm of the tool",
+        [](Configuration& c) { c.mechanics.record_margin_mm = 0.1; }},
+    {"first_crossing", "load state: the first step at which the load is met (vbd)",
+        [](Configuration& c) { c.mechanics.hold_s = 0.0; }}};
 
 void apply_variant(const AssumptionVariant& variant, Configuration& c) {
   FingerAssumptions a{c.pad.silicone, c.pad.finger, c.mechanics.friction, c.touch.tilt};
@@ -131,7 +139,7 @@ void apply_variant(const AssumptionVariant& variant, Configuration& c) {
 }  // namespace
 
 std::vector<NamedAssumption> named_assumptions() {
-  std::vector<NamedAssumption> all = about_fingers;
+  std::vector<NamedAssumption> all = own_assumptions;
   for (const auto& variants : {all_assumption_variants(), absorption_variants()})
     for (const AssumptionVariant& v : variants)
       all.push_back({v.key, v.name(), [v](Configuration& c) { apply_variant(v, c); }});

@@ -272,6 +272,10 @@ Settings readout() {
           "readout.side", code, Names<bool>{{"one", true}, {"both", false}}, "Which is seen: +x alone, or both",
           [](auto& c) -> auto& { return c.pad.finger.readout.one_side; }),
       flag(
+          "readout.by_direction", inferred,
+          "Is light seen that leaves towards +x, from wherever? Otherwise by the normal of the surface it leaves",
+          [](auto& c) -> auto& { return c.pad.finger.readout.by_direction; }),
+      flag(
           "readout.in_space", inferred, "Do regions stay where they are? Otherwise they move with the material",
           [](auto& c) -> auto& { return c.pad.finger.readout.in_space; })};
 }
@@ -328,7 +332,11 @@ Settings mechanics_settings() {
       "are "
       "scored",
       [](const Configuration& c) { return Json(c.mechanics.paper ? "paper" : "default"); },
-      [](Configuration& c, const Json& v) { c.mechanics = v == "paper" ? paper_mechanics() : Mechanics{}; }};
+      [](Configuration& c, const Json& v) {
+        const Mechanics before = std::exchange(c.mechanics, v == "paper" ? paper_mechanics() : Mechanics{});
+        c.mechanics.hold_s = before.hold_s;  // what is recorded of a press is chosen beside how it is computed
+        c.mechanics.record_margin_mm = before.record_margin_mm;
+      }};
   mode.words = {"default", "paper"};
   Setting size{"mechanics.edge_mm", Kind::number_or_null, lumo, "Of all edges; null: graded, fine at the contact",
       [](const Configuration& c) { return c.mechanics.size_mm > 0.0 ? Json(c.mechanics.size_mm) : Json(nullptr); },
@@ -338,7 +346,7 @@ Settings mechanics_settings() {
   using M = Mechanics;
   return {mode,
       decided("mechanics.solver", Names<M::Solver>{{"quasi_static", M::Solver::quasi_static}, {"vbd", M::Solver::vbd}},
-          "Equilibria, or vertex block descent in time: 5 mm/s to each load, 1 s hold", &M::solver),
+          "Equilibria, or vertex block descent in time: 5 mm/s to each load, and a hold", &M::solver),
       decided("mechanics.element",
           Names<M::Element>{{"linear", M::Element::linear}, {"quadratic", M::Element::quadratic}},
           "Tetrahedra; linear ones lock", &M::element),
@@ -357,7 +365,17 @@ Settings mechanics_settings() {
           "Contact all over the surface, or at each vertex", [](auto& c) -> auto& { return c.mechanics.points; }),
       number(
           "mechanics.friction", lumo, {{0, 10}}, "Coulomb's coefficient of tool and pad",
-          [](auto& c) -> auto& { return c.mechanics.friction; })};
+          [](auto& c) -> auto& { return c.mechanics.friction; }),
+      number(
+          "mechanics.hold_s", paper, {{0, 1000}, "s"},
+          "Of vbd, at each load; 0: the state is that of the first step at which the load is met",
+          [](auto& c) -> auto& { return c.mechanics.hold_s; }),
+      number(
+          "mechanics.record_margin_mm", lumo, {{0, 10}, "mm"},
+          "0: the contact set is where the pad touches; else all triangles that come so near to the tool, which "
+          "depends "
+          "on the mesh",
+          [](auto& c) -> auto& { return c.mechanics.record_margin_mm; })};
 }
 
 const Names<TiltPlane> tilt_planes = {{"across", TiltPlane::xz}, {"along", TiltPlane::yz}};

@@ -78,7 +78,7 @@ void add_contact(CLI::App& app, Effective& e) {
 void add_mechanics(CLI::App& app, Effective& e) {
   add_mode(app, e);
   add_setting(app, e, "--solver", "mechanics.solver",
-      "quasi_static (default) or vbd: vertex block descent, 5 mm/s to each load, 1 s hold");
+      "quasi_static (default) or vbd: vertex block descent, 5 mm/s to each load, and a hold");
   add_setting(app, e, "--element", "mechanics.element", "Tetrahedra: quadratic (default) or linear, which lock");
   add_setting(app, e, "--size", "mechanics.edge_mm",
       "Of all edges [mm], default: graded, fine at the contact; in paper mode 1");

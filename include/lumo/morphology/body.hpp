@@ -82,6 +82,8 @@ struct Body {
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
+  /// Light that leaves against this direction is not seen; 0: all is.
+  Vec3d seen_towards = Vec3d::Zero();
   /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
   std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };

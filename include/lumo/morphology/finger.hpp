@@ -26,6 +26,7 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   const bool supported = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
+  const bool mouth = o.readout.by_direction;  // light out of the cavity is seen, too
   switch (tag) {
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
@@ -37,12 +38,12 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
       return {
           "shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::void_inner:
-      return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
+      return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, mouth};
     case SectionTag::void_roof:
-      return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
+      return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, mouth};
     case SectionTag::void_wall:
       return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported,
-          Dielectric{}, false};
+          Dielectric{}, mouth};
     case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
     default:
       return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
@@ -79,8 +80,10 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
   body.region_image_y = other_end;
   if (r.one_side) body.region_image_x.reset();
+  if (r.one_side && r.by_direction) body.seen_towards = Vec3d::UnitX();
   body.region = [r](const Vec3d& p, const Vec3d& n) {
-    if ((r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
+    const bool turned_away = (r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx;
+    if ((turned_away && !r.by_direction) || std::abs(p.y()) > r.half_range) return -1;
     const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;
     return std::clamp(int(bin), 0, r.bins - 1);
   };
@@ -204,7 +207,7 @@ inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSectio
 
   // The cap's wall: against cavity and stem, and, where the carrier is a stair, against its block.
   const int base = place(SectionTag::base), wall = boundary.add({"cap_wall", Plane{{0, joint, 0}, -Vec3d::UnitY()},
-                                                false, false, true, Dielectric{}, false});
+                                                false, false, true, Dielectric{}, o.readout.by_direction});
   const bool stair = cap.z[0] < 0.0;
   const int corner = stair ? boundary.vertex(0.0, joint, 0.0) : low_joint;
   std::vector<int> upper{corner};
@@ -215,8 +218,8 @@ inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSectio
   boundary.facet(upper, wall);
   std::vector<int> mirror{near[std::size_t(n - 1)], far[std::size_t(n - 1)], low_end, low_joint};
   if (stair) {
-    const int block =
-        boundary.add({"cap_block", Plane{{0, joint, 0}, -Vec3d::UnitY()}, false, false, false, Dielectric{}, false});
+    const int block = boundary.add({"cap_block", Plane{{0, joint, 0}, -Vec3d::UnitY()}, false, false, false,
+        Dielectric{}, o.readout.by_direction});
     std::vector<int> lower{low_joint};
     for (int k = side - 1; k >= base; --k) lower.push_back(far[std::size_t(k)]);
     lower.push_back(corner);

@@ -67,7 +67,9 @@ struct FingerOptions {
     double half_range = 27.5e-3;  ///< |y| beyond it is not seen [m]
     double min_abs_nx = 0.5;      ///< the undeformed normal must point this much sideways
     bool one_side = true;         ///< only x > 0 is seen
-    bool in_space = false;        ///< bins stay where they are; otherwise they move with the material
+    /// Light is seen by its direction, wherever it leaves, and `min_abs_nx` says nothing.
+    bool by_direction = false;
+    bool in_space = false;  ///< bins stay where they are; otherwise they move with the material
 
     bool operator==(const Readout&) const = default;
   };

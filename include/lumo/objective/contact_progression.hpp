@@ -110,8 +110,11 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{
-        contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
+    const Positions undeformed = positions_of(mesh);
+    const SetOverlap overlap = two->recorded.empty() || four->recorded.empty()
+                                   ? contact_overlap(surface, two->contact_field, four->contact_field, undeformed)
+                                   : recorded_overlap(surface, two->recorded, four->recorded, undeformed);
+    q.stable = Estimate{overlap.ratio(), error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);

@@ -14,7 +14,7 @@ struct Escape {
   Vec3d reference;  ///< last exit point in the undeformed body [m]
   Vec3d position;   ///< the same point, deformed [m]
   Vec3d direction;  ///< unit, in air
-  int region = -1;  ///< Body::region of the last exit point
+  int region = -1;  ///< Body::region of the last exit point; −1 if the body says that such light is not seen
 };
 
 /// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position,
@@ -46,7 +46,7 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
   { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
 };
 
-/// All power that leaves through each region of the body, whatever its direction (model reading of paper §III: r_b).
+/// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }

@@ -171,6 +171,8 @@ class OpticalScene {
         body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
     return r >= 0 && r < body_->regions ? r : -1;
   }
+  /// The region that light is seen in, if it leaves from there along `out`; −1: it is not seen.
+  int seen_region(int region, const Vec3d& out) const { return body_->seen_towards.dot(out) < 0.0 ? -1 : region; }
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that distinguishes surfaces: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {

@@ -157,6 +157,8 @@ inline std::vector<AssumptionVariant> assumptions_about_light() {
       {"steep_sides_seen", "visible normal", "|n_x| ≥ 0.9", [](Changed& a) { a.finger.readout.min_abs_nx = 0.9; }},
       {"one_side_seen", "visible side", "one", [](Changed& a) { a.finger.readout.one_side = true; }},
       {"both_sides_seen", "visible side", "both", [](Changed& a) { a.finger.readout.one_side = false; }},
+      {"seen_by_direction", "visible light", "all towards +x",
+          [](Changed& a) { a.finger.readout.by_direction = true; }},
       {"bins_in_space", "bins", "in space", [](Changed& a) { a.finger.readout.in_space = true; }},
       {"scattering_0.5", "scattering albedo", "0.5, g = 0.9", with_scattering(0.5)},
       {"scattering_0.9", "scattering albedo", "0.9, g = 0.9", with_scattering(0.9)},
@@ -167,6 +169,7 @@ inline std::vector<AssumptionVariant> assumptions_about_light() {
       {"carrier_0.8", "carrier albedo", "0.8", with_carrier(0.8)},
       {"film_closes_on_touch", "film over LEDs", "closes on touch", film_closing(0.0)},
       {"film_closes_20_um", "film over LEDs", "closes below 20 µm", film_closing(20e-6)},
+      {"film_closes_60_um", "film over LEDs", "closes below 60 µm", film_closing(60e-6)},
   };
 }
 

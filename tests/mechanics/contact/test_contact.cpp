@@ -9,6 +9,9 @@
 #include "mechanics/indenters/indenter_laws.hpp"
 
 #include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <utility>
 
 using namespace lumo;
 
@@ -139,6 +142,62 @@ TEST_CASE("contact area and overlap of known fields are exact up to the facets")
     CHECK(now - last < 3.0 * 2 * pi * r * 1e-5);
     last = now;
   }
+}
+
+TEST_CASE("contact by records: every triangle with a point within the margin, and with touch 0 a disc of sqrt(2 R m)") {
+  const Sphere ball{10e-3};
+  const double radius = 5e-3, margin = 0.1e-3;
+  const auto nearest = [](const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {  // exact: plane, or an edge
+    const Vec3d n = (b - a).cross(c - a);
+    const Vec3d q = p - n * n.dot(p - a) / n.squaredNorm();
+    if (n.dot((b - a).cross(q - a)) >= 0.0 && n.dot((c - b).cross(q - b)) >= 0.0 && n.dot((a - c).cross(q - c)) >= 0.0)
+      return (p - q).norm();
+    double least = 1.0;
+    for (const auto& [from, to] : {std::pair(a, b), {b, c}, {c, a}}) {
+      const double t = std::clamp((p - from).dot(to - from) / (to - from).squaredNorm(), 0.0, 1.0);
+      least = std::min(least, (p - from - t * (to - from)).norm());
+    }
+    return least;
+  };
+  for (const int order : {1, 2})
+    for (const double bumps : {0.0, 0.05}) {
+      const int n = order == 1 ? 31 : 15;
+      const Vec3d size(9e-3, 9e-3, 2e-3);
+      const Body body = test::block_body(size);
+      const TetMesh mesh = test::block_mesh(size, test::even(n), test::even(n), test::even(1), order, false);
+      const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
+      Positions x = positions_of(mesh);
+      for (Eigen::Index k = 0; k < x.cols(); ++k) x.col(k) += bumps * test::wavy(x.col(k), 9e-3);
+      const Vec3d centre(4.4e-3, 4.7e-3, 2e-3 + radius);
+      const Moving<Sphere> rigid{&ball, centre, -Vec3d::UnitZ()};
+      const std::vector<char> recorded = recorded_triangles(surface, rigid, x, margin);
+      std::size_t k = 0, inside = 0;
+      double expected = 0.0;
+      for (std::size_t f = 0; f < surface.size(); ++f)
+        for (std::size_t part = 0; part < (order == 2 ? 4u : 1u); ++part) {
+          std::array<Vec3d, 3> corner;
+          for (std::size_t c = 0; c < 3; ++c)
+            corner[c] = x.col(surface.face(f).nodes[order == 2 ? std::size_t(face_parts()[part][c]) : c]);
+          const double gap = nearest(centre, corner[0], corner[1], corner[2]) - radius;
+          if (std::abs(gap - margin) > 1e-6) CHECK(bool(recorded[k]) == (gap < margin));
+          if (recorded[k]) {
+            expected += 0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm();
+            ++inside;
+          }
+          ++k;
+        }
+      REQUIRE(k == recorded.size());
+      CHECK(inside > 20);
+      CHECK(recorded_area(surface, recorded, x) == Approx(expected));
+      if (bumps == 0.0) {  // a disc, and about it what else its triangles have
+        const double disc = std::sqrt(2.0 * radius * margin + margin * margin), edge = std::sqrt(2.0) * size.x() / 30.0;
+        CHECK(expected > pi * disc * disc);
+        CHECK(expected < pi * std::pow(disc + edge, 2));
+      }
+      const std::vector<char> wider = recorded_triangles(surface, rigid, x, 2.0 * margin);
+      CHECK(
+          recorded_overlap(surface, recorded, wider, x).ratio() == Approx(expected / recorded_area(surface, wider, x)));
+    }
 }
 
 TEST_CASE("first touch is on the exact profile, not on the mesh") {

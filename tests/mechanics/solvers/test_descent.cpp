@@ -5,6 +5,7 @@
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
+#include "lumo/objective/contact_progression.hpp"
 #include "lumo/support/tbb.hpp"
 #include "mechanics/bodies.hpp"
 
@@ -290,6 +291,39 @@ TEST_CASE(
     }
     CHECK(std::sqrt(apart / size) < 0.01);
   }
+}
+
+TEST_CASE("without a hold the state is that of the step at which the load is met, and contact sets may be of records") {
+  const Bench b = block(1);
+  auto moving = quick(Simulator<StableNeoHookean, SDFContact, LinearTet, VertexBlockDescent>{});
+  const auto held = moving.press(b.body, b.mesh, kPress);
+  moving.solver.config.hold_s = 0.0;
+  const auto met = moving.press(b.body, b.mesh, kPress);
+  moving.contact.record_margin_m = 0.1e-3;
+  const auto recorded = moving.press(b.body, b.mesh, kPress);
+  const double step = moving.solver.config.speed_m_per_s * moving.solver.config.time_step_s;
+  for (std::size_t k = 0; k < 2; ++k) {
+    CHECK(met[k].status == Status::held);
+    CHECK(met[k].force_N == Approx(met[k].met_force_N));
+    CHECK(met[k].force_N >= kPress.loads_N[k]);
+    CHECK(std::abs(std::remainder(met[k].depth_m, step)) < 1e-12);
+    CHECK(met[k].recorded.empty());
+    CHECK(recorded[k].depth_m == met[k].depth_m);
+    CHECK(recorded[k].contact_area_m2 > met[k].contact_area_m2);
+    CHECK(recorded[k].displacement == met[k].displacement);
+  }
+  CHECK(met[0].depth_m == held[0].depth_m);
+  CHECK(met[0].force_N > held[0].force_N);  // viscous stress relaxes in a hold
+  const Body& body = b.body;
+  Scenario<Sphere> all = kPress;
+  all.loads_N = {0.05, 0.1, 0.2, 0.3};
+  const auto states = moving.press(body, b.mesh, all);
+  const ContactTerms q = contact_terms(body, b.mesh, states, 5e-3, {}, {0.05, 0.1, 0.2, 0.3});
+  const ContactSurface surface(b.mesh, body, [](const Patch& p) { return p.contactable; });
+  REQUIRE((q.form && q.stable));
+  CHECK(q.form->value == Approx(std::sqrt(states[1].contact_area_m2 / (pi * 25e-6))));
+  CHECK(q.stable->value ==
+        recorded_overlap(surface, states[1].recorded, states[3].recorded, positions_of(b.mesh)).ratio());
 }
 
 TEST_CASE("few sweeps end farther from equilibrium than many, and say so in their residual") {

@@ -47,6 +47,13 @@ template <ContactHandler Contact> double area_per_vertex(const Contact& contact)
   else return 0.0;
 }
 
+/// How near [m] a sub-triangle of the surface must come to a tool to belong to the contact set, as a collision pipeline
+/// records it, with force or without; 0: the set is where the surface touches.
+template <ContactHandler Contact> double record_margin(const Contact& contact) {
+  if constexpr (requires { contact.record_margin_m; }) return contact.record_margin_m;
+  else return 0.0;
+}
+
 /// Response of a spring of `stiffness` [N/m³] to a gap; 0 while it is open.
 template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
   if (gap >= 0.0) return {0.0, 0.0, 0.0};
@@ -58,6 +65,7 @@ template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
 struct SDFContact {
   double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
   double friction = 0.0;             ///< Coulomb's coefficient
+  double record_margin_m = 0.0;      ///< see record_margin
 
   template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
@@ -65,6 +73,7 @@ struct SDFContact {
 inline void validate(const SDFContact& c) {
   require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
   require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
+  require_in_range("margin of contact records", c.record_margin_m * 1e3, 0.0, 10.0, "mm");
 }
 
 static_assert(ContactHandler<SDFContact>);
@@ -100,6 +109,7 @@ struct VertexContact {
   double stiffness_N_per_m3 = 1e11;
   double friction = 0.5;            ///< Coulomb's coefficient
   double area_per_vertex_m2 = 0.0;  ///< the same for all; 0: each vertex has its share of the surface
+  double record_margin_m = 0.0;     ///< see record_margin
 
   template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
@@ -108,6 +118,7 @@ inline void validate(const VertexContact& c) {
   require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
   require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
   require_in_range("contact area per vertex", c.area_per_vertex_m2 * 1e6, 0.0, 1e6, "mm2");
+  require_in_range("margin of contact records", c.record_margin_m * 1e3, 0.0, 10.0, "mm");
 }
 
 static_assert(ContactHandler<VertexContact>);

@@ -2,6 +2,8 @@
 
 #include "lumo/mechanics/contact/contact_surface.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -36,6 +38,19 @@ template <class S> S contact_area(const ContactSurface& surface, const std::vect
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
 inline SetOverlap contact_overlap(
     const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
+
+/// The sub-triangles of which a point comes nearer than `margin_m` to the tool, one entry each: what a collision
+/// pipeline with that margin has records of (a record of a vertex or an edge brings all triangles about it). It grows
+/// with the size of the triangles.
+template <class Tool> std::vector<char> recorded_triangles(
+    const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x, double margin_m);
+
+/// Area of the recorded sub-triangles on the given node positions [m²].
+inline double recorded_area(const ContactSurface& surface, const std::vector<char>& recorded, const Positions& x);
+
+/// Overlap of two such sets, measured on the given node positions.
+inline SetOverlap recorded_overlap(
+    const ContactSurface& surface, const std::vector<char>& a, const std::vector<char>& b, const Positions& x);
 
 namespace detail {
 
@@ -240,6 +255,41 @@ inline SetOverlap contact_overlap(
     const double both = in_both.fraction();
     sum.both += area * both;
     sum.either += area * (in_a.fraction() + in_b.fraction() - both);
+  });
+  return sum;
+}
+
+template <class Tool> std::vector<char> recorded_triangles(
+    const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x, double margin_m) {
+  std::vector<char> recorded;
+  detail::for_sub_triangles(surface, x, [&](double, const std::array<int, 3>& node) {
+    const Vec3d a = x.col(node[0]), b = x.col(node[1]) - a, c = x.col(node[2]) - a;
+    // On a lattice of points; what lies between them is nearer by little: 1 µm for edges of 1 mm on a 10 mm sphere.
+    constexpr int cuts = 8;
+    const auto comes_near = [&] {
+      if (rigid.distance(a + (b + c) / 3.0) > margin_m + std::max({b.norm(), c.norm(), (c - b).norm()})) return false;
+      for (int i = 0; i <= cuts; ++i)
+        for (int j = 0; i + j <= cuts; ++j)
+          if (rigid.distance(a + double(i) / cuts * b + double(j) / cuts * c) < margin_m) return true;
+      return false;
+    };
+    recorded.push_back(char(comes_near()));
+  });
+  return recorded;
+}
+
+inline double recorded_area(const ContactSurface& surface, const std::vector<char>& recorded, const Positions& x) {
+  return recorded_overlap(surface, recorded, recorded, x).both;
+}
+
+inline SetOverlap recorded_overlap(
+    const ContactSurface& surface, const std::vector<char>& a, const std::vector<char>& b, const Positions& x) {
+  SetOverlap sum;
+  std::size_t k = 0;
+  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>&) {
+    if (a[k] && b[k]) sum.both += area;
+    if (a[k] || b[k]) sum.either += area;
+    ++k;
   });
   return sum;
 }

@@ -47,6 +47,9 @@ struct MechanicalState {
   /// Contact field per mesh node: > 0 in contact with the indenter, < 0 outside; −infinity on nodes that it cannot
   /// touch. Linear on the sub-facets of the surface (corners and edge middles); the contact set is {φ > 0}.
   std::vector<double> contact_field;
+  /// The contact set by records (record_margin): is each sub-triangle of the touchable surface, in its order, in it?
+  /// Empty: it is {φ > 0}.
+  std::vector<char> recorded;
   std::vector<Vec3d> friction_N;    ///< friction on the body per mesh node; empty without
   double friction_push_N = 0.0;     ///< what of it is in force_N
   std::vector<double> pressure_Pa;  ///< indenter pressure per mesh node, per reference area; 0 off the surface

@@ -68,10 +68,11 @@ template <ExitReadout Readout> class LightAccounts {
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
     const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3d out = m.cwiseProduct(e.light.direction);
+    const int region = e.at.face >= 0 ? surface_.region(e.at, image)
+                                      : surface_.region(e.patch, e.light.reference, e.light.position, image);
     return readout_.channel(
-        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
-            e.at.face >= 0 ? surface_.region(e.at, image)
-                           : surface_.region(e.patch, e.light.reference, e.light.position, image)});
+        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), out, surface_.seen_region(region, out)});
   }
 
   /// All that was booked since the last call.

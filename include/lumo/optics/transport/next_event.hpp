@@ -86,7 +86,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
   int channel_of(const FaceSet::Sample& x, const Vec3d& out, unsigned image) const {
     const Vec3d m = sign(image);
-    return body_.readout.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
+    const Vec3d goes = mirror(out, m);
+    return body_.readout.channel(
+        {mirror(reference_, m), mirror(x.ray.origin, m), goes, body_.surface.seen_region(region_[image], goes)});
   }
   bool seen(const FaceSet::Sample& x, const Vec3d& out) const {
     bool any = false;
