@@ -31,8 +31,8 @@ AnySimulation of_kind(const Mechanics& m, const Silicone& s, const Solver& solve
   const auto touching = [&](auto material) {
     const double margin = 1e-3 * m.record_margin_mm;
     if (m.points == Mechanics::Points::vertex)
-      return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction, 0.0, margin});
-    return with(material, SDFContact{m.contact_stiffness_N_per_m3, m.friction, margin});
+      return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction, 0.0, margin, m.carrier_friction});
+    return with(material, SDFContact{m.contact_stiffness_N_per_m3, m.friction, margin, m.carrier_friction});
   };
   if (m.law == Mechanics::Law::newton) return touching(StableNeoHookean{s.mu_Pa, s.lambda_Pa});
   return touching(NeoHookean{.mu = s.mu_Pa, .lambda = s.lambda_Pa});

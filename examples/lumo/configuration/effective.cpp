@@ -124,6 +124,8 @@ const std::vector<NamedAssumption> own_assumptions = {{"built", "the finger as i
         }},
     {"contact_by_records", "contact set: all triangles within 0.1 mm of the tool",
         [](Configuration& c) { c.mechanics.record_margin_mm = 0.1; }},
+    {"carrier_friction_0.5", "friction of pad and carrier: 0.5",
+        [](Configuration& c) { c.mechanics.carrier_friction = 0.5; }},
     {"first_crossing", "load state: the first step at which the load is met (vbd)",
         [](Configuration& c) { c.mechanics.hold_s = 0.0; }}};
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string_view>
 
 namespace lumo::program {
@@ -19,9 +20,10 @@ struct Mechanics {
   Law law = Law::neo_hookean;
   double contact_stiffness_N_per_m3 = 1e11;
   Points points = Points::surface;
-  double friction = 0.0;          ///< Coulomb's coefficient
-  double hold_s = 1.0;            ///< of vertex block descent, at each load; 0: the step at which it is met
-  double record_margin_mm = 0.0;  ///< of the contact set; 0: where the surface touches
+  double friction = 0.0;                   ///< Coulomb's coefficient
+  std::optional<double> carrier_friction;  ///< of the pad on the carrier; nullopt: the same
+  double hold_s = 1.0;                     ///< of vertex block descent, at each load; 0: the step at which it is met
+  double record_margin_mm = 0.0;           ///< of the contact set; 0: where the surface touches
 
   bool operator==(const Mechanics&) const = default;
   /// Does it hold the indenter, short of an equilibrium? Whoever asks for that has it scored.

@@ -325,6 +325,20 @@ template <class T> Setting decided(std::string path, const Names<T>& names, std:
   return s;
 }
 
+Setting friction_on_carrier() {
+  Setting s{"mechanics.carrier_friction", Kind::number_or_null, Mark::lumo,
+      "Of the pad and the carrier that it lies on; null: that of tool and pad",
+      [](const Configuration& c) {
+        const auto& own = c.mechanics.carrier_friction;
+        return own ? Json(*own) : Json(nullptr);
+      },
+      [](Configuration& c, const Json& v) {
+        c.mechanics.carrier_friction = v.is_null() ? std::nullopt : std::optional(v.get<double>());
+      }};
+  s.limits = {0.0, 10.0};
+  return s;
+}
+
 Settings mechanics_settings() {
   using enum Mark;
   Setting mode{"mechanics.mode", Kind::word, lumo,
@@ -366,6 +380,7 @@ Settings mechanics_settings() {
       number(
           "mechanics.friction", lumo, {{0, 10}}, "Coulomb's coefficient of tool and pad",
           [](auto& c) -> auto& { return c.mechanics.friction; }),
+      friction_on_carrier(),
       number(
           "mechanics.hold_s", paper, {{0, 1000}, "s"},
           "Of vbd, at each load; 0: the state is that of the first step at which the load is met",

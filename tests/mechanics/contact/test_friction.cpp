@@ -32,7 +32,7 @@ TEST_CASE(
   const TetMesh mesh = test::block_mesh(size, test::even(1), test::even(1), test::even(1), 1, false);
   const SDFContact law{1e10, 0.4};
   const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-  const FrictionHistory history(surface, law, positions_of(mesh), Vec3d::Zero());
+  const FrictionHistory history(surface, law, law.friction, positions_of(mesh), Vec3d::Zero());
   const Vec3d at = history.place[0][0], n = Vec3d(0.1, -0.2, 1.0).normalized(), u = n.unitOrthogonal(), v = n.cross(u);
   const double pressure = 2e5, most = 0.4 * pressure;
   for (double slip : {1e-7, 3e-5, 1e-3}) {

@@ -87,6 +87,36 @@ TEST_CASE("One equilibrium on the stem, whatever the loads before it", "[support
   CHECK(down < -0.1e-3);
 }
 
+TEST_CASE("A roof that rubs on the stem gives way less than on a smooth one, and more than one that holds to it",
+    "[support]") {
+  const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {2.0, 10.0}};
+  const auto pressed = [&](const SDFContact& contact, Stem stem) {
+    FingerOptions o = built_finger();
+    o.mesh = o.mesh.scaled(2.0);
+    o.pad.stem = stem;
+    const Body body = finger(built_baseline(), dragon_skin(), o);
+    return FastSimulator{.contact = contact}.press(body, coarse_mesh(body, s), s);
+  };
+  const auto smooth = pressed({}, Stem::free), held = pressed({}, Stem::bonded),
+             rubbing = pressed({.carrier_friction = 0.5}, Stem::free),
+             same = pressed({.friction = 0.5, .carrier_friction = 0.0}, Stem::free);
+  for (std::size_t k = 0; k < 2; ++k) {
+    for (const auto* states : {&smooth, &held, &rubbing, &same}) REQUIRE((*states)[k].status == Status::converged);
+    CHECK(rubbing[k].depth_m < 0.995 * smooth[k].depth_m);
+    CHECK(rubbing[k].depth_m > 1.005 * held[k].depth_m);
+    CHECK(rubbing[k].certified);
+    CHECK(rubbing[k].friction_push_N == 0.0);  // the tool is smooth
+    CHECK(rubbing[k].friction_N.size() == rubbing[k].displacement.size());
+    CHECK(same[k].friction_push_N != 0.0);  // the other way round
+  }
+  double most = 0.0;
+  for (const Vec3d& f : rubbing.back().friction_N) {
+    CHECK(std::abs(f.z()) < 1e-9);  // along the roof
+    most = std::max(most, f.norm());
+  }
+  CHECK(most > 1e-3);
+}
+
 TEST_CASE("Points rest on the support that they lie over, with one normal, and beside them on nothing", "[support]") {
   Body body;
   body.patches = {{"roof"}, {"wall"}};

@@ -3,6 +3,7 @@
 #include "lumo/core/error.hpp"
 
 #include <concepts>
+#include <optional>
 
 namespace lumo {
 
@@ -47,6 +48,13 @@ template <ContactHandler Contact> double area_per_vertex(const Contact& contact)
   else return 0.0;
 }
 
+/// The same with the carrier: as with the tool, unless the law has one of its own.
+template <ContactHandler Contact> double carrier_friction(const Contact& contact) {
+  if constexpr (requires { contact.carrier_friction; })
+    return contact.carrier_friction.value_or(friction_coefficient(contact));
+  else return friction_coefficient(contact);
+}
+
 /// How near [m] a sub-triangle of the surface must come to a tool to belong to the contact set, as a collision pipeline
 /// records it, with force or without; 0: the set is where the surface touches.
 template <ContactHandler Contact> double record_margin(const Contact& contact) {
@@ -63,9 +71,10 @@ template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
 /// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
 /// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
 struct SDFContact {
-  double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
-  double friction = 0.0;             ///< Coulomb's coefficient
-  double record_margin_m = 0.0;      ///< see record_margin
+  double stiffness_N_per_m3 = 1e11;             ///< overlap at 0.3 MPa is 3 µm
+  double friction = 0.0;                        ///< Coulomb's coefficient
+  double record_margin_m = 0.0;                 ///< see record_margin
+  std::optional<double> carrier_friction = {};  ///< Coulomb's coefficient with the carrier; nullopt: `friction`
 
   template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
@@ -74,6 +83,7 @@ inline void validate(const SDFContact& c) {
   require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
   require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
   require_in_range("margin of contact records", c.record_margin_m * 1e3, 0.0, 10.0, "mm");
+  require_in_range("friction coefficient of the carrier", carrier_friction(c), 0.0, 10.0, "");
 }
 
 static_assert(ContactHandler<SDFContact>);
@@ -107,9 +117,10 @@ struct VertexContact {
   static constexpr ContactPoints points = ContactPoints::vertices;
   static constexpr bool plane_frozen = true;
   double stiffness_N_per_m3 = 1e11;
-  double friction = 0.5;            ///< Coulomb's coefficient
-  double area_per_vertex_m2 = 0.0;  ///< the same for all; 0: each vertex has its share of the surface
-  double record_margin_m = 0.0;     ///< see record_margin
+  double friction = 0.5;                        ///< Coulomb's coefficient
+  double area_per_vertex_m2 = 0.0;              ///< the same for all; 0: each vertex has its share of the surface
+  double record_margin_m = 0.0;                 ///< see record_margin
+  std::optional<double> carrier_friction = {};  ///< with the carrier; nullopt: `friction`
 
   template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
@@ -119,6 +130,7 @@ inline void validate(const VertexContact& c) {
   require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
   require_in_range("contact area per vertex", c.area_per_vertex_m2 * 1e6, 0.0, 1e6, "mm2");
   require_in_range("margin of contact records", c.record_margin_m * 1e3, 0.0, 10.0, "mm");
+  require_in_range("friction coefficient of the carrier", carrier_friction(c), 0.0, 10.0, "");
 }
 
 static_assert(ContactHandler<VertexContact>);

@@ -27,9 +27,9 @@ struct FrictionHistory {
 
   /// Springs without stretch at positions x, each a tenth as stiff as the law's penalty: a spring stretches by ten
   /// overlaps times the coefficient.
-  template <ContactHandler Contact>
-  FrictionHistory(const ContactSurface& surface, const Contact& law, const Positions& x, const Vec3d& rigid_origin)
-      : coefficient(friction_coefficient(law)),
+  template <ContactHandler Contact> FrictionHistory(
+      const ContactSurface& surface, const Contact& law, double friction, const Positions& x, const Vec3d& rigid_origin)
+      : coefficient(friction),
         stiffness_N_per_m3(0.1 * law.stiffness_N_per_m3),
         origin(rigid_origin),
         place(surface.size()),

@@ -109,8 +109,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations),
         now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, now_.x, touch.origin),
-        rested_(model.resting, model.contact, now_.x, Vec3d::Zero()) {
+        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, touch.origin),
+        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, Vec3d::Zero()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -195,10 +195,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   Status first_load(double load, double tolerance) {
     system_.penalty_scale = first_penalty_scale;
     const Status s = load_step(load, loose, hertz_area(load));
-    if (touched_.coefficient > 0.0) {
-      system_.touch_friction = &touched_;
-      system_.rest_friction = &rested_;
-    }
+    if (touched_.coefficient > 0.0) system_.touch_friction = &touched_;
+    if (rested_.coefficient > 0.0) system_.rest_friction = &rested_;
     const double softer = std::exchange(system_.penalty_scale, 1.0);
     return s == Status::converged ? load_step(load, tolerance, 0.0, softer) : s;
   }
@@ -352,7 +350,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
 template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   FrictionForces out;
-  if (touched_.coefficient == 0.0) return out;
+  if (touched_.coefficient == 0.0 && rested_.coefficient == 0.0) return out;
   const Sector& sector = model_.sector;
   out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
   rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);

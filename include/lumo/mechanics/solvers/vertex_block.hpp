@@ -130,7 +130,9 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
 /// Newton 1.8).
 template <ContactHandler Contact, class Tool> class StepContacts {
  public:
-  StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
+  /// `friction`: Coulomb's coefficient.
+  StepContacts(const ContactSurface& surface, const Contact& law, double friction)
+      : surface_(&surface), law_(law), friction_(friction) {}
 
   /// The points that come within `reach_m` of the rigid thing, which moved by `moved` since the last step and is now at
   /// its place.
@@ -156,7 +158,7 @@ template <ContactHandler Contact, class Tool> class StepContacts {
       const Vec3d force = response(p, x).force, friction = force - normal_force(p, x);
       s.force += force;
       s.friction += friction;
-      if (!friction_on_nodes || law_friction() == 0.0) continue;
+      if (!friction_on_nodes || friction_ == 0.0) continue;
       for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
         (*friction_on_nodes)[std::size_t(surface_->face(p.face).nodes[a])] +=
             surface_->points(p.face)[p.number].shape[a] * friction;
@@ -177,7 +179,6 @@ template <ContactHandler Contact, class Tool> class StepContacts {
     double shape;
   };
 
-  double law_friction() const { return friction_coefficient(law_); }
   std::pair<double, Vec3d> gap(const Point& p, const Vec3d& at) const {
     if constexpr (frozen) {
       return {p.normal.dot(at - p.foot), p.normal};
@@ -201,10 +202,10 @@ template <ContactHandler Contact, class Tool> class StepContacts {
     const ContactResponse<double> r = law_.respond(g);
     const double weight = surface_->points(p.face)[p.number].weight_m2, push = weight * r.pressure;
     VertexBlock out{push * n, weight * r.stiffness * n * n.transpose()};
-    if (law_friction() == 0.0) return out;
+    if (friction_ == 0.0) return out;
     const Vec3d slip = at - p.start - moved_, along = slip - n.dot(slip) * n;
     const double u = along.norm(),
-                 scale = law_friction() * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
+                 scale = friction_ * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
     out.force -= scale * along;
     out.block += scale * (Mat3d::Identity() - n * n.transpose());
     return out;
@@ -212,6 +213,7 @@ template <ContactHandler Contact, class Tool> class StepContacts {
 
   const ContactSurface* surface_;
   Contact law_;
+  double friction_;
   Moving<Tool> rigid_{};
   Vec3d moved_{0.0, 0.0, 0.0};
   double stick_m_ = 1.0;

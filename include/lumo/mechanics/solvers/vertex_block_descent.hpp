@@ -59,8 +59,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
         target_(x_),
         velocity_(Positions::Zero(3, x_.cols())),
         last_velocity_(velocity_),
-        touching_(model.touchable, model.contact),
-        resting_(model.resting, model.contact) {
+        touching_(model.touchable, model.contact, friction_coefficient(model.contact)),
+        resting_(model.resting, model.contact, carrier_friction(model.contact)) {
     if constexpr (Model::batched)
       if (model.packs) {
         points_.resize(std::size_t(x_.cols()));
@@ -253,7 +253,8 @@ template <Executor E> template <class SomeModel, Indenter Tool> std::vector<Mech
     const auto& x = body.positions();
     for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k)
       state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
-    if (friction_coefficient(model.contact) > 0.0) state.friction_push_N = body.friction(state.friction_N);
+    if (friction_coefficient(model.contact) > 0.0 || carrier_friction(model.contact) > 0.0)
+      state.friction_push_N = body.friction(state.friction_N);
     states.push_back(std::move(state));
     if (states.back().status != Status::held) break;
   }
