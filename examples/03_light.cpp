@@ -13,7 +13,7 @@
 int main() {
   using namespace lumo;
   const Silicone card = solaris();
-  const Body body = finger({5.0, 10.0, 10.0, 6.0, 3.0}, card, plain_finger());
+  const Body body = finger(built_baseline(), card);
   const Scenario<Sphere> scenario{.indenter = {.diameter_m = 20.0_mm}, .y_m = 11.0_mm, .loads_N = {5.0}};
   const TetgenMesher mesher;
   const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario}, mesher);

@@ -21,8 +21,7 @@ int main() {
   const Pipeline<TetgenMesher, Simulation, Light> pipeline{
       {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};
 
-  const Evaluation e =
-      evaluate({{5.0, 10.0, 10.0, 6.0, 3.0}, card, plain_finger()}, ensemble, pipeline, TbbExecutor{2});
+  const Evaluation e = evaluate({built_baseline(), card}, ensemble, pipeline, TbbExecutor{2});
 
   std::printf(" d [mm]  y [mm]  q_form  q_stable  q_stiff\n");
   for (const ScenarioRecord& s : e.observations.scenarios)
