@@ -25,6 +25,18 @@ LabPlan short_plan() {
 
 }  // namespace
 
+TEST_CASE("a plan goes where a pad bears it, and no further than it does", "[lab]") {
+  const LabPlan whole = force_plan(), less = up_to(moved(whole, 1e-3), 15.0);
+  REQUIRE(less.contacts.size() == whole.contacts.size());
+  for (std::size_t k = 0; k < less.contacts.size(); ++k) {
+    CHECK(less.contacts[k].y_m == Approx(whole.contacts[k].y_m + 1e-3));
+    CHECK(less.contacts[k].steps.size() == 4);
+    CHECK(less.contacts[k].steps.back().load_N == 15.0);
+    CHECK(whole.contacts[k].steps.back().load_N == 20.0);
+  }
+  CHECK(up_to(recontact_plan(), 15.0).contacts[7].steps.size() == 4);
+}
+
 TEST_CASE("same seed, same log, another seed, another one, without noise no scatter", "[lab]") {
   const PadLight light(test_pad());
   const VirtualRig a(light, short_plan(), 3), b(light, short_plan(), 3), c(light, short_plan(), 4);

@@ -45,11 +45,11 @@ void leave(const Lab& rig, Recording log, const FingerOptions& finger, NewFolder
 /// The log of a virtual rig in a new folder.
 struct Lab : Configured {
   std::function<LabPlan()> plan;  ///< none: of a hand
-  bool to_20_N = false;           ///< with joint torque
+  bool to_last_load = false;      ///< with joint torque
   ResponsesRequest light;
   std::string folder;
 
-  explicit Lab(std::function<LabPlan()> p, bool with_torque = false) : plan(std::move(p)), to_20_N(with_torque) {
+  explicit Lab(std::function<LabPlan()> p, bool with_torque = false) : plan(std::move(p)), to_last_load(with_torque) {
     light.threads = all_threads();
     Configuration defaults;
     defaults.pad.silicone = solaris();
@@ -62,7 +62,7 @@ struct Lab : Configured {
     add_material(app, effective, "Silicone: Sol (Solaris, default) or DS (Dragon Skin)");
     add_setting(app, effective, "--seed", "lab.seed", "Of everything random, default 1");
     add_setting(app, effective, "--noise", "lab.noise", "Times the rig's noises, default 1");
-    if (to_20_N)
+    if (to_last_load)
       add_setting(app, effective, "--joints", "lab.joints",
           "Of the finger: 1 (default), or 2, whose torques alone give the place, too");
     add_setting(app, effective, "--stiffness", "lab.stiffness",
@@ -77,9 +77,11 @@ struct Lab : Configured {
     add_common(app, *this);
   }
   void check() const {
-    if (to_20_N && asked().lab.stiffness < 1.0)
+    if (to_last_load && asked().lab.stiffness < 1.0)
       throw UsageError(lumo::message("--stiffness is ", asked().lab.stiffness,
-          ", lab force goes to 20 N, which a softer pad than the computed one cannot be given"));
+          ", lab force goes to 15 N, or to 20 N on the plain finger, which a softer pad than the computed one cannot "
+          "be "
+          "given"));
     Configured::check();
     pictures();
   }
@@ -104,8 +106,9 @@ struct Lab : Configured {
       leave(hand, {}, pad.finger, made, progress);
       return summary(hand, "grasps", hand.plan().grasps.size());
     }
-    const VirtualRig rig(computed, moved(plan(), light_of.equal_ends() ? 0.0 : built_finger_shift_m), whole_seed,
-        settings.noise, instruments, side);
+    const double shift = light_of.equal_ends() ? 0.0 : built_finger_shift_m;
+    const VirtualRig rig(
+        computed, up_to(moved(plan(), shift), computed.max_load_N()), whole_seed, settings.noise, instruments, side);
     Recording log;
     log.wrenches = rig.wrenches();
     log.markers = rig.markers();
@@ -135,7 +138,8 @@ void add_lab(CommandLine& line) {
   line.add("lab recontact", "Six places, five re-contacts each, up to 15 N", Lab([] { return recontact_plan(); }));
   line.add("lab cycle", "Cycles within contact at three places", Lab([] { return cycle_plan(); }));
   line.add("lab imaging", "Other camera places, other room light, LEDs off", Lab([] { return imaging_plan(); }));
-  line.add("lab force", "Six sequences up to 20 N, with joint torque", Lab([] { return force_plan(); }, true));
+  line.add("lab force", "Six sequences up to 15 N (plain finger: 20 N), with joint torque",
+      Lab([] { return force_plan(); }, true));
   line.add("lab hand", "Grasps of two fingers with two links each, seen from beside", Lab({}));
 }
 

@@ -31,6 +31,7 @@ struct PadSettings {
     focus = {0.4e-3, 0.2, 0.8};
     const bool equal_ends = of.pad.cap_length == 0.0;
     if (equal_ends) {
+      grid.load_N.push_back(20.0);
       grid.place_m = even_places(0.0, 26.0_mm, 1.0_mm);
       grid.tilt_place_m = {0.0, 22.0_mm};
     }
@@ -38,7 +39,7 @@ struct PadSettings {
     rays.carrier_rays = 1 << 17;
     rays.exit_rays = 1 << 19;
     if (!coarse) return;
-    grid.load_N = {2.0, 5.0, 20.0};
+    grid.load_N = {2.0, 5.0, grid.load_N.back()};
     if (equal_ends) {
       grid.place_m = {0.0, 13.0_mm, 26.0_mm};
       grid.tilt_place_m = {13.0_mm};

@@ -116,14 +116,20 @@ inline LabPlan force_plan() {
   return plan;
 }
 
-/// How far the built finger's places lie from those of the plans: its open proximal end gives way under 20 N at
-/// y = −25 mm. Its places are then y = 26 mm − x, x = 0 … 50 mm the stages' travel from the distal one, which the
+/// How far the built finger's places lie from those of the plans: its open proximal end gives way under 15 N at
+/// y = −26 mm. Its places are then y = 26 mm − x, x = 0 … 50 mm the stages' travel from the distal one, which the
 /// authors' rig leaves open by some millimetres.
 inline constexpr double built_finger_shift_m = 1e-3;
 
 /// The plan with every place moved along the finger.
 inline LabPlan moved(LabPlan plan, double by_m) {
   for (LabContact& c : plan.contacts) c.y_m += by_m;
+  return plan;
+}
+
+/// The plan without loads above one that the pad bears.
+inline LabPlan up_to(LabPlan plan, double load_N) {
+  for (LabContact& c : plan.contacts) std::erase_if(c.steps, [&](const LoadStep& s) { return s.load_N > load_N; });
   return plan;
 }
 
