@@ -61,6 +61,7 @@ inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& si
     other_end[std::size_t(b)] = n - 1 - b;
     other_end[std::size_t(b + n)] = 2 * n - 1 - b;
   }
+  body.seen_towards = Vec3d::Zero();
   body.region_image_x = other_side;
   body.region_image_y = other_end;
   body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3d& p, const Vec3d& normal) {
