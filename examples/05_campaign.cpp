@@ -18,7 +18,7 @@ int main(int argc, char** argv) {
   Ensemble contacts = flat_ensemble();
   contacts.diameters_m = {20.0_mm};
   contacts.places_m = {0.0_mm, 11.0_mm};
-  FingerOptions coarse;
+  FingerOptions coarse = plain_finger();  // pressed in a quarter of the time
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
 
   using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
@@ -42,7 +42,7 @@ int main(int argc, char** argv) {
           state.optimizer().hypervolume());
     std::fflush(stdout);
   };
-  const Problem problem = finger_problem(6, 1);
+  const Problem problem = finger_problem(6, 1, plain_pad(), plain_references());
   run_campaign(log, Optimizer<>(problem), evaluate_design, show);
 
   CampaignState state(Optimizer<>{problem});

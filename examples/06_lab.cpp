@@ -51,7 +51,7 @@ int main(int argc, char** argv) {
   // A hand of two fingers carries the same pad on each of its four links; fifteen pictures a second. It is touched
   // where light was computed, 12 mm apart.
   rig.camera.frames_per_s = 15.0;
-  const HandLab hand(light, hand_plan(1, 4, 12.0_mm), 1, 1.0, {.rig = rig, .side = side_geometry(pad)});
+  const HandLab hand(light, hand_plan(1, 4, light.places_m()), 1, 1.0, {.rig = rig, .side = side_geometry(pad)});
 
   const auto leave = [](const auto& recorded, Recording log) {
     std::filesystem::create_directories(log.path + "/frames");

@@ -50,6 +50,8 @@ TEST_CASE("responses of a pad with unequal ends: each side of 0 has its own", "[
         Approx(3.0 * (other.change(7e-3, 10.0, 0.01) - other.change(7e-3, 10.0)).sum()).epsilon(1e-9));
   CHECK(other.load_N(-7e-3, other.depth_m(-7e-3, 12.0)) == Approx(12.0));
   CHECK(mirrored.reach_m() == std::pair(-26e-3, 26e-3));
+  const std::vector<double> places = mirrored.places_m();
+  CHECK((places.size() == 53 && std::is_sorted(places.begin(), places.end()) && places.front() == -26e-3));
   whole.place_m[0] = -25.5e-3;
   CHECK(PadLight(whole).reach_m() == std::pair(-25.5e-3, 26e-3));
 }

@@ -98,15 +98,14 @@ struct Lab : Configured {
     Rig instruments;
     instruments.specimen = {settings.stiffness, settings.lamps};
     instruments.motor.joints = settings.joints;
-    const PadResponses& light_of = computed.responses();
     if (!plan) {
-      const double next = *std::upper_bound(light_of.place_m.begin(), light_of.place_m.end(), 0.0);
-      const HandLab hand(computed, hand_plan(whole_seed, 12, light.coarse ? next : 0.0), whole_seed, settings.noise,
-          {.rig = instruments, .side = side});
+      const std::vector<double> places = light.coarse ? computed.places_m() : std::vector<double>{};
+      const HandLab hand(
+          computed, hand_plan(whole_seed, 12, places), whole_seed, settings.noise, {.rig = instruments, .side = side});
       leave(hand, {}, pad.finger, made, progress);
       return summary(hand, "grasps", hand.plan().grasps.size());
     }
-    const double shift = light_of.equal_ends() ? 0.0 : built_finger_shift_m;
+    const double shift = computed.responses().equal_ends() ? 0.0 : built_finger_shift_m;
     const VirtualRig rig(
         computed, up_to(moved(plan(), shift), computed.max_load_N()), whole_seed, settings.noise, instruments, side);
     Recording log;

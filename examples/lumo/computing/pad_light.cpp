@@ -44,8 +44,8 @@ struct PadSettings {
       grid.place_m = {0.0, 13.0_mm, 26.0_mm};
       grid.tilt_place_m = {13.0_mm};
     } else {
-      grid.place_m = {-24.0_mm, -12.0_mm, 0.0, 12.0_mm, 24.0_mm, 28.0_mm};
-      grid.tilt_place_m = {-12.0_mm, 12.0_mm};
+      grid.place_m = even_places(-24.0_mm, 26.0_mm, 10.0_mm);  // where the plans press
+      grid.tilt_place_m = {0.0};
     }
     finger.mesh.contact_edge = finger.mesh.coarsest_edge = 6.0_mm;
     focus = {1.2e-3, 0.4, 1.0};

@@ -47,11 +47,10 @@ struct HandPlan {
   std::vector<HandGrasp> grasps;
 };
 
-/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where
-/// `step_m` is not 0, at its nearest multiple.
-inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
+/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm, or the
+/// nearest ones of `places_m`.
+inline HandPlan hand_plan(std::uint64_t seed, int count = 12, const std::vector<double>& places_m = {}) {
   require_in_range("number of grasps", count, 1, 1000, "");
-  require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
   HandPlan plan;
   RandomStream draws(seed, 40);
   for (int g = 0; g < count; ++g) {
@@ -60,9 +59,10 @@ inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.
       q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
     const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
     for (int k = 0; k < links; ++k) {
-      const double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
-      grasp.touches.push_back(
-          {(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
+      double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
+      const auto nearer = [y](double a, double b) { return std::abs(a - y) < std::abs(b - y); };
+      if (!places_m.empty()) y = *std::min_element(places_m.begin(), places_m.end(), nearer);
+      grasp.touches.push_back({(first + k) % 4, y, 5.0 + 10.0 * draws.uniform()});
     }
     std::sort(grasp.touches.begin(), grasp.touches.end(),
         [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });

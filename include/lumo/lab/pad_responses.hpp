@@ -81,6 +81,14 @@ class PadLight {
     const double last = r_.place_m[r_.place_m.size() - 1];
     return {r_.equal_ends() ? -last : r_.place_m[0], last};
   }
+  /// Where light was computed, mirror images included.
+  std::vector<double> places_m() const {
+    std::vector<double> all(r_.place_m.begin(), r_.place_m.end());
+    if (r_.equal_ends())
+      for (const double y : r_.place_m)
+        if (y > 0.0) all.insert(all.begin(), -y);
+    return all;
+  }
   double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
   /// Factor on the light for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
   double scale_to(double level) const {
