@@ -79,6 +79,26 @@ class Configurations(unittest.TestCase):
         file = self.write({"theta_mm": [8, 1.5, 9, 4, 5]})
         self.assertEqual(dump("--config", file, "--finger", "built")["theta_mm"], [8, 1.5, 9, 4, 5])
 
+    def test_authors(self):
+        def chosen(*options):
+            w = dump(*options)
+            return [
+                w["leds"]["film_closes_mm"],
+                w["readout"]["by_direction"],
+                w["readout"]["in_space"],
+                w["mechanics"]["record_margin_mm"],
+                w["mechanics"]["hold_s"],
+            ]
+
+        self.assertEqual(chosen(), [None, False, False, 0, 1])
+        authors = [0, True, True, 0.1, 0]
+        self.assertEqual(chosen("--assume", "authors"), authors)
+        with_mode = ["--assume", "authors", "--set", "mechanics.mode=paper"]
+        self.assertEqual(chosen(*with_mode), authors)
+        self.assertEqual(dump(*with_mode)["mechanics"]["solver"], "vbd")
+        singles = ["film_closes_on_touch", "seen_by_direction", "bins_in_space", "contact_by_records", "first_crossing"]
+        self.assertEqual(chosen(*[word for name in singles for word in ("--assume", name)]), authors)
+
     def test_dump_read_back(self):
         chosen = random.Random(1)
         for k in range(40):
