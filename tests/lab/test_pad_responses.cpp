@@ -56,6 +56,12 @@ TEST_CASE("responses of a pad with unequal ends: each side of 0 has its own", "[
   CHECK(PadLight(whole).reach_m() == std::pair(-25.5e-3, 26e-3));
 }
 
+TEST_CASE("a camera's exposure: the unloaded side's level, unless a contact would be too bright", "[lab]") {
+  const PadLight light(test_pad());  // 5e-4 a bin; 4e-4 more under 20 N
+  CHECK(light.scale_to(70.0, 220.0) == Approx(70.0 / 5e-4));
+  CHECK(light.scale_to(70.0, 90.0) == Approx(90.0 / 9e-4).epsilon(0.02));  // places lie between bins
+}
+
 TEST_CASE("between loads the response never overshoots", "[lab]") {
   PadResponses r = test_pad();
   for (auto& m : r.change) {

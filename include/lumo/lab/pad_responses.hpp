@@ -90,16 +90,19 @@ class PadLight {
     return all;
   }
   double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
-  /// Factor on the light for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
-  double scale_to(double level) const {
-    double sum = 0.0;
+  /// Factor on the light for a mean of `level` on the unloaded side over |y| ≤ 25 mm, or less, so that no bin is above
+  /// `brightest` under the last load: as who sets a camera's exposure.
+  double scale_to(double level, double brightest) const {
+    double sum = 0.0, most = 0.0;
     int bins = 0;
-    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b)
-      if (std::abs(r_.position_m[b]) <= 25e-3) {
-        sum += r_.unloaded[b];
-        ++bins;
-      }
-    return level * bins / sum;
+    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b) {
+      for (const Eigen::MatrixXd& change : r_.change)
+        most = std::max(most, r_.unloaded[b] + change(b, change.cols() - 1));
+      if (std::abs(r_.position_m[b]) > 25e-3) continue;
+      sum += r_.unloaded[b];
+      ++bins;
+    }
+    return std::min(level * bins / sum, brightest / std::max(most, 1e-300));
   }
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those

@@ -23,11 +23,12 @@ struct CameraRig {
   double aim_sigma_rad = 1.5_deg;  ///< σ of yaw, pitch and roll of one placing by hand; assumed
   double aim_sigma_m = 1.0_mm;     ///< σ of the place along y and z; assumed
   double frames_per_s = 30.0;
-  double exposure_s = 1.0e-3;  ///< device setting 10 (paper), 100 µs each (librealsense #8243)
-  double gain = 64.0;          ///< device setting (paper)
-  double level_DN = 70.0;      ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
-  double gamma = 1.0;          ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
-  double black_DN = 2.0;       ///< assumed
+  double exposure_s = 1.0e-3;   ///< device setting 10 (paper), 100 µs each (librealsense #8243)
+  double gain = 64.0;           ///< device setting (paper)
+  double level_DN = 70.0;       ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
+  double brightest_DN = 220.0;  ///< of a loaded side: where it would be more, the exposure is shorter; assumed
+  double gamma = 1.0;           ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;        ///< assumed
   double full_DN = 255.0;
   double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
   double read_DN = 0.6;           ///< σ, assumed
@@ -148,6 +149,7 @@ inline void validate(const Rig& r) {
   require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
   require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
   require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
+  require_in_range("level of the brightest side", r.camera.brightest_DN, 1.0, 1e6, "DN");
   require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
   require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
   require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");

@@ -156,7 +156,7 @@ inline VirtualRig::VirtualRig(
     }
   }
   const PadResponses& r = light.responses();
-  per_DN_ = light.scale_to(rig_.camera.level_DN);
+  per_DN_ = light.scale_to(rig_.camera.level_DN, rig_.camera.brightest_DN);
 
   session_.title = plan_.title;
   session_.clock = "virtual";
