@@ -22,14 +22,15 @@ int main(int argc, char** argv) {
   using namespace lumo::sense;
   const std::string folder = argc > 1 ? argv[1] : "lab_log";
   const Silicone card = solaris();
-  FingerOptions coarse;
+  FingerOptions coarse = plain_finger();
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
-  const Body pad = finger(built_baseline(), card, coarse);
+  const Body pad = finger(plain_baseline(), card, coarse);
 
-  // What a camera beside the pad sees of it, in bins of 1 mm, under a sphere of 10 mm at five places.
+  // What a camera beside the pad sees of it, in bins of 1 mm, under a sphere of 10 mm at 0, 13 and 26 mm; the places at
+  // y < 0 are mirror images.
   const SideSight sight;
   const PadGrid grid{
-      .load_N = {2.0, 5.0, 10.0, 15.0}, .place_m = even_places(-24.0_mm, 24.0_mm, 12.0_mm), .tilt_place_m = {12.0_mm}};
+      .load_N = {2.0, 5.0, 10.0, 15.0}, .place_m = even_places(0.0, 26.0_mm, 13.0_mm), .tilt_place_m = {13.0_mm}};
   using Light = Tracer<BeerLambert, SideSight, Embree>;
   using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
   Pipeline<TetgenMesher, Simulation, Light> pipeline{{}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}},
@@ -43,13 +44,13 @@ int main(int argc, char** argv) {
   for (int repetition = 0; repetition < 3; ++repetition)
     for (int place = 0; place < 5; ++place)
       plan.contacts.push_back(
-          {place, 12.0_mm * (place - 2), repetition, {{2.0, 0.2, 0.5}, {5.0, 0.2, 0.5}, {15.0, 0.3, 0.5}}});
+          {place, 13.0_mm * (place - 2), repetition, {{2.0, 0.2, 0.5}, {5.0, 0.2, 0.5}, {15.0, 0.3, 0.5}}});
   Rig rig;
   rig.camera.frames_per_s = 10.0;
   const VirtualRig lab(light, plan, 1, 1.0, rig, side_geometry(pad));
 
   // A hand of two fingers carries the same pad on each of its four links; fifteen pictures a second. It is touched
-  // where light was computed, 12 mm apart.
+  // where light was computed, 13 mm apart.
   rig.camera.frames_per_s = 15.0;
   const HandLab hand(light, hand_plan(1, 4, light.places_m()), 1, 1.0, {.rig = rig, .side = side_geometry(pad)});
 

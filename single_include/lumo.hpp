@@ -2702,6 +2702,8 @@ struct Body {
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
+  /// Light that leaves against this direction is not seen; 0: all is.
+  Vec3d seen_towards = Vec3d::Zero();
   /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
   std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };
@@ -2987,7 +2989,9 @@ struct FingerOptions {
     double half_range = 27.5e-3;  ///< |y| beyond it is not seen [m]
     double min_abs_nx = 0.5;      ///< the undeformed normal must point this much sideways
     bool one_side = true;         ///< only x > 0 is seen
-    bool in_space = false;        ///< bins stay where they are; otherwise they move with the material
+    /// Light is seen by its direction, wherever it leaves, and `min_abs_nx` says nothing.
+    bool by_direction = false;
+    bool in_space = false;  ///< bins stay where they are; otherwise they move with the material
 
     bool operator==(const Readout&) const = default;
   };
@@ -3269,6 +3273,7 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   const bool supported = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
+  const bool mouth = o.readout.by_direction;  // light out of the cavity is seen, too
   switch (tag) {
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
@@ -3280,12 +3285,12 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
       return {
           "shoulder_top", Plane{{0, 0, -1e-3 * s.pad.shoulder_height}, -Vec3d::UnitZ()}, supported, false, false, wall};
     case SectionTag::void_inner:
-      return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
+      return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, mouth};
     case SectionTag::void_roof:
-      return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
+      return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, mouth};
     case SectionTag::void_wall:
       return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported,
-          Dielectric{}, false};
+          Dielectric{}, mouth};
     case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
     default:
       return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
@@ -3322,8 +3327,10 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
   body.region_image_y = other_end;
   if (r.one_side) body.region_image_x.reset();
+  if (r.one_side && r.by_direction) body.seen_towards = Vec3d::UnitX();
   body.region = [r](const Vec3d& p, const Vec3d& n) {
-    if ((r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
+    const bool turned_away = (r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx;
+    if ((turned_away && !r.by_direction) || std::abs(p.y()) > r.half_range) return -1;
     const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;
     return std::clamp(int(bin), 0, r.bins - 1);
   };
@@ -3447,7 +3454,7 @@ inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSectio
 
   // The cap's wall: against cavity and stem, and, where the carrier is a stair, against its block.
   const int base = place(SectionTag::base), wall = boundary.add({"cap_wall", Plane{{0, joint, 0}, -Vec3d::UnitY()},
-                                                false, false, true, Dielectric{}, false});
+                                                false, false, true, Dielectric{}, o.readout.by_direction});
   const bool stair = cap.z[0] < 0.0;
   const int corner = stair ? boundary.vertex(0.0, joint, 0.0) : low_joint;
   std::vector<int> upper{corner};
@@ -3458,8 +3465,8 @@ inline void sweep_capped_half(Body& body, const HalfSection& s, const HalfSectio
   boundary.facet(upper, wall);
   std::vector<int> mirror{near[std::size_t(n - 1)], far[std::size_t(n - 1)], low_end, low_joint};
   if (stair) {
-    const int block =
-        boundary.add({"cap_block", Plane{{0, joint, 0}, -Vec3d::UnitY()}, false, false, false, Dielectric{}, false});
+    const int block = boundary.add({"cap_block", Plane{{0, joint, 0}, -Vec3d::UnitY()}, false, false, false,
+        Dielectric{}, o.readout.by_direction});
     std::vector<int> lower{low_joint};
     for (int k = side - 1; k >= base; --k) lower.push_back(far[std::size_t(k)]);
     lower.push_back(corner);
@@ -6242,6 +6249,20 @@ template <ContactHandler Contact> double area_per_vertex(const Contact& contact)
   else return 0.0;
 }
 
+/// The same with the carrier: as with the tool, unless the law has one of its own.
+template <ContactHandler Contact> double carrier_friction(const Contact& contact) {
+  if constexpr (requires { contact.carrier_friction; })
+    return contact.carrier_friction.value_or(friction_coefficient(contact));
+  else return friction_coefficient(contact);
+}
+
+/// How near [m] a sub-triangle of the surface must come to a tool to belong to the contact set, as a collision pipeline
+/// records it, with force or without; 0: the set is where the surface touches.
+template <ContactHandler Contact> double record_margin(const Contact& contact) {
+  if constexpr (requires { contact.record_margin_m; }) return contact.record_margin_m;
+  else return 0.0;
+}
+
 /// Response of a spring of `stiffness` [N/m³] to a gap; 0 while it is open.
 template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
   if (gap >= 0.0) return {0.0, 0.0, 0.0};
@@ -6251,8 +6272,10 @@ template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
 /// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
 /// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
 struct SDFContact {
-  double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
-  double friction = 0.0;             ///< Coulomb's coefficient
+  double stiffness_N_per_m3 = 1e11;             ///< overlap at 0.3 MPa is 3 µm
+  double friction = 0.0;                        ///< Coulomb's coefficient
+  double record_margin_m = 0.0;                 ///< see record_margin
+  std::optional<double> carrier_friction = {};  ///< Coulomb's coefficient with the carrier; nullopt: `friction`
 
   template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
@@ -6260,6 +6283,8 @@ struct SDFContact {
 inline void validate(const SDFContact& c) {
   require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
   require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
+  require_in_range("margin of contact records", c.record_margin_m * 1e3, 0.0, 10.0, "mm");
+  require_in_range("friction coefficient of the carrier", carrier_friction(c), 0.0, 10.0, "");
 }
 
 static_assert(ContactHandler<SDFContact>);
@@ -6293,8 +6318,10 @@ struct VertexContact {
   static constexpr ContactPoints points = ContactPoints::vertices;
   static constexpr bool plane_frozen = true;
   double stiffness_N_per_m3 = 1e11;
-  double friction = 0.5;            ///< Coulomb's coefficient
-  double area_per_vertex_m2 = 0.0;  ///< the same for all; 0: each vertex has its share of the surface
+  double friction = 0.5;                        ///< Coulomb's coefficient
+  double area_per_vertex_m2 = 0.0;              ///< the same for all; 0: each vertex has its share of the surface
+  double record_margin_m = 0.0;                 ///< see record_margin
+  std::optional<double> carrier_friction = {};  ///< with the carrier; nullopt: `friction`
 
   template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
@@ -6303,6 +6330,8 @@ inline void validate(const VertexContact& c) {
   require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
   require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
   require_in_range("contact area per vertex", c.area_per_vertex_m2 * 1e6, 0.0, 1e6, "mm2");
+  require_in_range("margin of contact records", c.record_margin_m * 1e3, 0.0, 10.0, "mm");
+  require_in_range("friction coefficient of the carrier", carrier_friction(c), 0.0, 10.0, "");
 }
 
 static_assert(ContactHandler<VertexContact>);
@@ -7645,6 +7674,9 @@ struct MechanicalState {
   /// Contact field per mesh node: > 0 in contact with the indenter, < 0 outside; −infinity on nodes that it cannot
   /// touch. Linear on the sub-facets of the surface (corners and edge middles); the contact set is {φ > 0}.
   std::vector<double> contact_field;
+  /// The contact set by records (record_margin): is each sub-triangle of the touchable surface, in its order, in it?
+  /// Empty: it is {φ > 0}.
+  std::vector<char> recorded;
   std::vector<Vec3d> friction_N;    ///< friction on the body per mesh node; empty without
   double friction_push_N = 0.0;     ///< what of it is in force_N
   std::vector<double> pressure_Pa;  ///< indenter pressure per mesh node, per reference area; 0 off the surface
@@ -7825,7 +7857,9 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
 /// Newton 1.8).
 template <ContactHandler Contact, class Tool> class StepContacts {
  public:
-  StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
+  /// `friction`: Coulomb's coefficient.
+  StepContacts(const ContactSurface& surface, const Contact& law, double friction)
+      : surface_(&surface), law_(law), friction_(friction) {}
 
   /// The points that come within `reach_m` of the rigid thing, which moved by `moved` since the last step and is now at
   /// its place.
@@ -7851,7 +7885,7 @@ template <ContactHandler Contact, class Tool> class StepContacts {
       const Vec3d force = response(p, x).force, friction = force - normal_force(p, x);
       s.force += force;
       s.friction += friction;
-      if (!friction_on_nodes || law_friction() == 0.0) continue;
+      if (!friction_on_nodes || friction_ == 0.0) continue;
       for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
         (*friction_on_nodes)[std::size_t(surface_->face(p.face).nodes[a])] +=
             surface_->points(p.face)[p.number].shape[a] * friction;
@@ -7872,7 +7906,6 @@ template <ContactHandler Contact, class Tool> class StepContacts {
     double shape;
   };
 
-  double law_friction() const { return friction_coefficient(law_); }
   std::pair<double, Vec3d> gap(const Point& p, const Vec3d& at) const {
     if constexpr (frozen) {
       return {p.normal.dot(at - p.foot), p.normal};
@@ -7896,10 +7929,10 @@ template <ContactHandler Contact, class Tool> class StepContacts {
     const ContactResponse<double> r = law_.respond(g);
     const double weight = surface_->points(p.face)[p.number].weight_m2, push = weight * r.pressure;
     VertexBlock out{push * n, weight * r.stiffness * n * n.transpose()};
-    if (law_friction() == 0.0) return out;
+    if (friction_ == 0.0) return out;
     const Vec3d slip = at - p.start - moved_, along = slip - n.dot(slip) * n;
     const double u = along.norm(),
-                 scale = law_friction() * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
+                 scale = friction_ * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
     out.force -= scale * along;
     out.block += scale * (Mat3d::Identity() - n * n.transpose());
     return out;
@@ -7907,6 +7940,7 @@ template <ContactHandler Contact, class Tool> class StepContacts {
 
   const ContactSurface* surface_;
   Contact law_;
+  double friction_;
   Moving<Tool> rigid_{};
   Vec3d moved_{0.0, 0.0, 0.0};
   double stick_m_ = 1.0;
@@ -8513,8 +8547,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
         target_(x_),
         velocity_(Positions::Zero(3, x_.cols())),
         last_velocity_(velocity_),
-        touching_(model.touchable, model.contact),
-        resting_(model.resting, model.contact) {
+        touching_(model.touchable, model.contact, friction_coefficient(model.contact)),
+        resting_(model.resting, model.contact, carrier_friction(model.contact)) {
     if constexpr (Model::batched)
       if (model.packs) {
         points_.resize(std::size_t(x_.cols()));
@@ -8707,7 +8741,8 @@ template <Executor E> template <class SomeModel, Indenter Tool> std::vector<Mech
     const auto& x = body.positions();
     for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k)
       state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
-    if (friction_coefficient(model.contact) > 0.0) state.friction_push_N = body.friction(state.friction_N);
+    if (friction_coefficient(model.contact) > 0.0 || carrier_friction(model.contact) > 0.0)
+      state.friction_push_N = body.friction(state.friction_N);
     states.push_back(std::move(state));
     if (states.back().status != Status::held) break;
   }
@@ -9256,9 +9291,9 @@ struct FrictionHistory {
 
   /// Springs without stretch at positions x, each a tenth as stiff as the law's penalty: a spring stretches by ten
   /// overlaps times the coefficient.
-  template <ContactHandler Contact>
-  FrictionHistory(const ContactSurface& surface, const Contact& law, const Positions& x, const Vec3d& rigid_origin)
-      : coefficient(friction_coefficient(law)),
+  template <ContactHandler Contact> FrictionHistory(
+      const ContactSurface& surface, const Contact& law, double friction, const Positions& x, const Vec3d& rigid_origin)
+      : coefficient(friction),
         stiffness_N_per_m3(0.1 * law.stiffness_N_per_m3),
         origin(rigid_origin),
         place(surface.size()),
@@ -9496,6 +9531,19 @@ template <class S> S contact_area(const ContactSurface& surface, const std::vect
 inline SetOverlap contact_overlap(
     const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
 
+/// The sub-triangles of which a point comes nearer than `margin_m` to the tool, one entry each: what a collision
+/// pipeline with that margin has records of (a record of a vertex or an edge brings all triangles about it). It grows
+/// with the size of the triangles.
+template <class Tool> std::vector<char> recorded_triangles(
+    const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x, double margin_m);
+
+/// Area of the recorded sub-triangles on the given node positions [m²].
+inline double recorded_area(const ContactSurface& surface, const std::vector<char>& recorded, const Positions& x);
+
+/// Overlap of two such sets, measured on the given node positions.
+inline SetOverlap recorded_overlap(
+    const ContactSurface& surface, const std::vector<char>& a, const std::vector<char>& b, const Positions& x);
+
 namespace detail {
 
 // A convex polygon in the barycentric plane of a triangle, with the values of the fields at its corners.
@@ -9699,6 +9747,41 @@ inline SetOverlap contact_overlap(
     const double both = in_both.fraction();
     sum.both += area * both;
     sum.either += area * (in_a.fraction() + in_b.fraction() - both);
+  });
+  return sum;
+}
+
+template <class Tool> std::vector<char> recorded_triangles(
+    const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x, double margin_m) {
+  std::vector<char> recorded;
+  detail::for_sub_triangles(surface, x, [&](double, const std::array<int, 3>& node) {
+    const Vec3d a = x.col(node[0]), b = x.col(node[1]) - a, c = x.col(node[2]) - a;
+    // On a lattice of points; what lies between them is nearer by little: 1 µm for edges of 1 mm on a 10 mm sphere.
+    constexpr int cuts = 8;
+    const auto comes_near = [&] {
+      if (rigid.distance(a + (b + c) / 3.0) > margin_m + std::max({b.norm(), c.norm(), (c - b).norm()})) return false;
+      for (int i = 0; i <= cuts; ++i)
+        for (int j = 0; i + j <= cuts; ++j)
+          if (rigid.distance(a + double(i) / cuts * b + double(j) / cuts * c) < margin_m) return true;
+      return false;
+    };
+    recorded.push_back(char(comes_near()));
+  });
+  return recorded;
+}
+
+inline double recorded_area(const ContactSurface& surface, const std::vector<char>& recorded, const Positions& x) {
+  return recorded_overlap(surface, recorded, recorded, x).both;
+}
+
+inline SetOverlap recorded_overlap(
+    const ContactSurface& surface, const std::vector<char>& a, const std::vector<char>& b, const Positions& x) {
+  SetOverlap sum;
+  std::size_t k = 0;
+  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>&) {
+    if (a[k] && b[k]) sum.both += area;
+    if (a[k] || b[k]) sum.either += area;
+    ++k;
   });
   return sum;
 }
@@ -9979,8 +10062,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations),
         now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, now_.x, touch.origin),
-        rested_(model.resting, model.contact, now_.x, Vec3d::Zero()) {
+        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, touch.origin),
+        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, Vec3d::Zero()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -10065,10 +10148,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   Status first_load(double load, double tolerance) {
     system_.penalty_scale = first_penalty_scale;
     const Status s = load_step(load, loose, hertz_area(load));
-    if (touched_.coefficient > 0.0) {
-      system_.touch_friction = &touched_;
-      system_.rest_friction = &rested_;
-    }
+    if (touched_.coefficient > 0.0) system_.touch_friction = &touched_;
+    if (rested_.coefficient > 0.0) system_.rest_friction = &rested_;
     const double softer = std::exchange(system_.penalty_scale, 1.0);
     return s == Status::converged ? load_step(load, tolerance, 0.0, softer) : s;
   }
@@ -10222,7 +10303,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
 template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   FrictionForces out;
-  if (touched_.coefficient == 0.0) return out;
+  if (touched_.coefficient == 0.0 && rested_.coefficient == 0.0) return out;
   const Sector& sector = model_.sector;
   out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
   rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
@@ -10347,6 +10428,11 @@ class PreparedBody {
       s.penetration_m = sums.penetration_m;
       s.contact_area_m2 = contact_area(surface, c.field, x);
       s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
+      if (const double margin = record_margin(maker_.contact); margin > 0.0) {
+        s.recorded = recorded_triangles(surface, rigid, x, margin);
+        s.contact_area_m2 = recorded_area(surface, s.recorded, x);
+        s.reference_area_m2 = recorded_area(surface, s.recorded, positions_of(*mesh_));
+      }
       s.contact_field = std::move(c.field);
       s.pressure_Pa = std::move(c.pressure_Pa);
       // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
@@ -10398,7 +10484,7 @@ struct Escape {
   Vec3d reference;  ///< last exit point in the undeformed body [m]
   Vec3d position;   ///< the same point, deformed [m]
   Vec3d direction;  ///< unit, in air
-  int region = -1;  ///< Body::region of the last exit point
+  int region = -1;  ///< Body::region of the last exit point; −1 if the body says that such light is not seen
 };
 
 /// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position,
@@ -10430,7 +10516,7 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
   { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
 };
 
-/// All power that leaves through each region of the body, whatever its direction (model reading of paper §III: r_b).
+/// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
@@ -11641,6 +11727,8 @@ class OpticalScene {
         body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
     return r >= 0 && r < body_->regions ? r : -1;
   }
+  /// The region that light is seen in, if it leaves from there along `out`; −1: it is not seen.
+  int seen_region(int region, const Vec3d& out) const { return body_->seen_towards.dot(out) < 0.0 ? -1 : region; }
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that distinguishes surfaces: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {
@@ -12296,10 +12384,11 @@ template <ExitReadout Readout> class LightAccounts {
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
     const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3d out = m.cwiseProduct(e.light.direction);
+    const int region = e.at.face >= 0 ? surface_.region(e.at, image)
+                                      : surface_.region(e.patch, e.light.reference, e.light.position, image);
     return readout_.channel(
-        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
-            e.at.face >= 0 ? surface_.region(e.at, image)
-                           : surface_.region(e.patch, e.light.reference, e.light.position, image)});
+        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), out, surface_.seen_region(region, out)});
   }
 
   /// All that was booked since the last call.
@@ -12879,7 +12968,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
   int channel_of(const FaceSet::Sample& x, const Vec3d& out, unsigned image) const {
     const Vec3d m = sign(image);
-    return body_.readout.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
+    const Vec3d goes = mirror(out, m);
+    return body_.readout.channel(
+        {mirror(reference_, m), mirror(x.ray.origin, m), goes, body_.surface.seen_region(region_[image], goes)});
   }
   bool seen(const FaceSet::Sample& x, const Vec3d& out) const {
     bool any = false;
@@ -13494,8 +13585,11 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{
-        contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
+    const Positions undeformed = positions_of(mesh);
+    const SetOverlap overlap = two->recorded.empty() || four->recorded.empty()
+                                   ? contact_overlap(surface, two->contact_field, four->contact_field, undeformed)
+                                   : recorded_overlap(surface, two->recorded, four->recorded, undeformed);
+    q.stable = Estimate{overlap.ratio(), error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);

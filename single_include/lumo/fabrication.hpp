@@ -1376,7 +1376,9 @@ struct FingerOptions {
     double half_range = 27.5e-3;  ///< |y| beyond it is not seen [m]
     double min_abs_nx = 0.5;      ///< the undeformed normal must point this much sideways
     bool one_side = true;         ///< only x > 0 is seen
-    bool in_space = false;        ///< bins stay where they are; otherwise they move with the material
+    /// Light is seen by its direction, wherever it leaves, and `min_abs_nx` says nothing.
+    bool by_direction = false;
+    bool in_space = false;  ///< bins stay where they are; otherwise they move with the material
 
     bool operator==(const Readout&) const = default;
   };
@@ -1990,6 +1992,8 @@ struct Body {
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
+  /// Light that leaves against this direction is not seen; 0: all is.
+  Vec3d seen_towards = Vec3d::Zero();
   /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
   std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };

@@ -383,7 +383,7 @@ struct PadResponses {
   double diameter_m = 0.0;              ///< of the sphere
   Eigen::VectorXd position_m;           ///< middles of the bins, ascending, symmetric about 0
   Eigen::VectorXd unloaded;             ///< power through each bin
-  Eigen::VectorXd place_m;              ///< ascending, from 0 or from minus the last
+  Eigen::VectorXd place_m;              ///< ascending, from 0 or from one below it
   Eigen::VectorXd load_N;               ///< ascending, > 0
   Eigen::MatrixXd depth_m;              ///< loads × places
   std::vector<Eigen::MatrixXd> change;  ///< by place: bins × loads
@@ -409,9 +409,9 @@ inline void validate(const PadResponses& r, const std::string& name) {
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads,
       "there must be at least 2 loads, ascending");
-  require(places >= 2 && ascend(r.place_m) && Eigen::Index(r.change.size()) == places &&
-              (r.equal_ends() || std::abs(r.place_m[0] + r.place_m[places - 1]) < 1e-9),
-      "there must be at least 2 places, ascending from 0 or from minus the last");
+  require(places >= 2 && ascend(r.place_m) && Eigen::Index(r.change.size()) == places && r.place_m[0] <= 0.0 &&
+              r.place_m[places - 1] > 0.0,
+      "there must be at least 2 places, ascending from 0 or from one below it to one above");
   require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts,
       "there must be a tilted approach at least at one place");
   require(
@@ -437,18 +437,33 @@ class PadLight {
   }
 
   const PadResponses& responses() const { return r_; }
-  double reach_m() const { return r_.place_m[r_.place_m.size() - 1]; }
+  /// The first and the last place.
+  std::pair<double, double> reach_m() const {
+    const double last = r_.place_m[r_.place_m.size() - 1];
+    return {r_.equal_ends() ? -last : r_.place_m[0], last};
+  }
+  /// Where light was computed, mirror images included.
+  std::vector<double> places_m() const {
+    std::vector<double> all(r_.place_m.begin(), r_.place_m.end());
+    if (r_.equal_ends())
+      for (const double y : r_.place_m)
+        if (y > 0.0) all.insert(all.begin(), -y);
+    return all;
+  }
   double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
-  /// Factor on the light for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
-  double scale_to(double level) const {
-    double sum = 0.0;
+  /// Factor on the light for a mean of `level` on the unloaded side over |y| ≤ 25 mm, or less, so that no bin is above
+  /// `brightest` under the last load: as who sets a camera's exposure.
+  double scale_to(double level, double brightest) const {
+    double sum = 0.0, most = 0.0;
     int bins = 0;
-    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b)
-      if (std::abs(r_.position_m[b]) <= 25e-3) {
-        sum += r_.unloaded[b];
-        ++bins;
-      }
-    return level * bins / sum;
+    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b) {
+      for (const Eigen::MatrixXd& change : r_.change)
+        most = std::max(most, r_.unloaded[b] + change(b, change.cols() - 1));
+      if (std::abs(r_.position_m[b]) > 25e-3) continue;
+      sum += r_.unloaded[b];
+      ++bins;
+    }
+    return std::min(level * bins / sum, brightest / std::max(most, 1e-300));
   }
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those
@@ -721,11 +736,12 @@ struct CameraRig {
   double aim_sigma_rad = 1.5_deg;  ///< σ of yaw, pitch and roll of one placing by hand; assumed
   double aim_sigma_m = 1.0_mm;     ///< σ of the place along y and z; assumed
   double frames_per_s = 30.0;
-  double exposure_s = 1.0e-3;  ///< device setting 10 (paper), 100 µs each (librealsense #8243)
-  double gain = 64.0;          ///< device setting (paper)
-  double level_DN = 70.0;      ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
-  double gamma = 1.0;          ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
-  double black_DN = 2.0;       ///< assumed
+  double exposure_s = 1.0e-3;   ///< device setting 10 (paper), 100 µs each (librealsense #8243)
+  double gain = 64.0;           ///< device setting (paper)
+  double level_DN = 70.0;       ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
+  double brightest_DN = 220.0;  ///< of a loaded side: where it would be more, the exposure is shorter; assumed
+  double gamma = 1.0;           ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;        ///< assumed
   double full_DN = 255.0;
   double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
   double read_DN = 0.6;           ///< σ, assumed
@@ -846,6 +862,7 @@ inline void validate(const Rig& r) {
   require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
   require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
   require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
+  require_in_range("level of the brightest side", r.camera.brightest_DN, 1.0, 1e6, "DN");
   require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
   require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
   require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
@@ -1510,6 +1527,8 @@ struct Body {
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
+  /// Light that leaves against this direction is not seen; 0: all is.
+  Vec3d seen_towards = Vec3d::Zero();
   /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
   std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };
@@ -2991,11 +3010,10 @@ struct HandPlan {
   std::vector<HandGrasp> grasps;
 };
 
-/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where
-/// `step_m` is not 0, at its nearest multiple.
-inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
+/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm, or the
+/// nearest ones of `places_m`.
+inline HandPlan hand_plan(std::uint64_t seed, int count = 12, const std::vector<double>& places_m = {}) {
   require_in_range("number of grasps", count, 1, 1000, "");
-  require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
   HandPlan plan;
   RandomStream draws(seed, 40);
   for (int g = 0; g < count; ++g) {
@@ -3004,9 +3022,10 @@ inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.
       q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
     const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
     for (int k = 0; k < links; ++k) {
-      const double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
-      grasp.touches.push_back(
-          {(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
+      double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
+      const auto nearer = [y](double a, double b) { return std::abs(a - y) < std::abs(b - y); };
+      if (!places_m.empty()) y = *std::min_element(places_m.begin(), places_m.end(), nearer);
+      grasp.touches.push_back({(first + k) % 4, y, 5.0 + 10.0 * draws.uniform()});
     }
     std::sort(grasp.touches.begin(), grasp.touches.end(),
         [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
@@ -3142,7 +3161,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
       plan_(std::move(plan)),
       seed_(seed),
       noise_(noise),
-      per_DN_(light.scale_to(hand.rig.camera.level_DN)),
+      per_DN_(light.scale_to(hand.rig.camera.level_DN, hand.rig.camera.brightest_DN)),
       hand_(hand) {
   check_plan();
   session_.title = plan_.title;
@@ -3166,7 +3185,8 @@ inline void HandLab::check_plan() const {
     require_seen(g.joints_rad);
     for (const HandTouch& c : g.touches) {
       require_in_range("link of a touch", c.link, 0, 3, "");
-      require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light_->reach_m(), "mm");
+      const auto [from, to] = light_->reach_m();
+      require_in_range("place of a touch", 1e3 * c.y_m, 1e3 * from, 1e3 * to, "mm");
       require_in_range("load of a touch", c.load_N, 0.0, hand_.rig.specimen.bears_N(light_->max_load_N()), "N");
     }
   }
@@ -3344,7 +3364,7 @@ struct Escape {
   Vec3d reference;  ///< last exit point in the undeformed body [m]
   Vec3d position;   ///< the same point, deformed [m]
   Vec3d direction;  ///< unit, in air
-  int region = -1;  ///< Body::region of the last exit point
+  int region = -1;  ///< Body::region of the last exit point; −1 if the body says that such light is not seen
 };
 
 /// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position,
@@ -3376,7 +3396,7 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
   { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
 };
 
-/// All power that leaves through each region of the body, whatever its direction (model reading of paper §III: r_b).
+/// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
@@ -4489,6 +4509,20 @@ template <ContactHandler Contact> double area_per_vertex(const Contact& contact)
   else return 0.0;
 }
 
+/// The same with the carrier: as with the tool, unless the law has one of its own.
+template <ContactHandler Contact> double carrier_friction(const Contact& contact) {
+  if constexpr (requires { contact.carrier_friction; })
+    return contact.carrier_friction.value_or(friction_coefficient(contact));
+  else return friction_coefficient(contact);
+}
+
+/// How near [m] a sub-triangle of the surface must come to a tool to belong to the contact set, as a collision pipeline
+/// records it, with force or without; 0: the set is where the surface touches.
+template <ContactHandler Contact> double record_margin(const Contact& contact) {
+  if constexpr (requires { contact.record_margin_m; }) return contact.record_margin_m;
+  else return 0.0;
+}
+
 /// Response of a spring of `stiffness` [N/m³] to a gap; 0 while it is open.
 template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
   if (gap >= 0.0) return {0.0, 0.0, 0.0};
@@ -4498,8 +4532,10 @@ template <class S> ContactResponse<S> penalty(double stiffness, const S& gap) {
 /// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
 /// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
 struct SDFContact {
-  double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
-  double friction = 0.0;             ///< Coulomb's coefficient
+  double stiffness_N_per_m3 = 1e11;             ///< overlap at 0.3 MPa is 3 µm
+  double friction = 0.0;                        ///< Coulomb's coefficient
+  double record_margin_m = 0.0;                 ///< see record_margin
+  std::optional<double> carrier_friction = {};  ///< Coulomb's coefficient with the carrier; nullopt: `friction`
 
   template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
@@ -4507,6 +4543,8 @@ struct SDFContact {
 inline void validate(const SDFContact& c) {
   require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
   require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
+  require_in_range("margin of contact records", c.record_margin_m * 1e3, 0.0, 10.0, "mm");
+  require_in_range("friction coefficient of the carrier", carrier_friction(c), 0.0, 10.0, "");
 }
 
 static_assert(ContactHandler<SDFContact>);
@@ -4540,8 +4578,10 @@ struct VertexContact {
   static constexpr ContactPoints points = ContactPoints::vertices;
   static constexpr bool plane_frozen = true;
   double stiffness_N_per_m3 = 1e11;
-  double friction = 0.5;            ///< Coulomb's coefficient
-  double area_per_vertex_m2 = 0.0;  ///< the same for all; 0: each vertex has its share of the surface
+  double friction = 0.5;                        ///< Coulomb's coefficient
+  double area_per_vertex_m2 = 0.0;              ///< the same for all; 0: each vertex has its share of the surface
+  double record_margin_m = 0.0;                 ///< see record_margin
+  std::optional<double> carrier_friction = {};  ///< with the carrier; nullopt: `friction`
 
   template <class S> ContactResponse<S> respond(const S& gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
@@ -4550,6 +4590,8 @@ inline void validate(const VertexContact& c) {
   require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
   require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
   require_in_range("contact area per vertex", c.area_per_vertex_m2 * 1e6, 0.0, 1e6, "mm2");
+  require_in_range("margin of contact records", c.record_margin_m * 1e3, 0.0, 10.0, "mm");
+  require_in_range("friction coefficient of the carrier", carrier_friction(c), 0.0, 10.0, "");
 }
 
 static_assert(ContactHandler<VertexContact>);
@@ -5712,9 +5754,9 @@ struct FrictionHistory {
 
   /// Springs without stretch at positions x, each a tenth as stiff as the law's penalty: a spring stretches by ten
   /// overlaps times the coefficient.
-  template <ContactHandler Contact>
-  FrictionHistory(const ContactSurface& surface, const Contact& law, const Positions& x, const Vec3d& rigid_origin)
-      : coefficient(friction_coefficient(law)),
+  template <ContactHandler Contact> FrictionHistory(
+      const ContactSurface& surface, const Contact& law, double friction, const Positions& x, const Vec3d& rigid_origin)
+      : coefficient(friction),
         stiffness_N_per_m3(0.1 * law.stiffness_N_per_m3),
         origin(rigid_origin),
         place(surface.size()),
@@ -5831,6 +5873,9 @@ struct MechanicalState {
   /// Contact field per mesh node: > 0 in contact with the indenter, < 0 outside; −infinity on nodes that it cannot
   /// touch. Linear on the sub-facets of the surface (corners and edge middles); the contact set is {φ > 0}.
   std::vector<double> contact_field;
+  /// The contact set by records (record_margin): is each sub-triangle of the touchable surface, in its order, in it?
+  /// Empty: it is {φ > 0}.
+  std::vector<char> recorded;
   std::vector<Vec3d> friction_N;    ///< friction on the body per mesh node; empty without
   double friction_push_N = 0.0;     ///< what of it is in force_N
   std::vector<double> pressure_Pa;  ///< indenter pressure per mesh node, per reference area; 0 off the surface
@@ -6046,6 +6091,19 @@ template <class S> S contact_area(const ContactSurface& surface, const std::vect
 inline SetOverlap contact_overlap(
     const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
 
+/// The sub-triangles of which a point comes nearer than `margin_m` to the tool, one entry each: what a collision
+/// pipeline with that margin has records of (a record of a vertex or an edge brings all triangles about it). It grows
+/// with the size of the triangles.
+template <class Tool> std::vector<char> recorded_triangles(
+    const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x, double margin_m);
+
+/// Area of the recorded sub-triangles on the given node positions [m²].
+inline double recorded_area(const ContactSurface& surface, const std::vector<char>& recorded, const Positions& x);
+
+/// Overlap of two such sets, measured on the given node positions.
+inline SetOverlap recorded_overlap(
+    const ContactSurface& surface, const std::vector<char>& a, const std::vector<char>& b, const Positions& x);
+
 namespace detail {
 
 // A convex polygon in the barycentric plane of a triangle, with the values of the fields at its corners.
@@ -6249,6 +6307,41 @@ inline SetOverlap contact_overlap(
     const double both = in_both.fraction();
     sum.both += area * both;
     sum.either += area * (in_a.fraction() + in_b.fraction() - both);
+  });
+  return sum;
+}
+
+template <class Tool> std::vector<char> recorded_triangles(
+    const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x, double margin_m) {
+  std::vector<char> recorded;
+  detail::for_sub_triangles(surface, x, [&](double, const std::array<int, 3>& node) {
+    const Vec3d a = x.col(node[0]), b = x.col(node[1]) - a, c = x.col(node[2]) - a;
+    // On a lattice of points; what lies between them is nearer by little: 1 µm for edges of 1 mm on a 10 mm sphere.
+    constexpr int cuts = 8;
+    const auto comes_near = [&] {
+      if (rigid.distance(a + (b + c) / 3.0) > margin_m + std::max({b.norm(), c.norm(), (c - b).norm()})) return false;
+      for (int i = 0; i <= cuts; ++i)
+        for (int j = 0; i + j <= cuts; ++j)
+          if (rigid.distance(a + double(i) / cuts * b + double(j) / cuts * c) < margin_m) return true;
+      return false;
+    };
+    recorded.push_back(char(comes_near()));
+  });
+  return recorded;
+}
+
+inline double recorded_area(const ContactSurface& surface, const std::vector<char>& recorded, const Positions& x) {
+  return recorded_overlap(surface, recorded, recorded, x).both;
+}
+
+inline SetOverlap recorded_overlap(
+    const ContactSurface& surface, const std::vector<char>& a, const std::vector<char>& b, const Positions& x) {
+  SetOverlap sum;
+  std::size_t k = 0;
+  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>&) {
+    if (a[k] && b[k]) sum.both += area;
+    if (a[k] || b[k]) sum.either += area;
+    ++k;
   });
   return sum;
 }
@@ -6529,8 +6622,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations),
         now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, now_.x, touch.origin),
-        rested_(model.resting, model.contact, now_.x, Vec3d::Zero()) {
+        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, touch.origin),
+        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, Vec3d::Zero()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -6615,10 +6708,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   Status first_load(double load, double tolerance) {
     system_.penalty_scale = first_penalty_scale;
     const Status s = load_step(load, loose, hertz_area(load));
-    if (touched_.coefficient > 0.0) {
-      system_.touch_friction = &touched_;
-      system_.rest_friction = &rested_;
-    }
+    if (touched_.coefficient > 0.0) system_.touch_friction = &touched_;
+    if (rested_.coefficient > 0.0) system_.rest_friction = &rested_;
     const double softer = std::exchange(system_.penalty_scale, 1.0);
     return s == Status::converged ? load_step(load, tolerance, 0.0, softer) : s;
   }
@@ -6772,7 +6863,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
 template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   FrictionForces out;
-  if (touched_.coefficient == 0.0) return out;
+  if (touched_.coefficient == 0.0 && rested_.coefficient == 0.0) return out;
   const Sector& sector = model_.sector;
   out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
   rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
@@ -6897,6 +6988,11 @@ class PreparedBody {
       s.penetration_m = sums.penetration_m;
       s.contact_area_m2 = contact_area(surface, c.field, x);
       s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
+      if (const double margin = record_margin(maker_.contact); margin > 0.0) {
+        s.recorded = recorded_triangles(surface, rigid, x, margin);
+        s.contact_area_m2 = recorded_area(surface, s.recorded, x);
+        s.reference_area_m2 = recorded_area(surface, s.recorded, positions_of(*mesh_));
+      }
       s.contact_field = std::move(c.field);
       s.pressure_Pa = std::move(c.pressure_Pa);
       // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
@@ -7950,6 +8046,8 @@ class OpticalScene {
         body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
     return r >= 0 && r < body_->regions ? r : -1;
   }
+  /// The region that light is seen in, if it leaves from there along `out`; −1: it is not seen.
+  int seen_region(int region, const Vec3d& out) const { return body_->seen_towards.dot(out) < 0.0 ? -1 : region; }
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that distinguishes surfaces: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {
@@ -8595,10 +8693,11 @@ template <ExitReadout Readout> class LightAccounts {
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
     const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3d out = m.cwiseProduct(e.light.direction);
+    const int region = e.at.face >= 0 ? surface_.region(e.at, image)
+                                      : surface_.region(e.patch, e.light.reference, e.light.position, image);
     return readout_.channel(
-        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
-            e.at.face >= 0 ? surface_.region(e.at, image)
-                           : surface_.region(e.patch, e.light.reference, e.light.position, image)});
+        {m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), out, surface_.seen_region(region, out)});
   }
 
   /// All that was booked since the last call.
@@ -9178,7 +9277,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
   int channel_of(const FaceSet::Sample& x, const Vec3d& out, unsigned image) const {
     const Vec3d m = sign(image);
-    return body_.readout.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
+    const Vec3d goes = mirror(out, m);
+    return body_.readout.channel(
+        {mirror(reference_, m), mirror(x.ray.origin, m), goes, body_.surface.seen_region(region_[image], goes)});
   }
   bool seen(const FaceSet::Sample& x, const Vec3d& out) const {
     bool any = false;
@@ -9793,8 +9894,11 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{
-        contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
+    const Positions undeformed = positions_of(mesh);
+    const SetOverlap overlap = two->recorded.empty() || four->recorded.empty()
+                                   ? contact_overlap(surface, two->contact_field, four->contact_field, undeformed)
+                                   : recorded_overlap(surface, two->recorded, four->recorded, undeformed);
+    q.stable = Estimate{overlap.ratio(), error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
@@ -10530,6 +10634,7 @@ inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& si
     other_end[std::size_t(b)] = n - 1 - b;
     other_end[std::size_t(b + n)] = 2 * n - 1 - b;
   }
+  body.seen_towards = Vec3d::Zero();
   body.region_image_x = other_side;
   body.region_image_y = other_end;
   body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3d& p, const Vec3d& normal) {
@@ -10540,26 +10645,28 @@ inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& si
   return body;
 }
 
+/// `from`, `from` + `spacing` … `to` [m].
+inline std::vector<double> even_places(double from, double to, double spacing) {
+  std::vector<double> y;
+  for (int k = 0; from + spacing * k < to + 0.5 * spacing; ++k) y.push_back(from + spacing * k);
+  return y;
+}
+
 /// Where and how hard a pad is pressed for the virtual lab.
 struct PadGrid {
   double diameter_m = 10.0_mm;
-  std::vector<double> load_N{1.0, 2.0, 5.0, 10.0, 15.0, 20.0};
-  double spacing_m = 1.0_mm;  ///< of the places
-  int places = 27;            ///< 0, 1, …, 26 mm, and −26 … −1 mm where they are no mirror images
+  std::vector<double> load_N{1.0, 2.0, 5.0, 10.0, 15.0};
+  /// Ascending; from 0 for a pad with equal ends. Loads and places are the built finger's: at 20 N its silicone folds
+  /// over the stem's edge at some places, and its open proximal end gives way at 15 N from y = −26 mm on.
+  std::vector<double> place_m = even_places(-24.0_mm, 28.0_mm, 2.0_mm);
   double tilt_rad = 4.0_deg;  ///< of an approach from the side, from which follows what small angles do
-  std::vector<double> tilt_place_m{0.0, 22.0_mm};  ///< and those below 0, likewise
+  std::vector<double> tilt_place_m{-22.0_mm, 0.0, 22.0_mm};
 
-  /// The straight approaches, then the tilted ones, each in ascending order.
-  std::vector<Scenario<Sphere>> scenarios(bool equal_ends) const {
+  /// The straight approaches, then the tilted ones.
+  std::vector<Scenario<Sphere>> scenarios() const {
     std::vector<Scenario<Sphere>> all;
-    for (int k = equal_ends ? 0 : 1 - places; k < places; ++k)
-      all.push_back({Sphere{diameter_m}, 0.0, spacing_m * k, load_N});
-    std::vector<double> tilted = tilt_place_m;
-    if (!equal_ends)
-      for (const double y : tilt_place_m)
-        if (y > 0.0) tilted.push_back(-y);
-    std::sort(tilted.begin(), tilted.end());
-    for (const double y : tilted) all.push_back({Sphere{diameter_m}, tilt_rad, y, load_N});
+    for (const double y : place_m) all.push_back({Sphere{diameter_m}, 0.0, y, load_N});
+    for (const double y : tilt_place_m) all.push_back({Sphere{diameter_m}, tilt_rad, y, load_N});
     return all;
   }
 };
@@ -10571,10 +10678,12 @@ template <class P, Executor E> PadResponses observe_pad(const Body& body, const 
     const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   if (!body.symmetry.x) throw InvalidArgument("virtual lab: the pad must be symmetric in x");
   const bool equal_ends = body.symmetry.y;
-  require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
-  require_positive("spacing of the virtual lab's places", grid.spacing_m, "m");
+  require_in_range("places of the virtual lab", double(grid.place_m.size()), 2, 1000, "");
+  if (equal_ends != (grid.place_m[0] == 0.0))
+    throw InvalidArgument(message("virtual lab: the first place is y = ", 1e3 * grid.place_m[0], " mm, must be ",
+        equal_ends ? "0: the pad has equal ends" : "below 0: the pad's ends are not alike"));
   require_in_range("tilt of the virtual lab", grid.tilt_rad, 0.001, 0.5, "rad");
-  const std::vector<Scenario<Sphere>> scenarios = grid.scenarios(equal_ends);
+  const std::vector<Scenario<Sphere>> scenarios = grid.scenarios();
   const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
   for (const ScenarioRecord& s : seen.scenarios)
     if (s.status != Status::converged)
@@ -10591,7 +10700,7 @@ template <class P, Executor E> PadResponses observe_pad(const Body& body, const 
   if (equal_ends) r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
   r.load_N = Eigen::Map<const Eigen::VectorXd>(grid.load_N.data(), loads);
   const auto is_straight = [](const Scenario<Sphere>& s) { return s.angle_rad == 0.0; };
-  const auto places = Eigen::Index(std::count_if(scenarios.begin(), scenarios.end(), is_straight));
+  const auto places = Eigen::Index(grid.place_m.size());
   r.place_m.resize(places);
   r.depth_m.resize(loads, places);
   r.tilt_place_m.resize(Eigen::Index(scenarios.size()) - places);
@@ -10926,6 +11035,23 @@ inline LabPlan force_plan() {
   return plan;
 }
 
+/// How far the built finger's places lie from those of the plans: its open proximal end gives way under 15 N at
+/// y = −26 mm. Its places are then y = 26 mm − x, x = 0 … 50 mm the stages' travel from the distal one, which the
+/// authors' rig leaves open by some millimetres.
+inline constexpr double built_finger_shift_m = 1e-3;
+
+/// The plan with every place moved along the finger.
+inline LabPlan moved(LabPlan plan, double by_m) {
+  for (LabContact& c : plan.contacts) c.y_m += by_m;
+  return plan;
+}
+
+/// The plan without loads above one that the pad bears.
+inline LabPlan up_to(LabPlan plan, double load_N) {
+  for (LabContact& c : plan.contacts) std::erase_if(c.steps, [&](const LoadStep& s) { return s.load_N > load_N; });
+  return plan;
+}
+
 }  // namespace lumo
 
 #endif
@@ -11062,7 +11188,8 @@ inline VirtualRig::VirtualRig(
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
   require_in_range("frames of a plan", plan_.frames_per_s, 0.0, 1000.0, "1/s");
   for (const LabContact& c : plan_.contacts) {
-    require_in_range("place of a contact", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
+    require_in_range(
+        "place of a contact", 1e3 * c.y_m, 1e3 * light.reach_m().first, 1e3 * light.reach_m().second, "mm");
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
     require_in_range("place's number", c.place, 0, 1000, "");
     for (const LoadStep& s : c.steps) {
@@ -11071,7 +11198,7 @@ inline VirtualRig::VirtualRig(
     }
   }
   const PadResponses& r = light.responses();
-  per_DN_ = light.scale_to(rig_.camera.level_DN);
+  per_DN_ = light.scale_to(rig_.camera.level_DN, rig_.camera.brightest_DN);
 
   session_.title = plan_.title;
   session_.clock = "virtual";
@@ -11092,11 +11219,11 @@ inline VirtualRig::VirtualRig(
 
 inline void VirtualRig::draw_contacts() {
   RandomStream draws(seed_, 1);
-  const double reach = light_->reach_m();
+  const auto [from, to] = light_->reach_m();
   for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(),
                  tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
-    contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
+    contacts_.push_back({std::clamp(y, from, to), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
     for (const LoadStep& s : c.steps)
       contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()),
           s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
