@@ -10657,7 +10657,7 @@ struct PadGrid {
   double diameter_m = 10.0_mm;
   std::vector<double> load_N{1.0, 2.0, 5.0, 10.0, 15.0};
   /// Ascending; from 0 for a pad with equal ends. Loads and places are the built finger's: at 20 N its silicone folds
-  /// over the stem's edge at some places, and its open proximal end gives way at 15 N from y = −26 mm on.
+  /// over the carrier's edge at some places, and its open proximal end gives way at 15 N from y = −26 mm on.
   std::vector<double> place_m = even_places(-24.0_mm, 28.0_mm, 2.0_mm);
   double tilt_rad = 4.0_deg;  ///< of an approach from the side, from which follows what small angles do
   std::vector<double> tilt_place_m{-22.0_mm, 0.0, 22.0_mm};
