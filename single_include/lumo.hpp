@@ -6243,17 +6243,17 @@ template <ContactHandler Contact> double friction_coefficient(const Contact& con
   else return 0.0;
 }
 
-/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
-template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
-  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
-  else return 0.0;
-}
-
 /// The same with the carrier: as with the tool, unless the law has one of its own.
 template <ContactHandler Contact> double carrier_friction(const Contact& contact) {
   if constexpr (requires { contact.carrier_friction; })
     return contact.carrier_friction.value_or(friction_coefficient(contact));
   else return friction_coefficient(contact);
+}
+
+/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
+template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
+  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
+  else return 0.0;
 }
 
 /// How near [m] a sub-triangle of the surface must come to a tool to belong to the contact set, as a collision pipeline
@@ -10426,12 +10426,13 @@ class PreparedBody {
       const ContactSums sums = add_contact_forces(surface, maker_.contact, rigid, x, nullptr);
       s.force_N = sums.push_N + s.friction_push_N;
       s.penetration_m = sums.penetration_m;
-      s.contact_area_m2 = contact_area(surface, c.field, x);
-      s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
       if (const double margin = record_margin(maker_.contact); margin > 0.0) {
         s.recorded = recorded_triangles(surface, rigid, x, margin);
         s.contact_area_m2 = recorded_area(surface, s.recorded, x);
         s.reference_area_m2 = recorded_area(surface, s.recorded, positions_of(*mesh_));
+      } else {
+        s.contact_area_m2 = contact_area(surface, c.field, x);
+        s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
       }
       s.contact_field = std::move(c.field);
       s.pressure_Pa = std::move(c.pressure_Pa);

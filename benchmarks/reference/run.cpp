@@ -279,24 +279,13 @@ const Focus base_focus = {.finest = 0.3e-3, .growth = 0.12, .depth_growth = 1.0}
 Row reference_solution(const Case& c, double size, const std::string& level, const TetgenMesher& mesher) {
   Row row;
   row.level = level;
-  FingerOptions::Mesh sizes = base_mesh;
-  sizes.contact_edge *= size;
-  sizes.coarsest_edge *= size;
-  sizes.growth *= size;
-  sizes.max_turn_rad *= size;
-  sizes.support_edge *= size;
-  sizes.seam_edge *= size;
-  Focus focus = base_focus;
-  focus.finest *= size;
-  focus.growth *= size;
-  focus.depth_growth *= size;
   const Body coarse = c.body({});
   const Scenario<Sphere> scenario = c.scenario();
   const Touch touch = first_touch(coarse, mesh_body(coarse, mesher), scenario);
-  Body whole = c.body(sizes);
+  Body whole = c.body(base_mesh.scaled(size));
   if (!c.planes().x) whole = spelled_out(whole, 0);
   if (!c.planes().y && whole.symmetry.y) whole = spelled_out(whole, 1);
-  const Body body = focused(whole, {touch.point}, focus);
+  const Body body = focused(whole, {touch.point}, base_focus.scaled(size));
   const TetMesh mesh = mesh_body(body, mesher);
   const Stopwatch clock;
   const Sector sector = sector_of(mesh, c.planes());

@@ -442,6 +442,11 @@ class PadLight {
     const double last = r_.place_m[r_.place_m.size() - 1];
     return {r_.equal_ends() ? -last : r_.place_m[0], last};
   }
+  /// Throws InvalidArgument for a place beyond them; `what` names it.
+  void require_reached(const char* what, double y_m) const {
+    const auto [from, to] = reach_m();
+    require_in_range(what, 1e3 * y_m, 1e3 * from, 1e3 * to, "mm");
+  }
   /// Where light was computed, mirror images included.
   std::vector<double> places_m() const {
     std::vector<double> all(r_.place_m.begin(), r_.place_m.end());
@@ -456,13 +461,13 @@ class PadLight {
   double scale_to(double level, double brightest) const {
     double sum = 0.0, most = 0.0;
     int bins = 0;
-    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b) {
-      for (const Eigen::MatrixXd& change : r_.change)
-        most = std::max(most, r_.unloaded[b] + change(b, change.cols() - 1));
-      if (std::abs(r_.position_m[b]) > 25e-3) continue;
-      sum += r_.unloaded[b];
-      ++bins;
-    }
+    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b)
+      if (std::abs(r_.position_m[b]) <= 25e-3) {
+        sum += r_.unloaded[b];
+        ++bins;
+      }
+    for (const Eigen::MatrixXd& change : r_.change)
+      most = std::max(most, (r_.unloaded + change.rightCols<1>()).maxCoeff());
     return std::min(level * bins / sum, brightest / std::max(most, 1e-300));
   }
 
@@ -3185,8 +3190,7 @@ inline void HandLab::check_plan() const {
     require_seen(g.joints_rad);
     for (const HandTouch& c : g.touches) {
       require_in_range("link of a touch", c.link, 0, 3, "");
-      const auto [from, to] = light_->reach_m();
-      require_in_range("place of a touch", 1e3 * c.y_m, 1e3 * from, 1e3 * to, "mm");
+      light_->require_reached("place of a touch", c.y_m);
       require_in_range("load of a touch", c.load_N, 0.0, hand_.rig.specimen.bears_N(light_->max_load_N()), "N");
     }
   }
@@ -4503,17 +4507,17 @@ template <ContactHandler Contact> double friction_coefficient(const Contact& con
   else return 0.0;
 }
 
-/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
-template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
-  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
-  else return 0.0;
-}
-
 /// The same with the carrier: as with the tool, unless the law has one of its own.
 template <ContactHandler Contact> double carrier_friction(const Contact& contact) {
   if constexpr (requires { contact.carrier_friction; })
     return contact.carrier_friction.value_or(friction_coefficient(contact));
   else return friction_coefficient(contact);
+}
+
+/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
+template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
+  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
+  else return 0.0;
 }
 
 /// How near [m] a sub-triangle of the surface must come to a tool to belong to the contact set, as a collision pipeline
@@ -6986,12 +6990,13 @@ class PreparedBody {
       const ContactSums sums = add_contact_forces(surface, maker_.contact, rigid, x, nullptr);
       s.force_N = sums.push_N + s.friction_push_N;
       s.penetration_m = sums.penetration_m;
-      s.contact_area_m2 = contact_area(surface, c.field, x);
-      s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
       if (const double margin = record_margin(maker_.contact); margin > 0.0) {
         s.recorded = recorded_triangles(surface, rigid, x, margin);
         s.contact_area_m2 = recorded_area(surface, s.recorded, x);
         s.reference_area_m2 = recorded_area(surface, s.recorded, positions_of(*mesh_));
+      } else {
+        s.contact_area_m2 = contact_area(surface, c.field, x);
+        s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
       }
       s.contact_field = std::move(c.field);
       s.pressure_Pa = std::move(c.pressure_Pa);
@@ -11188,8 +11193,7 @@ inline VirtualRig::VirtualRig(
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
   require_in_range("frames of a plan", plan_.frames_per_s, 0.0, 1000.0, "1/s");
   for (const LabContact& c : plan_.contacts) {
-    require_in_range(
-        "place of a contact", 1e3 * c.y_m, 1e3 * light.reach_m().first, 1e3 * light.reach_m().second, "mm");
+    light.require_reached("place of a contact", c.y_m);
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
     require_in_range("place's number", c.place, 0, 1000, "");
     for (const LoadStep& s : c.steps) {

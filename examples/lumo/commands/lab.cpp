@@ -79,9 +79,7 @@ struct Lab : Configured {
   void check() const {
     if (to_last_load && asked().lab.stiffness < 1.0)
       throw UsageError(lumo::message("--stiffness is ", asked().lab.stiffness,
-          ", lab force goes to 15 N, or to 20 N on the plain finger, which a softer pad than the computed one cannot "
-          "be "
-          "given"));
+          ", lab force goes to 15 N (plain finger: 20 N), which a softer pad than the computed one cannot be given"));
     Configured::check();
     pictures();
   }

@@ -24,11 +24,13 @@ std::string contact_name(double diameter_mm, double angle_deg) {
   return short_number(diameter_mm) + " mm, " + short_number(angle_deg) + "°, ";
 }
 
-/// All that can be asked for.
-std::vector<AssumptionVariant> every_variant() {
-  std::vector<AssumptionVariant> all = all_assumption_variants();
-  for (AssumptionVariant& v : absorption_variants()) all.push_back(std::move(v));
-  return all;
+AssumptionVariant known_variant(const std::string& key) {
+  std::vector<std::string> known;
+  for (AssumptionVariant& v : known_assumption_variants()) {
+    if (v.key == key) return std::move(v);
+    known.push_back(v.key);
+  }
+  throw UsageError("--only has " + in_quotes(key) + ", the nearest assumption is '" + nearest(key, known) + "'");
 }
 
 /// Reading `r` of each design; 0 is lumo's own.
@@ -206,27 +208,15 @@ void StudyReadings::declare(CLI::App& app) {
                "All contacts of flat or curved, default: 10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)",
                "Edges 1.4 times as long, J_obs by rays to 4 % instead of 1.5: half of the time"});
   add_value(app, "--only", "NAME,...",
-      "Assumptions to compare, as lumo config lists them; default: all that change what is usual",
+      "Assumptions about pad and light to compare, by lumo config's names; default: all that change what is usual",
       [this](const std::string& typed) {
-        std::vector<std::string> known;
-        for (const AssumptionVariant& v : every_variant()) known.push_back(v.key);
         only_.clear();
-        for (const std::string_view name : split(typed)) {
-          if (std::find(known.begin(), known.end(), name) == known.end())
-            throw UsageError("--only has " + in_quotes(name) + ", the nearest assumption is '" +
-                             nearest(std::string(name), known) + "'");
-          only_.emplace_back(name);
-        }
+        for (const std::string_view name : split(typed)) only_.push_back(known_variant(std::string(name)));
       });
 }
 
 std::vector<AssumptionVariant> StudyReadings::variants() const {
-  if (only_.empty()) return assumption_variants(usual_assumptions(asked()));
-  std::vector<AssumptionVariant> chosen;
-  for (const std::string& key : only_)
-    for (const AssumptionVariant& v : every_variant())
-      if (v.key == key) chosen.push_back(v);
-  return chosen;
+  return only_.empty() ? assumption_variants(usual_assumptions(asked())) : only_;
 }
 
 // The reference designs, then seeded ones.

@@ -19,7 +19,7 @@ struct StudyReadings : StudyCommand {
   Result run(Output& files, Progress& progress) const;
 
  private:
-  std::vector<std::string> only_;  ///< keys; empty: all
+  std::vector<AssumptionVariant> only_;  ///< asked for; empty: all
   std::vector<Scenario<Sphere>> pressed() const {
     return whole_ensemble() ? asked().ensemble.scenarios() : assumption_contacts();
   }

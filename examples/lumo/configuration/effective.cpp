@@ -142,9 +142,8 @@ void apply_variant(const AssumptionVariant& variant, Configuration& c) {
 
 std::vector<NamedAssumption> named_assumptions() {
   std::vector<NamedAssumption> all = own_assumptions;
-  for (const auto& variants : {all_assumption_variants(), absorption_variants()})
-    for (const AssumptionVariant& v : variants)
-      all.push_back({v.key, v.name(), [v](Configuration& c) { apply_variant(v, c); }});
+  for (const AssumptionVariant& v : known_assumption_variants())
+    all.push_back({v.key, v.name(), [v](Configuration& c) { apply_variant(v, c); }});
   return all;
 }
 

@@ -222,8 +222,7 @@ inline void HandLab::check_plan() const {
     require_seen(g.joints_rad);
     for (const HandTouch& c : g.touches) {
       require_in_range("link of a touch", c.link, 0, 3, "");
-      const auto [from, to] = light_->reach_m();
-      require_in_range("place of a touch", 1e3 * c.y_m, 1e3 * from, 1e3 * to, "mm");
+      light_->require_reached("place of a touch", c.y_m);
       require_in_range("load of a touch", c.load_N, 0.0, hand_.rig.specimen.bears_N(light_->max_load_N()), "N");
     }
   }

@@ -81,6 +81,11 @@ class PadLight {
     const double last = r_.place_m[r_.place_m.size() - 1];
     return {r_.equal_ends() ? -last : r_.place_m[0], last};
   }
+  /// Throws InvalidArgument for a place beyond them; `what` names it.
+  void require_reached(const char* what, double y_m) const {
+    const auto [from, to] = reach_m();
+    require_in_range(what, 1e3 * y_m, 1e3 * from, 1e3 * to, "mm");
+  }
   /// Where light was computed, mirror images included.
   std::vector<double> places_m() const {
     std::vector<double> all(r_.place_m.begin(), r_.place_m.end());
@@ -95,13 +100,13 @@ class PadLight {
   double scale_to(double level, double brightest) const {
     double sum = 0.0, most = 0.0;
     int bins = 0;
-    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b) {
-      for (const Eigen::MatrixXd& change : r_.change)
-        most = std::max(most, r_.unloaded[b] + change(b, change.cols() - 1));
-      if (std::abs(r_.position_m[b]) > 25e-3) continue;
-      sum += r_.unloaded[b];
-      ++bins;
-    }
+    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b)
+      if (std::abs(r_.position_m[b]) <= 25e-3) {
+        sum += r_.unloaded[b];
+        ++bins;
+      }
+    for (const Eigen::MatrixXd& change : r_.change)
+      most = std::max(most, (r_.unloaded + change.rightCols<1>()).maxCoeff());
     return std::min(level * bins / sum, brightest / std::max(most, 1e-300));
   }
 

@@ -146,8 +146,7 @@ inline VirtualRig::VirtualRig(
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
   require_in_range("frames of a plan", plan_.frames_per_s, 0.0, 1000.0, "1/s");
   for (const LabContact& c : plan_.contacts) {
-    require_in_range(
-        "place of a contact", 1e3 * c.y_m, 1e3 * light.reach_m().first, 1e3 * light.reach_m().second, "mm");
+    light.require_reached("place of a contact", c.y_m);
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
     require_in_range("place's number", c.place, 0, 1000, "");
     for (const LoadStep& s : c.steps) {

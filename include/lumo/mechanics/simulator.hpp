@@ -85,12 +85,13 @@ class PreparedBody {
       const ContactSums sums = add_contact_forces(surface, maker_.contact, rigid, x, nullptr);
       s.force_N = sums.push_N + s.friction_push_N;
       s.penetration_m = sums.penetration_m;
-      s.contact_area_m2 = contact_area(surface, c.field, x);
-      s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
       if (const double margin = record_margin(maker_.contact); margin > 0.0) {
         s.recorded = recorded_triangles(surface, rigid, x, margin);
         s.contact_area_m2 = recorded_area(surface, s.recorded, x);
         s.reference_area_m2 = recorded_area(surface, s.recorded, positions_of(*mesh_));
+      } else {
+        s.contact_area_m2 = contact_area(surface, c.field, x);
+        s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
       }
       s.contact_field = std::move(c.field);
       s.pressure_Pa = std::move(c.pressure_Pa);

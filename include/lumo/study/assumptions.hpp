@@ -207,6 +207,13 @@ inline std::vector<AssumptionVariant> absorption_variants() {
   return all;
 }
 
+/// All of both lists.
+inline std::vector<AssumptionVariant> known_assumption_variants() {
+  std::vector<AssumptionVariant> all = all_assumption_variants();
+  for (AssumptionVariant& v : absorption_variants()) all.push_back(std::move(v));
+  return all;
+}
+
 /// A design under the usual assumptions, then under each variant; a failure in one leaves the others whole. Equilibria
 /// that a variant does not move are found once. If the usual assumptions fail, no variant can be compared with them:
 /// their result is the only one. `pipeline_for(assumptions)` gives the tools with their silicone and friction. Throws

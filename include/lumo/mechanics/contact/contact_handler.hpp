@@ -42,17 +42,17 @@ template <ContactHandler Contact> double friction_coefficient(const Contact& con
   else return 0.0;
 }
 
-/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
-template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
-  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
-  else return 0.0;
-}
-
 /// The same with the carrier: as with the tool, unless the law has one of its own.
 template <ContactHandler Contact> double carrier_friction(const Contact& contact) {
   if constexpr (requires { contact.carrier_friction; })
     return contact.carrier_friction.value_or(friction_coefficient(contact));
   else return friction_coefficient(contact);
+}
+
+/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
+template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
+  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
+  else return 0.0;
 }
 
 /// How near [m] a sub-triangle of the surface must come to a tool to belong to the contact set, as a collision pipeline
