@@ -223,6 +223,14 @@ class Files(unittest.TestCase):
             report["options_mm"],
             {"clearance": 0.1, "plate": 5, "wall": 9, "strip_width": 3, "strip_height": 1, "gate": 3, "vent": 1},
         )
+        # A file says the same, and the report's configuration is such a file.
+        file = self.folder / "casting.json"
+        file.write_text(json.dumps(report["configuration"]))
+        again = run("fabricate", "--config", file, "--quiet", "--out", self.folder / "again", "--json")
+        self.assertEqual(json.loads(again.stdout), report)
+        self.assertEqual(
+            (self.folder / "out/mould_a.stl").read_bytes(), (self.folder / "again/mould_a.stl").read_bytes()
+        )
         parts = {p["name"]: p for p in report["parts"]}
         for name, wanted in [("carrier", [35.5, 74, 10]), ("mould_a", [29.5 + 18, 12 + 9 + 3, 60 + 7.1 + 5.9 + 0])]:
             for edge, value in zip(parts[name]["box_mm"], wanted):
@@ -290,6 +298,9 @@ class Refusals(unittest.TestCase):
                 self.refused(USAGE, [f"{option} is '{text}'", limits], "--out", "o", option, text)
             for text in ["nan", "wide", ""]:
                 self.refused(USAGE, [option], "--out", "o", option, text)
+        done = run("fabricate", "--plate", "5", "--out", "o")  # of the finger as built
+        check_refusal(self, done, USAGE, ["casting.plate_mm", "flat carrier", "finger.carrier_height_mm"])
+        self.refused(USAGE, ["casting.wall_mm", "[7, 30] mm"], "--out", "o", "--set", "casting.wall_mm=6")
         self.refused(USAGE, ["LED strip width is 7 mm, must be at most 6.4 mm"], "--out", "o", "--strip-width", "7")
         self.refused(INFEASIBLE, ["t_min"], "--out", "o", "--theta", "2,6,8,5,0")
         self.refused(BAD_FILE, ["not a directory"], "--out", "/dev/null/x")

@@ -52,7 +52,9 @@ double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m
 Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
   const auto mass_g = [&](double volume_m3) { return number(grams(volume_m3, rubber.density_kg_per_m3)); };
   const Json half_g = number(0.5 * reserve * grams(volume.total(), rubber.density_kg_per_m3));
-  return {{"density_kg_per_m3", rubber.density_kg_per_m3}, {"source", "paper Table I"},
+  const bool known = rubber.name == "DS" || rubber.name == "Sol";
+  const bool of_paper = known && rubber.density_kg_per_m3 == silicone(rubber.name).density_kg_per_m3;
+  return {{"density_kg_per_m3", rubber.density_kg_per_m3}, {"source", of_paper ? "paper Table I" : "configuration"},
       {"pad_volume_mm3", number(1e9 * volume.pad)}, {"pad_mass_g", mass_g(volume.pad)},
       {"fits_volume_mm3", number(1e9 * volume.fits)}, {"openings_volume_mm3", number(1e9 * volume.openings)},
       {"cast_volume_mm3", number(1e9 * volume.total())}, {"cast_mass_g", mass_g(volume.total())},
@@ -61,9 +63,10 @@ Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
 }
 
 /// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
-std::string kit_of(const Pad& pad_request, const CastingOptions& chosen, bool as_json, Output& files) {
+std::string kit_of(const Configuration& asked, bool as_json, Output& files) {
+  const Pad& pad_request = asked.pad;
   const HalfSection s = casting_section(pad_request.design(), pad_request.finger.pad);
-  const CastingOptions o = chosen.made_for(pad_request.finger);
+  const CastingOptions o = asked.casting.made_for(pad_request.finger);
   const Silicone& rubber = pad_request.silicone;
   const std::vector<CastingPart> kit = casting_kit(s, o);
   const CastVolume volume = cast_volume(s, o);
@@ -96,6 +99,7 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& chosen, bool as
   j["opening_direction"] = numbers(std::vector{direction.x(), direction.y(), direction.z()});
   j["least_draft_deg"] = number(draft_deg);
   j["notes"] = remarks;
+  j["configuration"] = tree_of(asked);
   const std::string report = j.dump(2) + "\n";
 
   add_files(s, o, kit, files);
@@ -112,38 +116,32 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& chosen, bool as
 }
 
 struct Fabricate : Configured {
-  CastingOptions casting;  ///< in m
-  bool plate_typed = false;
-
   void declare(CLI::App& app) {
-    namespace limits = casting_limits;
     declare_configuration(app);
     add_pad(app, effective);
     add_text(app, "--out", out, "DIR", "Directory for the files; made when it is not there")->required();
-    const auto length = [&](const char* option, double& into_m, const Limits& admitted_mm, const char* what) {
-      const std::string help = lumo::message(what, " [mm], default ", short_number(1e3 * into_m));
-      add_value(app, option, "N", help, [this, &into_m, option, admitted_mm](const std::string& typed) {
-        into_m = 1e-3 * number_in(option, typed, admitted_mm, "mm");
-        plate_typed = plate_typed || &into_m == &casting.plate;
-      });
+    const auto length = [&](const char* flag, const std::string& path) {
+      const Setting& s = setting(path);
+      add_setting(
+          app, effective, flag, path, s.help + " [mm], default " + short_number(s.get(Configuration{}).get<double>()));
     };
-    length("--clearance", casting.clearance, limits::clearance_mm, "On each side between printed parts");
-    length("--plate", casting.plate, limits::plate_mm, "Thickness of the carrier's plate");
-    length("--wall", casting.wall, limits::wall_mm, "Of the mould about the pad");
-    length("--strip-width", casting.strip_width, limits::strip_width_mm, "Width of the LED strip");
-    length("--strip-height", casting.strip_height, limits::strip_height_mm, "Height of the LED strip with its LEDs");
-    length("--gate", casting.gate_diameter, limits::gate_mm, "Diameter of the gate at the pad");
-    length("--vent", casting.vent_diameter, limits::vent_mm, "Diameter of the vents at the pad");
+    length("--clearance", "casting.clearance_mm");
+    length("--plate", "casting.plate_mm");
+    length("--wall", "casting.wall_mm");
+    length("--strip-width", "casting.strip_width_mm");
+    length("--strip-height", "casting.strip_height_mm");
+    length("--gate", "casting.gate_mm");
+    length("--vent", "casting.vent_mm");
     add_common(app, *this);
   }
   void check() const {
     Configured::check();
-    if (plate_typed && asked().pad.finger.pad.shoulder_height > 0.0)
+    if (asked().casting.plate != CastingOptions{}.plate && asked().pad.finger.pad.shoulder_height > 0.0)
       throw UsageError(
-          "--plate is for a flat carrier; a stair's plate is set by finger.carrier_height_mm and "
+          "casting.plate_mm (--plate) is for a flat carrier; a stair's plate is set by finger.carrier_height_mm and "
           "finger.shoulder_height_mm");
   }
-  Result run(Output& files, Progress&) const { return kit_of(asked().pad, casting, json, files); }
+  Result run(Output& files, Progress&) const { return kit_of(asked(), json, files); }
 };
 
 }  // namespace

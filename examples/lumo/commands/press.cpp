@@ -10,7 +10,7 @@ namespace {
 struct Press : PressCommand {
   Result run(Output& files, Progress& progress) const {
     const PressResult result = make_press(asked(), progress);
-    return {present(asked(), json, result, files), failure_of(result.seen.scenarios)};
+    return {present(asked(), json, result, files), failure_of(asked(), result.seen.scenarios)};
   }
 };
 

@@ -18,14 +18,23 @@ std::string_view meaning(Status status) {
   }
 }
 
+/// What may help.
+std::string_view advice(Status status, const Configuration& asked) {
+  const bool slides = asked.pad.finger.pad.stem == Stem::free &&
+                      asked.mechanics.carrier_friction.value_or(asked.mechanics.friction) == 0.0;
+  if (status != Status::not_positive_definite || !slides) return "";
+  return "; friction on the stem may hold it: --assume carrier_friction_0.5";
+}
+
 }  // namespace
 
-std::string failure_of(const std::vector<ScenarioRecord>& scenarios) {
+std::string failure_of(const Configuration& asked, const std::vector<ScenarioRecord>& scenarios) {
   for (const ScenarioRecord& s : scenarios) {
     if (is_scored(s.status, true)) continue;  // who asked for a solver that holds gets what it holds
     const double load_N = s.states.empty() ? 0.0 : s.states.back().load_N;
     return lumo::message("no equilibrium at ", load_N, " N (", to_string(s.status), ": ", meaning(s.status),
-        "), sphere of ", mm(s.diameter_m), " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m), " mm");
+        "), sphere of ", mm(s.diameter_m), " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m), " mm",
+        advice(s.status, asked));
   }
   return "";
 }

@@ -9,7 +9,7 @@
 namespace lumo::program {
 
 /// What a press that found no equilibrium says; empty for one that did.
-std::string failure_of(const std::vector<ScenarioRecord>& scenarios);
+std::string failure_of(const Configuration& asked, const std::vector<ScenarioRecord>& scenarios);
 
 /// A command that presses one sphere on one pad.
 struct PressCommand : DesignCommand {

@@ -16,7 +16,7 @@ struct StudySolver : DesignCommand {
     const SolverStudy result = make_solver_study(asked(), threads, progress);
     std::vector<ScenarioRecord> presses;
     for (const SolverRow& row : result.rows) presses.push_back(row.scenario);
-    return {present(asked(), json, result, files), failure_of(presses)};
+    return {present(asked(), json, result, files), failure_of(asked(), presses)};
   }
 };
 

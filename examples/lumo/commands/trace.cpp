@@ -9,7 +9,7 @@ namespace {
 struct Trace : PressCommand {
   Result run(Output& files, Progress& progress) const {
     const TraceResult result = make_trace(asked(), threads, progress);
-    return {present(asked(), json, result, files), failure_of(result.press.seen.scenarios)};
+    return {present(asked(), json, result, files), failure_of(asked(), result.press.seen.scenarios)};
   }
 };
 

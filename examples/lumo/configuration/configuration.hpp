@@ -2,6 +2,7 @@
 
 #include "configuration/mechanics.hpp"
 
+#include "lumo/fabrication/casting_options.hpp"
 #include "lumo/mesh/size_field.hpp"
 #include "lumo/morphology/design.hpp"
 #include "lumo/morphology/finger_options.hpp"
@@ -81,6 +82,7 @@ struct Configuration {
   LightEffort light;
   Search search;
   LabSettings lab;
+  CastingOptions casting;  ///< without what the finger decides
 
   bool operator==(const Configuration&) const = default;
 };

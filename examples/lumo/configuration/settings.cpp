@@ -483,10 +483,28 @@ Settings efforts() {
           [](auto& c) -> auto& { return c.lab.lamps; })};
 }
 
+Settings casting() {
+  namespace limits = casting_limits;
+  const auto part = [](const char* path, Limits limits_mm, const char* help, auto member) {
+    return length(
+        path, Mark::lumo, limits_mm, help, [member](auto& c) -> auto& { return c.casting.*member; });
+  };
+  using C = CastingOptions;
+  return {part("casting.clearance_mm", limits::clearance_mm, "On each side between printed parts", &C::clearance),
+      part("casting.plate_mm", limits::plate_mm, "Thickness of a flat carrier's plate; a stair's is the finger's own",
+          &C::plate),
+      part("casting.wall_mm", limits::wall_mm, "Of the mould about the pad", &C::wall),
+      part("casting.strip_width_mm", limits::strip_width_mm, "Width of the LED strip", &C::strip_width),
+      part("casting.strip_height_mm", limits::strip_height_mm, "Height of the LED strip with its LEDs",
+          &C::strip_height),
+      part("casting.gate_mm", limits::gate_mm, "Diameter of the gate at the pad", &C::gate_diameter),
+      part("casting.vent_mm", limits::vent_mm, "Diameter of the vents at the pad", &C::vent_diameter)};
+}
+
 Settings make_settings() {
   Settings all = design_and_silicone();
   for (auto* group : {&finger_shape, &touched_surface, &finger_light, &readout, &meshes, &mechanics_settings,
-           &contacts_settings, &efforts})
+           &contacts_settings, &efforts, &casting})
     add(all, group());
   return all;
 }

@@ -48,6 +48,7 @@ struct CastingOptions {
     o.recess = finger.recess;
     return o;
   }
+  bool operator==(const CastingOptions&) const = default;
 };
 
 /// Limits of the options in mm, for checks and for help texts.
