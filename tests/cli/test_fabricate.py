@@ -298,8 +298,9 @@ class Refusals(unittest.TestCase):
                 self.refused(USAGE, [f"{option} is '{text}'", limits], "--out", "o", option, text)
             for text in ["nan", "wide", ""]:
                 self.refused(USAGE, [option], "--out", "o", option, text)
-        done = run("fabricate", "--plate", "5", "--out", "o")  # of the finger as built
-        check_refusal(self, done, USAGE, ["casting.plate_mm", "flat carrier", "finger.carrier_height_mm"])
+        for plate in [["--plate", "4"], ["--plate", "5"], ["--set", "casting.plate_mm=5"]]:  # of the finger as built
+            done = run("fabricate", *plate, "--out", "o")
+            check_refusal(self, done, USAGE, ["casting.plate_mm", "flat carrier", "finger.carrier_height_mm"])
         self.refused(USAGE, ["casting.wall_mm", "[7, 30] mm"], "--out", "o", "--set", "casting.wall_mm=6")
         self.refused(USAGE, ["LED strip width is 7 mm, must be at most 6.4 mm"], "--out", "o", "--strip-width", "7")
         self.refused(INFEASIBLE, ["t_min"], "--out", "o", "--theta", "2,6,8,5,0")

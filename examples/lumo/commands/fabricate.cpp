@@ -116,17 +116,19 @@ std::string kit_of(const Configuration& asked, bool as_json, Output& files) {
 }
 
 struct Fabricate : Configured {
+  CLI::Option* plate = nullptr;
+
   void declare(CLI::App& app) {
     declare_configuration(app);
     add_pad(app, effective);
     add_text(app, "--out", out, "DIR", "Directory for the files; made when it is not there")->required();
     const auto length = [&](const char* flag, const std::string& path) {
       const Setting& s = setting(path);
-      add_setting(
+      return add_setting(
           app, effective, flag, path, s.help + " [mm], default " + short_number(s.get(Configuration{}).get<double>()));
     };
     length("--clearance", "casting.clearance_mm");
-    length("--plate", "casting.plate_mm");
+    plate = length("--plate", "casting.plate_mm");
     length("--wall", "casting.wall_mm");
     length("--strip-width", "casting.strip_width_mm");
     length("--strip-height", "casting.strip_height_mm");
@@ -136,7 +138,9 @@ struct Fabricate : Configured {
   }
   void check() const {
     Configured::check();
-    if (asked().casting.plate != CastingOptions{}.plate && asked().pad.finger.pad.shoulder_height > 0.0)
+    // A whole configuration has a plate even where there is none to choose.
+    const bool chosen = plate->count() > 0 || asked().casting.plate != CastingOptions{}.plate;
+    if (chosen && asked().pad.finger.pad.shoulder_height > 0.0)
       throw UsageError(
           "casting.plate_mm (--plate) is for a flat carrier; a stair's plate is set by finger.carrier_height_mm and "
           "finger.shoulder_height_mm");
