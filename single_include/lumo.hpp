@@ -2616,10 +2616,16 @@ inline void validate(const Silicone& s) {
   require_in_range("anisotropy of scattering", s.anisotropy, anisotropies, "");
 }
 
-/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
-inline Silicone silicone(std::string_view name) {
+/// Card by its short name, "DS" or "Sol"; none for any other.
+inline std::optional<Silicone> find_silicone(std::string_view name) {
   for (const Silicone& card : {dragon_skin(), solaris()})
     if (card.name == name) return card;
+  return std::nullopt;
+}
+
+/// The same. Throws InvalidArgument for any other name.
+inline Silicone silicone(std::string_view name) {
+  if (const std::optional<Silicone> card = find_silicone(name)) return *card;
   throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
 }
 

@@ -10,6 +10,7 @@
 #include "lumo/sense/recording/log_truth.hpp"
 
 #include <algorithm>
+#include <optional>
 #include <vector>
 
 namespace lumo::program {
@@ -117,10 +118,11 @@ struct Calibrate : LogCommand {
   Result run(Output&, Progress& progress) {
     const OpenLog opened = open_log(log, progress);
     const Session& session = opened.session;
-    if (session.theta_mm.size() != 5 || (session.material != "DS" && session.material != "Sol"))
+    const std::optional<Silicone> card = find_silicone(session.material);
+    if (session.theta_mm.size() != 5 || !card)
       throw InputError(opened.session_place() + ": theta_mm and material (DS or Sol) must describe the nominal pad");
     std::copy(session.theta_mm.begin(), session.theta_mm.end(), nominal.pad.theta_mm.begin());
-    nominal.pad.silicone = silicone(session.material);
+    nominal.pad.silicone = *card;
     nominal.pad.finger = nominal_finger(opened);
     try {
       require_feasible(nominal.pad.design(), nominal.pad.finger.pad);

@@ -11,6 +11,7 @@
 #include "report/present.hpp"
 
 #include <algorithm>
+#include <optional>
 #include <span>
 #include <sstream>
 #include <vector>
@@ -52,8 +53,8 @@ double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m
 Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
   const auto mass_g = [&](double volume_m3) { return number(grams(volume_m3, rubber.density_kg_per_m3)); };
   const Json half_g = number(0.5 * reserve * grams(volume.total(), rubber.density_kg_per_m3));
-  const bool known = rubber.name == "DS" || rubber.name == "Sol";
-  const bool of_paper = known && rubber.density_kg_per_m3 == silicone(rubber.name).density_kg_per_m3;
+  const std::optional<Silicone> card = find_silicone(rubber.name);
+  const bool of_paper = card && rubber.density_kg_per_m3 == card->density_kg_per_m3;
   return {{"density_kg_per_m3", rubber.density_kg_per_m3}, {"source", of_paper ? "paper Table I" : "configuration"},
       {"pad_volume_mm3", number(1e9 * volume.pad)}, {"pad_mass_g", mass_g(volume.pad)},
       {"fits_volume_mm3", number(1e9 * volume.fits)}, {"openings_volume_mm3", number(1e9 * volume.openings)},

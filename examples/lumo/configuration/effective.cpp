@@ -250,7 +250,7 @@ bool Effective::gives(const std::string& group) const {
 
 void Effective::check_silicone() const {
   const std::string& card = value_.pad.silicone.name;
-  if (card == "DS" || card == "Sol") return;
+  if (find_silicone(card)) return;
   for (const Setting& s : settings())
     if (s.path.starts_with("silicone.") && !given_.contains(s.path))
       throw UsageError("silicone " + in_quotes(card) + " is none of DS and Sol, and " + s.path + " is missing");

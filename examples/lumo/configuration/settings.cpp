@@ -7,6 +7,7 @@
 #include <charconv>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 namespace lumo::program {
@@ -117,7 +118,7 @@ Settings design_and_silicone() {
       [](const Configuration& c) { return Json(c.pad.silicone.name); },
       [](Configuration& c, const Json& v) {
         const std::string word = v.get<std::string>();
-        if (word == "DS" || word == "Sol") c.pad.silicone = silicone(word);
+        if (const std::optional<Silicone> card = find_silicone(word)) c.pad.silicone = *card;
         else c.pad.silicone.name = word;
       }};
   using enum Mark;
