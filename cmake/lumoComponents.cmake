@@ -49,12 +49,16 @@ find_path(LUMO_CHOLMOD_INCLUDE cholmod.h PATH_SUFFIXES suitesparse)
 find_library(LUMO_CHOLMOD_LIBRARY cholmod)
 find_library(LUMO_SUITESPARSECONFIG_LIBRARY suitesparseconfig)
 find_library(LUMO_OPENBLAS_LIBRARY openblas)
-mark_as_advanced(LUMO_CHOLMOD_INCLUDE LUMO_CHOLMOD_LIBRARY LUMO_SUITESPARSECONFIG_LIBRARY LUMO_OPENBLAS_LIBRARY)
+find_library(LUMO_BLAS_LIBRARY blas)
+mark_as_advanced(LUMO_CHOLMOD_INCLUDE LUMO_CHOLMOD_LIBRARY LUMO_SUITESPARSECONFIG_LIBRARY LUMO_OPENBLAS_LIBRARY
+  LUMO_BLAS_LIBRARY)
 if(LUMO_CHOLMOD_INCLUDE AND LUMO_CHOLMOD_LIBRARY AND LUMO_SUITESPARSECONFIG_LIBRARY)
   set(lumo_libraries "${LUMO_CHOLMOD_LIBRARY};${LUMO_SUITESPARSECONFIG_LIBRARY}")
   if(LUMO_OPENBLAS_LIBRARY)
-    # No program calls OpenBLAS itself, so a linker that drops unused libraries would drop it.
+    # Not every program calls OpenBLAS itself: a linker that drops unused libraries would drop it.
     list(PREPEND lumo_libraries "-Wl,--push-state,--no-as-needed" "${LUMO_OPENBLAS_LIBRARY}" "-Wl,--pop-state")
+  elseif(LUMO_BLAS_LIBRARY)
+    list(APPEND lumo_libraries "${LUMO_BLAS_LIBRARY}")
   endif()
   lumo_component(cholmod "${LUMO_CHOLMOD_INCLUDE}" ${lumo_libraries})
   unset(lumo_libraries)

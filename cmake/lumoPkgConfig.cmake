@@ -55,10 +55,14 @@ lumo_pkg_config_of(tetgen "TetGen (AGPL-3+): tetrahedral meshes")
 lumo_pkg_config_of(embree "Embree (Apache-2.0): rays")
 if(TARGET lumo::cholmod)
   lumo_flags_of(cflags libs "${LUMO_CHOLMOD_INCLUDE}" ${LUMO_CHOLMOD_LIBRARY} ${LUMO_SUITESPARSECONFIG_LIBRARY})
-  if(LUMO_OPENBLAS_LIBRARY)   # first, and although no program calls it: see lumoComponents.cmake
+  if(LUMO_OPENBLAS_LIBRARY)   # first, and although not every program calls it: see lumoComponents.cmake
     lumo_flags_of(unused blas "" ${LUMO_OPENBLAS_LIBRARY})
     string(REPLACE "Libs:" "" blas "${blas}")
     string(REPLACE "Libs:" "Libs: -Wl,--push-state,--no-as-needed${blas} -Wl,--pop-state" libs "${libs}")
+  elseif(LUMO_BLAS_LIBRARY)
+    lumo_flags_of(unused blas "" ${LUMO_BLAS_LIBRARY})
+    string(REPLACE "Libs:" "" blas "${blas}")
+    string(APPEND libs "${blas}")
   endif()
   lumo_pkg_config(lumo-cholmod "lumo with CHOLMOD (LGPL-2.1+, its supernodal part GPL-2+): sparse Cholesky factors"
     "Requires: lumo = ${PROJECT_VERSION}\n${cflags}\n${libs}")

@@ -4,6 +4,7 @@
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 
 #include <cstdio>
@@ -19,7 +20,7 @@ int main() {
   const TetMesh mesh = mesh_for_contact(body, coarse, std::vector{scenario}, mesher);
 
   // `Simulator<NeoHookean, SDFContact>` alone needs nothing but Eigen; CHOLMOD makes it fast.
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
 
   std::printf("%zu nodes, %zu elements\n load [N]  depth [mm]  contact [mm2]  residual [N]  status\n",

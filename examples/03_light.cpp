@@ -6,6 +6,7 @@
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 
 #include <cstdio>
@@ -17,7 +18,7 @@ int main() {
   const Scenario<Sphere> scenario{.indenter = {.diameter_m = 20.0_mm}, .y_m = 11.0_mm, .loads_N = {5.0}};
   const TetgenMesher mesher;
   const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario}, mesher);
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const MechanicalState pressed = simulator.press(body, mesh, scenario).front();
 

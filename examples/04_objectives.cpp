@@ -4,6 +4,7 @@
 #include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 
@@ -16,7 +17,7 @@ int main() {
   ensemble.diameters_m = {10.0_mm, 30.0_mm};
   ensemble.places_m = {0.0_mm, 11.0_mm};
 
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>>;
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   const Pipeline<TetgenMesher, Simulation, Light> pipeline{
       {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};

@@ -5,6 +5,7 @@
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/sqlite.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
@@ -21,7 +22,7 @@ int main(int argc, char** argv) {
   FingerOptions coarse = plain_finger();  // pressed in a quarter of the time
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
 
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>>;
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   Pipeline<TetgenMesher, Simulation, Light> pipeline{
       {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};  // before the store: the mesher forks

@@ -9,6 +9,7 @@
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/json.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/opencv.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
@@ -32,7 +33,7 @@ int main(int argc, char** argv) {
   const PadGrid grid{
       .load_N = {2.0, 5.0, 10.0, 15.0}, .place_m = even_places(0.0, 26.0_mm, 13.0_mm), .tilt_place_m = {13.0_mm}};
   using Light = Tracer<BeerLambert, SideSight, Embree>;
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>>;
   Pipeline<TetgenMesher, Simulation, Light> pipeline{{}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}},
       Light({.rays_per_emitter = 1 << 14, .exit_rays = 1 << 17}, sight)};
   pipeline.focus = {1.2e-3, 0.4, 1.0};

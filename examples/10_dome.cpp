@@ -9,6 +9,7 @@
 #include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/opencv.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
@@ -75,7 +76,8 @@ int main() {
   Image picture = Image::black(3 * n * zoom, 2 * n * zoom);
   for (int row = 0; const auto& [ring_mm, tilt_deg, mu_Pa] :
        std::vector<std::array<double, 3>>{{6.0, 0.0, 100.0_kPa}, {10.0, 40.0, 120.0_kPa}}) {  // mu: of the gel
-    const Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>, decltype(light)>
+    const Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>>,
+        decltype(light)>
         tools{{}, {{mu_Pa, 99.0 * mu_Pa}}, light, {0.6_mm, 0.4, 1.0}};
     const Scores s = evaluate(dome(ring_mm, tilt_deg), presses, tools, TbbExecutor{2}, std::tuple{&contrast});
     if (!s.converged) return 1;

@@ -13,6 +13,7 @@
 #include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 
 #include <array>
@@ -105,7 +106,7 @@ double at_contact(const Observations& seen, std::size_t place) {
   return regions(0, Eigen::Index((places_m[place] + 27.5e-3) / 5e-3)) / rest;
 }
 
-using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>>;
 using Light = Tracer<ScatteringMedium, ExitPower, Embree>;
 using Stages = Pipeline<TetgenMesher, Simulation, Light>;
 

@@ -21,6 +21,7 @@
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 
 using namespace lumo;
 using namespace lumo::micro;
@@ -182,6 +183,9 @@ TEST_CASE("mechanics: linear systems", "[mechanics]") {
   Cholmod cholmod;
   eigen.analyze(K);
   cholmod.analyze(K);
+  MixedCholesky mixed;
+  mixed.analyze(K);
+  REQUIRE(mixed.factorize(K) == FactorStatus::positive_definite);
   REQUIRE(eigen.factorize(K) == FactorStatus::positive_definite);
   REQUIRE(cholmod.factorize(K) == FactorStatus::positive_definite);
   const Eigen::MatrixXd rhs = tangent.coupling;
@@ -198,8 +202,10 @@ TEST_CASE("mechanics: linear systems", "[mechanics]") {
   };
   BENCHMARK(named("factorisation", input, "EigenCholesky")) { return eigen.factorize(K); };
   BENCHMARK(named("factorisation", input, "Cholmod")) { return cholmod.factorize(K); };
+  BENCHMARK(named("factorisation", input, "MixedCholesky")) { return mixed.factorize(K); };
   BENCHMARK(named("solution with a factor", input, "EigenCholesky")) { return eigen.solve(rhs); };
   BENCHMARK(named("solution with a factor", input, "Cholmod")) { return cholmod.solve(rhs); };
+  BENCHMARK(named("solution with a factor", input, "MixedCholesky")) { return mixed.solve(rhs); };
 
   SecantPairs pairs;
   const Eigen::VectorXd b = rhs.col(0);

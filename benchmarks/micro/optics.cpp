@@ -15,7 +15,7 @@ using namespace lumo::micro;
 namespace {
 
 OpticalScene pressed_scene(const PressedPad& pad) {
-  return {pad.body, pad.mesh, pad.state.displacement, pad.state.contact_field, {true, true}, {}};
+  return {pad.body, pad.mesh, {pad.state.displacement, pad.state.contact_field}, {true, true}, {}};
 }
 
 struct Ray {

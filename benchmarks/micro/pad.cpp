@@ -6,6 +6,7 @@
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 
 namespace lumo::micro {
 
@@ -19,7 +20,7 @@ const PressedPad& pressed_pad() {
     p.mesh = mesh_for_contact(p.body, mesh_body(p.body, SweptMesher{}), std::vector{p.ball}, SweptMesher{},
         {.finest = 0.7_mm, .growth = 0.5});
     p.touch = first_touch(p.body, p.mesh, p.ball);
-    const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+    const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{
         NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
     p.state = simulator.press(p.body, p.mesh, p.ball).back();
     if (p.state.status != Status::converged) throw Error("the pad of the benchmarks has no equilibrium");

@@ -8,6 +8,7 @@
 #include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 
 #include <cstdio>
@@ -60,7 +61,7 @@ int main() {
         const Body body = finger(d, silicone, options);
         const std::vector<Scenario<Sphere>> scenarios{{Sphere{10.0_mm}, 0.0, 0.0, {1.0}}};
         const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), scenarios, mesher);
-        const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+        const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{
             NeoHookean{silicone.mu_Pa, silicone.lambda_Pa}};
         const MechanicalState state = simulator.prepare(body, mesh).press(scenarios[0])[0];
         const Symmetry symmetry = symmetry_of(body, mesh, scenarios[0]);

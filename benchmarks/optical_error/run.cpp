@@ -8,6 +8,7 @@
 #include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 
@@ -27,7 +28,7 @@ using namespace lumo;
 namespace {
 
 using Light = Tracer<BeerLambert, ExitPower, Embree>;
-using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>>;
 
 /// Presses each scenario once and remembers its states, so that both settings light the same equilibria.
 struct RememberedPresses {

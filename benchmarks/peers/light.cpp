@@ -29,7 +29,7 @@ namespace fs = std::filesystem;
 using Light = Tracer<BeerLambert, ExitPower, Embree>;
 
 void write_scene(const fs::path& dir, const Body& body, const TetMesh& mesh) {
-  const OpticalScene scene(body, mesh, {}, {}, {}, Light::Config{}.scene);
+  const OpticalScene scene(body, mesh, {}, {}, Light::Config{}.scene);
   std::vector<double> corners, normals;
   std::vector<int> diffuse;
   double albedo = 0.0;

@@ -13,6 +13,7 @@
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 
 #include <cstdio>
@@ -39,7 +40,7 @@ int quadratic(double finest_m, double contact_edge_m) {
   const TetMesh mesh =
       mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario}, mesher, {.finest = finest_m});
   const double begun = processor_seconds();
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const MechanicalState s = simulator.press(body, mesh, scenario).back();
   const double pressed = processor_seconds();

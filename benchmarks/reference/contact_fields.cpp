@@ -8,6 +8,7 @@
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 
 #include <cmath>
@@ -20,7 +21,7 @@ using namespace lumo;
 int main(int argc, char** argv) {
   const Focus focus{.finest = Focus{}.finest * (argc > 1 ? std::atof(argv[1]) : 1.0)};
   const Silicone card = dragon_skin();
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const TetgenMesher mesher;
   std::printf("| θ [mm] | d [mm] | y [mm] | 1 N | 2 N | 5 N | 10 N | 15 N |\n|---|---|---|---|---|---|---|---|\n");

@@ -9,6 +9,7 @@
 #include "lumo/morphology/finger.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "taylor_hood.hpp"
 
@@ -160,7 +161,7 @@ Row own_solution(const Case& c, const std::string& level, const TetgenMesher& me
   const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), place, mesher, focus);
   const Stopwatch clock;
   const Silicone card = dragon_skin();
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{
       NeoHookean{card.mu_Pa, card.lambda_Pa}};
   const auto states = simulator.press(body, mesh, c.scenario());
   row.seconds = clock.seconds();

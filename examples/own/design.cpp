@@ -8,6 +8,7 @@
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 
@@ -26,7 +27,7 @@ int main() {
   //! [tools]
   const own::Demiray material{.mu = card.mu_Pa, .b = 1.0, .lambda = card.lambda_Pa};
   const own::SoftSkin contact{.thickness_m = 50e-6};
-  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, QuasiStatic<Cholmod>> simulator{material, contact};
+  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{material, contact};
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   const Light light({.rays_per_emitter = 1 << 12, .carrier_rays = 1 << 14, .exit_rays = 1 << 16});
   Pipeline<TetgenMesher, decltype(simulator), Light> pipeline{{}, simulator, light};

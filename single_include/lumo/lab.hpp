@@ -24,6 +24,7 @@
 
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -55,6 +56,7 @@
 #include <mutex>
 #include <numeric>
 #include <optional>
+#include <queue>
 #include <set>
 #include <span>
 #include <sstream>
@@ -4632,6 +4634,14 @@ concept LinearSolver = std::copyable<S> && std::default_initializable<S> &&
   { solver.solve(rhs) } -> std::convertible_to<Eigen::MatrixXd>;
 };
 
+/// One whose factor is an approximation that its solutions are refined from. precondition() is a solution as the factor
+/// gives it, to some digits; certify() states whether the matrix itself is positive definite.
+template <class S>
+concept RefiningSolver = LinearSolver<S> && requires(S solver, const Eigen::VectorXd& rhs) {
+  { solver.precondition(rhs) } -> std::convertible_to<Eigen::VectorXd>;
+  { solver.certify() } -> std::same_as<FactorStatus>;
+};
+
 /// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal
 /// one.
 class EigenCholesky {
@@ -5464,6 +5474,10 @@ class ContactSurface {
   }
 
   MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
+  /// The same at the face's node k.
+  MaterialPoint material(std::size_t f, std::size_t k) const {
+    return {mesh_->nodes[std::size_t(faces_[f].nodes[k])], faces_[f].patch};
+  }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
   std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
@@ -5840,6 +5854,58 @@ struct FrictionHistory {
 
 #endif
 
+// ---- lumo/mesh/contact_slope.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_CONTACT_SLOPE_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_CONTACT_SLOPE_HPP
+
+namespace lumo {
+
+/// How a surface leans away from the rigid thing that it touches, at one node: the surface's outward normal there is
+/// `normal` + hertz_slope(opening)·tilt, made unit. All but `normal` may be interpolated across the edge of contact,
+/// where the slope of the surface itself has a vertical tangent.
+struct ContactSlope {
+  Vec3d normal = Vec3d::Zero();  ///< into the rigid thing, unit; the surface's own where it touches; 0: not known
+  Vec3d tilt = Vec3d::Zero();
+  double opening = -1.0;  ///< q = (r² − a²)/a² of a round contact of radius a; < 0 where it touches
+  double weight = 0.0;    ///< 1 at the contact, falling to 0 where this says nothing of the surface
+};
+
+/// In the middle between two nodes.
+inline ContactSlope midway(const ContactSlope& a, const ContactSlope& b) {
+  return {
+      0.5 * (a.normal + b.normal), 0.5 * (a.tilt + b.tilt), 0.5 * (a.opening + b.opening), 0.5 * (a.weight + b.weight)};
+}
+
+/// Gap beside a round contact of two smooth elastic bodies at q = (r² − a²)/a² ≥ 0, in units of a²/(πR): √q + (q − 1)
+/// atan √q. Source: Hertz 1882; Johnson 1985, eq. (3.42).
+inline double hertz_gap(double q) {
+  const double s = std::sqrt(q);
+  return s + (q - 1.0) * std::atan(s);
+}
+
+/// Its derivative; 0 inside the contact.
+inline double hertz_slope(double q) {
+  if (!(q > 0.0)) return 0.0;
+  const double s = std::sqrt(q);
+  return std::atan(s) + s / (1.0 + q);
+}
+
+/// The q ≥ 0 at which hertz_gap(q) = gap.
+inline double hertz_opening(double gap) {
+  if (!(gap > 0.0)) return 0.0;
+  double q = std::cbrt(0.5625 * gap * gap);  // (3/4 gap)^(2/3), from below; hertz_gap is convex
+  for (int k = 0; k < 50; ++k) {
+    const double step = (gap - hertz_gap(q)) / hertz_slope(q);
+    q += step;
+    if (std::abs(step) <= 1e-14 * q) break;
+  }
+  return q;
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/mechanics/contact/state.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_STATE_HPP
@@ -5883,6 +5949,8 @@ struct MechanicalState {
   /// Contact field per mesh node: > 0 in contact with the indenter, < 0 outside; −infinity on nodes that it cannot
   /// touch. Linear on the sub-facets of the surface (corners and edge middles); the contact set is {φ > 0}.
   std::vector<double> contact_field;
+  /// How the surface leans away from the indenter, and from the carrier, per mesh node; may be empty.
+  std::vector<ContactSlope> tool_slopes, carrier_slopes;
   /// The contact set by records (record_margin): is each sub-triangle of the touchable surface, in its order, in it?
   /// Empty: it is {φ > 0}.
   std::vector<char> recorded;
@@ -6067,6 +6135,479 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
 
 #endif
 
+// ---- lumo/mechanics/contact/contact_edge.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_EDGE_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_EDGE_HPP
+
+namespace lumo {
+
+namespace detail {
+
+// Nodes of a surface beside a rigid thing, numbered among themselves.
+struct SurfaceNodes {
+  std::vector<int> mesh_node;
+  std::vector<Vec3d> place;                   // now [m]
+  std::vector<Vec3d> away;                    // gradient of the rigid thing's signed distance
+  std::vector<double> gap;                    // [m]; infinite where there is nothing to touch
+  std::vector<double> area;                   // of the undeformed surface that is a node's [m²]
+  std::vector<std::array<int, 3>> triangles;  // sub-triangles
+  std::vector<int> first, neighbour;          // along edges of sub-triangles: neighbour[first[k]] …
+
+  std::size_t size() const { return mesh_node.size(); }
+  std::span<const int> around(std::size_t k) const {
+    return {neighbour.data() + first[k], std::size_t(first[k + 1] - first[k])};
+  }
+};
+
+// Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
+template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
+  const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (std::size_t part = 0; part < parts; ++part) {
+      std::array<int, 3> node;
+      for (std::size_t k = 0; k < 3; ++k)
+        node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
+      const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
+      visit(0.5 * (b - a).cross(c - a).norm(), node);
+    }
+}
+
+template <class Tool>
+SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
+  SurfaceNodes s;
+  std::vector<int> number(std::size_t(x.cols()), -1);
+  const std::size_t corners = std::size_t(surface.nodes_per_face());
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (std::size_t k = 0; k < corners; ++k) {
+      const int node = surface.face(f).nodes[k];
+      if (number[std::size_t(node)] >= 0) continue;
+      number[std::size_t(node)] = int(s.size());
+      s.mesh_node.push_back(node);
+      const Vec3d at = x.col(node);
+      const DistanceSample d = rigid.sample(at, surface.material(f, k));
+      s.place.push_back(at);
+      s.gap.push_back(d.distance);
+      s.away.push_back(d.gradient);
+    }
+  s.area.assign(s.size(), 0.0);
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f)) {
+      const std::array<int, 3> corner = corners == 6 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
+      for (std::size_t k = 0; k < 3; ++k)
+        s.area[std::size_t(number[std::size_t(surface.face(f).nodes[std::size_t(corner[k])])])] += p.area_m2 * p.hat[k];
+    }
+  std::vector<std::pair<int, int>> edges;
+  for_sub_triangles(surface, x, [&](double, const std::array<int, 3>& node) {
+    std::array<int, 3> t;
+    for (std::size_t k = 0; k < 3; ++k) t[k] = number[std::size_t(node[k])];
+    s.triangles.push_back(t);
+    for (std::size_t k = 0; k < 3; ++k) {
+      edges.emplace_back(t[k], t[(k + 1) % 3]);
+      edges.emplace_back(t[(k + 1) % 3], t[k]);
+    }
+  });
+  std::sort(edges.begin(), edges.end());
+  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+  s.first.assign(s.size() + 1, 0);
+  for (const auto& [a, b] : edges) {
+    ++s.first[std::size_t(a) + 1];
+    s.neighbour.push_back(b);
+  }
+  for (std::size_t k = 0; k < s.size(); ++k) s.first[k + 1] += s.first[k];
+  return s;
+}
+
+// The edge of contact, found from the gap beside it. Raw overlaps are no measure of contact: they are a few µm and
+// perforated by the facets' sag. The gap of a smooth contact rises as the distance to its edge to the power 3/2, and
+// Hertz's law for round contacts (hertz_gap), turned about, makes of it Y = (r² − a²)/2a, which is a quadratic of the
+// place and passes through the edge with slope 1. A quadratic is fitted to Y about every node near the edge; its zero
+// is the edge, and its slope, put back into the law, is the surface's slope against the rigid thing. Radius and
+// stiffness of the law are each contact's own, found so that slope 1 holds in the mean.
+class ContactEdge {
+ public:
+  // Nodes that are nearer than `tolerance` [m] are taken to touch at first.
+  ContactEdge(const SurfaceNodes& nodes, double tolerance) : s_(&nodes) {
+    for (std::size_t k = 0; k < s_->size(); ++k) spacing_.push_back(std::sqrt(lattice * s_->area[k]));
+    find_parts(tolerance);
+    if (parts_.empty()) return;
+    spread();
+    mark_rings();
+    sort_into_cells();
+    guess_laws();
+    for (int pass = 0; pass < most_passes && adjust(); ++pass) {
+    }
+    fit_field();
+  }
+
+  // Signed distance [m] of each node to the edge, > 0 inside.
+  const std::vector<double>& field() const { return field_; }
+
+  std::vector<ContactSlope> slopes() const {
+    std::vector<ContactSlope> all(s_->size());
+    for (std::size_t k = 0; k < s_->size(); ++k) {
+      if (part_[k] < 0) continue;
+      const Part& part = parts_[std::size_t(part_[k])];
+      const std::optional<Fit> fit = touches_[k] || ring_[k] ? fits_[k] : lifted(k);
+      if (!fit && !touches_[k]) continue;
+      const double to_edge = way_[k] / reach(k, part);
+      ContactSlope& slope = all[k];
+      slope.normal = -s_->away[k];
+      slope.weight = touches_[k] || ring_[k] ? 1.0 : std::clamp(2.0 - 2.0 * to_edge, 0.0, 1.0);
+      if (!fit) continue;
+      slope.opening = 2.0 * fit->value / part.radius;
+      slope.tilt = (2.0 * part.scale / part.radius) * fit->gradient;
+    }
+    return all;
+  }
+
+ private:
+  static constexpr double lattice = 1.15;         // 2/√3: spacing² over the area of a node of equilateral triangles
+  static constexpr double wanted_reach = 8.0;     // of the fit, in spacings of the nodes
+  static constexpr double least_reach = 3.0;      // the same
+  static constexpr double most_of_radius = 0.75;  // beyond, the gap is no quadratic under Hertz's law
+  static constexpr double way_looked_at = 2.0;    // of the reach: what a fit at the reach's end needs
+  static constexpr int rings = 2;                 // nodes this near to the edge, in edges, are placed by the fit
+  static constexpr int most_passes = 20;
+  static constexpr double least_change = 0.7;    // of radius and scale in a pass
+  static constexpr double settled = 1e-3;        // of radius and scale
+  static constexpr double circle_reach2 = 12.0;  // squared reach of points of the edge, in spacings
+  static constexpr double believable = 0.3;      // logarithm of a slope over that of the nodes outside
+  static constexpr double flattest = 1e-9;       // ridge on second derivatives, of the sum of the weights
+
+  struct Part {
+    double radius;  // a: of the circle with as much area for its edge [m]
+    double scale;   // of the gap: a²/(πR) [m]
+  };
+  struct Fit {
+    double value;    // Y [m]
+    Vec3d gradient;  // in the plane at right angles to the gap
+    double bend;     // second derivative along the gradient [1/m]
+
+    // Signed distance to Y = 0, > 0 where Y < 0.
+    double distance() const {
+      const double steep = gradient.norm(), root = steep * steep - 2.0 * bend * value;
+      return -2.0 * value / (steep + std::sqrt(std::max(root, 0.0)));
+    }
+    // Slope at the edge, 1 under the right law.
+    double steepness(double radius) const {
+      return gradient.norm() / std::sqrt(std::max(1.0 + 2.0 * value / radius, 0.1));
+    }
+  };
+
+  // A point of the edge with the direction in which the gap opens there.
+  struct Sample {
+    int part;
+    Vec3d point, outward;
+    double spacing, steepness;
+  };
+
+  double reach(std::size_t k, const Part& part) const {
+    return std::max(std::min(wanted_reach * spacing_[k], most_of_radius * part.radius), least_reach * spacing_[k]);
+  }
+
+  // Connected nodes that touch.
+  void find_parts(double tolerance) {
+    const std::size_t n = s_->size();
+    touches_.assign(n, 0);
+    part_.assign(n, -1);
+    way_.assign(n, std::numeric_limits<double>::infinity());
+    ring_.assign(n, 0);
+    field_.resize(n);
+    for (std::size_t k = 0; k < n; ++k) touches_[k] = s_->gap[k] <= tolerance;
+    if (tolerance > 0.0 && std::none_of(touches_.begin(), touches_.end(), [](char t) { return t != 0; }))
+      touches_[std::size_t(std::min_element(s_->gap.begin(), s_->gap.end()) - s_->gap.begin())] = 1;
+    std::vector<std::size_t> open;
+    for (std::size_t k = 0; k < n; ++k) {
+      field_[k] = touches_[k] ? spacing_[k] : -s_->gap[k];
+      if (!touches_[k] || part_[k] >= 0) continue;
+      const int number = int(parts_.size());
+      double area = 0.0;
+      open.assign(1, k);
+      part_[k] = number;
+      while (!open.empty()) {
+        const std::size_t at = open.back();
+        open.pop_back();
+        area += s_->area[at];
+        for (const int other : s_->around(at))
+          if (touches_[std::size_t(other)] && part_[std::size_t(other)] < 0) {
+            part_[std::size_t(other)] = number;
+            open.push_back(std::size_t(other));
+          }
+      }
+      parts_.push_back({std::sqrt(area / pi), 0.0});
+    }
+  }
+
+  // Every free node belongs to the contact to which it has the shortest way.
+  void spread() {
+    using Step = std::pair<double, int>;
+    std::priority_queue<Step, std::vector<Step>, std::greater<>> next;
+    for (std::size_t k = 0; k < s_->size(); ++k)
+      if (touches_[k]) {
+        way_[k] = 0.0;
+        next.emplace(0.0, int(k));
+      }
+    while (!next.empty()) {
+      const auto [way, at] = next.top();
+      next.pop();
+      const std::size_t k = std::size_t(at);
+      if (way > way_[k] || way > way_looked_at * reach(k, parts_[std::size_t(part_[k])])) continue;
+      for (const int other : s_->around(k)) {
+        const std::size_t o = std::size_t(other);
+        const double longer = way + (s_->place[o] - s_->place[k]).norm();
+        if (!(s_->gap[o] < std::numeric_limits<double>::infinity()) || !(longer < way_[o])) continue;
+        way_[o] = longer;
+        part_[o] = part_[k];
+        next.emplace(longer, other);
+      }
+    }
+  }
+
+  // Nodes within `rings` edges of one of the other kind.
+  void mark_rings() {
+    for (std::size_t k = 0; k < s_->size(); ++k) {
+      if (part_[k] < 0) continue;
+      for (const int other : s_->around(k))
+        if (touches_[std::size_t(other)] != touches_[k]) ring_[k] = 1;
+    }
+    for (char ring = 1; ring < rings; ++ring)
+      for (std::size_t k = 0; k < s_->size(); ++k) {
+        if (part_[k] < 0 || ring_[k]) continue;
+        for (const int other : s_->around(k))
+          if (ring_[std::size_t(other)] == ring && touches_[std::size_t(other)] == touches_[k])
+            ring_[k] = char(ring + 1);
+      }
+  }
+
+  // Free nodes that a fit may use, by cells of space.
+  void sort_into_cells() {
+    for (std::size_t k = 0; k < s_->size(); ++k)
+      if (part_[k] >= 0) cell_ = std::max(cell_, reach(k, parts_[std::size_t(part_[k])]));
+    for (std::size_t k = 0; k < s_->size(); ++k)
+      if (part_[k] >= 0 && !touches_[k]) free_.push_back({cell_of(s_->place[k]), int(k)});
+    std::sort(free_.begin(), free_.end());
+    lifted_.assign(s_->size(), 0.0);
+  }
+  using Cell = std::array<long, 3>;
+  Cell cell_of(const Vec3d& p) const {
+    return {std::lround(p.x() / cell_), std::lround(p.y() / cell_), std::lround(p.z() / cell_)};
+  }
+  template <class Visit> void for_free_near(const Vec3d& p, Visit&& visit) const {
+    const Cell c = cell_of(p);
+    for (long i = -1; i <= 1; ++i)
+      for (long j = -1; j <= 1; ++j) {
+        const Cell low{c[0] + i, c[1] + j, c[2] - 1}, high{c[0] + i, c[1] + j, c[2] + 1};
+        for (auto at = std::lower_bound(free_.begin(), free_.end(), std::pair(low, -1));
+             at != free_.end() && at->first <= high; ++at)
+          visit(std::size_t(at->second));
+      }
+  }
+
+  // Scales that suit the free nodes, by their way to the contact.
+  void guess_laws() {
+    std::vector<std::vector<double>> scales(parts_.size());
+    for (const auto& [cell, number] : free_) {
+      const std::size_t k = std::size_t(number);
+      const std::size_t p = std::size_t(part_[k]);
+      const double out = std::max(way_[k] - 0.5 * spacing_[k], 0.25 * spacing_[k]) / parts_[p].radius;
+      if (way_[k] < least_reach * spacing_[k]) scales[p].push_back(s_->gap[k] / hertz_gap(out * (2.0 + out)));
+    }
+    for (std::size_t p = 0; p < parts_.size(); ++p) {
+      std::vector<double>& all = scales[p];
+      if (all.empty()) continue;
+      const auto middle = all.begin() + long(all.size() / 2);
+      std::nth_element(all.begin(), middle, all.end());
+      parts_[p].scale = *middle;
+    }
+  }
+
+  void lift() {
+    for (const auto& [cell, number] : free_) {
+      const std::size_t k = std::size_t(number);
+      const Part& part = parts_[std::size_t(part_[k])];
+      lifted_[k] = part.scale > 0.0 ? 0.5 * part.radius * hertz_opening(s_->gap[k] / part.scale) : 0.0;
+    }
+  }
+
+  // One step towards each contact's radius and scale; false: they have settled.
+  bool adjust() {
+    lift();
+    fit_field();
+    struct Sum {
+      double area = 0.0, length = 0.0, steepness = 0.0;
+      int count = 0;
+    };
+    std::vector<Sum> sums(parts_.size());
+    for (std::size_t k = 0; k < s_->size(); ++k)
+      if (fits_[k] && !touches_[k]) {
+        Sum& sum = sums[std::size_t(part_[k])];
+        sum.steepness += fits_[k]->steepness(parts_[std::size_t(part_[k])].radius);
+        ++sum.count;
+      }
+    for (const std::array<int, 3>& t : s_->triangles) measure(t, sums);
+    bool moved = false;
+    for (std::size_t p = 0; p < parts_.size(); ++p) {
+      if (!(sums[p].length > 0.0) || sums[p].count == 0 || !(sums[p].area > 0.0)) continue;
+      Part& part = parts_[p];
+      const Part before = part;
+      // Half-way, and never far: a wrong law makes islands, which make the next one worse.
+      const auto towards = [](double factor) {
+        return std::sqrt(std::clamp(factor, least_change, 1.0 / least_change));
+      };
+      part.radius *= towards(2.0 * sums[p].area / (sums[p].length * part.radius));
+      part.scale *= towards(std::pow(sums[p].steepness / sums[p].count, 1.5));
+      moved = moved || std::abs(part.radius - before.radius) > settled * part.radius ||
+              std::abs(part.scale - before.scale) > settled * part.scale;
+    }
+    return moved;
+  }
+
+  // Adds the part of a sub-triangle that is inside, and the length of the edge in it.
+  template <class Sums> void measure(const std::array<int, 3>& t, Sums& sums) const {
+    std::array<std::size_t, 3> at;
+    for (std::size_t k = 0; k < 3; ++k) at[k] = std::size_t(t[k]);
+    const auto inside = [&](std::size_t k) { return field_[at[k]] > 0.0; };
+    const int count = inside(0) + inside(1) + inside(2);
+    if (count == 0) return;
+    const std::size_t first = count == 3 || inside(0) == (count == 1) ? 0 : inside(1) == (count == 1) ? 1 : 2;
+    const int part = part_[at[first]] >= 0 ? part_[at[first]] : part_[at[(first + 1) % 3]];
+    if (part < 0) return;
+    auto& sum = sums[std::size_t(part)];
+    const Vec3d &a = s_->place[at[first]], b = s_->place[at[(first + 1) % 3]], c = s_->place[at[(first + 2) % 3]];
+    const double whole = 0.5 * (b - a).cross(c - a).norm();
+    if (count == 3) {
+      sum.area += whole;
+      return;
+    }
+    const double fa = field_[at[first]], fb = field_[at[(first + 1) % 3]], fc = field_[at[(first + 2) % 3]];
+    const double u = fa / (fa - fb), v = fa / (fa - fc);
+    sum.area += whole * (count == 1 ? u * v : 1.0 - u * v);
+    sum.length += (u * (b - a) - v * (c - a)).norm();
+  }
+
+  // Fits at free nodes give points of the edge. To nodes that touch, a fit has to be carried on; where it comes out
+  // with a slope that no contact has, and behind the first ring, they are placed by the circle through those points.
+  void fit_field() {
+    fits_.assign(s_->size(), std::nullopt);
+    samples_.clear();
+    for (const auto& [cell, number] : free_) {
+      const std::size_t k = std::size_t(number);
+      if (!ring_[k]) continue;
+      fits_[k] = lifted(k);
+      field_[k] = fits_[k] ? fits_[k]->distance() : -s_->gap[k];
+      // A node that is well outside by its own gap stays there.
+      if (field_[k] > 0.0 && lifted_[k] > 0.5 * spacing_[k]) field_[k] = -s_->gap[k];
+      if (!fits_[k]) continue;
+      const Vec3d outward = fits_[k]->gradient.normalized();
+      const Vec3d point = s_->place[k] + fits_[k]->distance() * outward;
+      samples_.push_back(
+          {part_[k], point, outward, spacing_[k], fits_[k]->steepness(parts_[std::size_t(part_[k])].radius)});
+    }
+    for (std::size_t k = 0; k < s_->size(); ++k) {
+      if (!ring_[k] || !touches_[k]) continue;
+      double usual = 1.0;
+      fits_[k] = inside(k, usual);
+      if (const std::optional<Fit> own = ring_[k] == 1 ? lifted(k) : std::nullopt)
+        if (std::abs(std::log(own->steepness(parts_[std::size_t(part_[k])].radius) / usual)) < believable)
+          fits_[k] = own;
+      field_[k] = fits_[k] ? fits_[k]->distance() : spacing_[k];
+      if (field_[k] < -0.5 * spacing_[k]) field_[k] = spacing_[k];
+    }
+  }
+
+  // Y at a node that touches, from the circle that fits the points of the edge about it best. Source: Guennebaud,
+  // Germann, Gross 2008 (algebraic spheres through oriented points).
+  // `steepness`: the mean of theirs.
+  std::optional<Fit> inside(std::size_t k, double& steepness) const {
+    const Vec3d p = s_->place[k], normal = s_->away[k];
+    const auto flat = [&](const Vec3d& v) -> Vec3d { return v - v.dot(normal) * normal; };
+    double w = 0.0, pn = 0.0, pp = 0.0, steep_sum = 0.0;
+    Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
+    for (const Sample& s : samples_) {
+      if (s.part != part_[k]) continue;
+      const Vec3d d = flat(s.point - p), out = flat(s.outward).normalized();
+      const double t = (s.point - p).squaredNorm() / (circle_reach2 * s.spacing * s.spacing);
+      if (t >= 1.0) continue;
+      const double weight = std::pow(1.0 - t, 4);
+      w += weight;
+      sum_p += weight * d;
+      sum_n += weight * out;
+      pn += weight * d.dot(out);
+      pp += weight * d.squaredNorm();
+      steep_sum += weight * s.steepness;
+    }
+    if (!(w > 0.0)) return std::nullopt;
+    steepness = steep_sum / w;
+    const double spread = pp - sum_p.squaredNorm() / w;
+    const double q = spread > 1e-12 * pp ? 0.5 * (pn - sum_p.dot(sum_n) / w) / spread : 0.0;
+    const Vec3d l = (sum_n - 2.0 * q * sum_p) / w;
+    const double c = -(l.dot(sum_p) + q * pp) / w;
+    // c + l·x + q x² at x = 0, as a distance along its slope; the circle's own root where it bends.
+    const double root = l.squaredNorm() - 4.0 * q * c, steep = l.norm();
+    if (!(steep > 0.0)) return std::nullopt;
+    const double out = root > 0.0 ? 2.0 * c / (steep + std::sqrt(root)) : c / steep;
+    const double a = parts_[std::size_t(part_[k])].radius, r = std::max(a + out, 0.1 * a);
+    return Fit{0.5 * (r * r - a * a) / a, (r / a / steep) * l, 1.0 / a};
+  }
+
+  // The quadratic through Y of the free nodes about node k. Y is known the better the wider the gap is.
+  std::optional<Fit> lifted(std::size_t k) const {
+    const Part& part = parts_[std::size_t(part_[k])];
+    if (!(part.scale > 0.0)) return std::nullopt;
+    const double h = reach(k, part);
+    const Vec3d normal = s_->away[k], across = std::abs(normal.x()) < 0.6 ? Vec3d::UnitX() : Vec3d::UnitY();
+    const Vec3d e1 = normal.cross(across).normalized(), e2 = normal.cross(e1);
+    using Vector6d = Eigen::Matrix<double, 6, 1>;
+    Eigen::Matrix<double, 6, 6> A = Eigen::Matrix<double, 6, 6>::Zero();
+    Vector6d b = Vector6d::Zero();
+    int count = 0;
+    for_free_near(s_->place[k], [&](std::size_t o) {
+      if (part_[o] != part_[k]) return;
+      const Vec3d d = (s_->place[o] - s_->place[k]) / h;
+      const double t = d.squaredNorm();
+      if (t >= 1.0) return;
+      const double u = e1.dot(d), v = e2.dot(d), gap = s_->gap[o] / part.scale;
+      const double w = (1.0 - t) * (1.0 - t) * gap * gap * s_->area[o];
+      Vector6d basis;
+      basis << 1.0, u, v, 0.5 * u * u, u * v, 0.5 * v * v;
+      A += w * basis * basis.transpose();
+      b += w * lifted_[o] * basis;
+      ++count;
+    });
+    if (count < 6) return std::nullopt;
+    for (int i = 3; i < 6; ++i) A(i, i) += flattest * A(0, 0);
+    const Vector6d c = A.ldlt().solve(b);
+    if (!c.allFinite()) return std::nullopt;
+    Fit fit;
+    fit.value = c[0];
+    fit.gradient = (c[1] * e1 + c[2] * e2) / h;
+    const double steep2 = c[1] * c[1] + c[2] * c[2];
+    if (!(steep2 > 0.0)) return std::nullopt;
+    fit.bend = (c[3] * c[1] * c[1] + 2.0 * c[4] * c[1] * c[2] + c[5] * c[2] * c[2]) / (steep2 * h * h);
+    return fit;
+  }
+
+  const SurfaceNodes* s_;
+  std::vector<double> spacing_;
+  std::vector<char> touches_;
+  std::vector<int> part_;    // contact that a node belongs to; −1: none
+  std::vector<double> way_;  // along edges, to the nearest node that touches [m]
+  std::vector<char> ring_;   // 1 beside the edge, 2 behind that, 0 elsewhere
+  std::vector<Part> parts_;
+  double cell_ = 0.0;
+  std::vector<std::pair<Cell, int>> free_;
+  std::vector<double> lifted_;            // Y [m]
+  std::vector<std::optional<Fit>> fits_;  // at nodes of the rings
+  std::vector<Sample> samples_;
+  std::vector<double> field_;
+};
+
+}  // namespace detail
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/mechanics/contact/contact_set.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SET_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SET_HPP
@@ -6077,6 +6618,7 @@ namespace lumo {
 struct ContactField {
   std::vector<double> field;  ///< > 0 in contact
   std::vector<double> pressure_Pa;
+  std::vector<ContactSlope> slopes;
 };
 
 /// Reference area of the intersection and of the union of two contact sets [m²].
@@ -6087,12 +6629,15 @@ struct SetOverlap {
   double ratio() const { return either > 0.0 ? both / either : 1.0; }
 };
 
-/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw
-/// overlaps are no measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a
-/// smooth contact grows as the distance to its edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3),
-/// scaled by its own slope, *is* that distance; inside it is continued linearly.
+/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes (see detail::ContactEdge), the
+/// pressure lumped there, and how the surface leans away from the rigid thing.
 template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
     const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
+
+/// How a surface leans away from what it rests on: where it touches, it lies on that; beyond, its slopes are too small
+/// for a law of the gap to be better than the faces themselves.
+template <class Tool> std::vector<ContactSlope> resting_slopes(
+    const TetMesh& mesh, const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
 template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x);
@@ -6153,124 +6698,18 @@ template <class S> struct ClipPolygon {
   }
 };
 
-// Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
-template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
-  const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
-  for (std::size_t f = 0; f < surface.size(); ++f)
-    for (std::size_t part = 0; part < parts; ++part) {
-      std::array<int, 3> node;
-      for (std::size_t k = 0; k < 3; ++k)
-        node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
-      const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
-      visit(0.5 * (b - a).cross(c - a).norm(), node);
-    }
-}
-
-// The fit of the edge of contact. Lengths are in spacings of the nodes.
-struct EdgeFit {
-  static constexpr double triangle = 2.3;  // 4/√3: edge² over the area of an equilateral triangle
-  static constexpr double lattice = 1.15;  // 2/√3: spacing² over the area of a node of such triangles
-  static constexpr double reach = 4.0;     // of what is looked at
-  static constexpr double nearest = 0.25;  // nearer, the kink inside a facet disturbs the gap
-  static constexpr double farthest = 2.0;  // farther, the fit has to reach too far
-  static constexpr double slope_reach2 = 16.0, circle_reach2 = 12.0;  // squared reach of the weights
-  static constexpr double least_slope2 = 0.25;                        // of the mean: the fit may not fall below
-};
-
-// A point of the edge of contact with the direction in which the gap opens there.
-struct EdgeSample {
-  Vec3d point;
-  Vec3d outward;
-  double spacing;  // of the nodes about it
-};
-
-// Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of
-// contact. With G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the
-// distance is 2 G / (α + slope).
-inline std::vector<EdgeSample> edge_of_contact(
-    const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
-  struct Free {
-    Vec3d middle, outward;
-    double power, slope, spacing;
-  };
-  std::vector<Free> free;
-  for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
-    std::array<double, 3> power;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double g = gap[std::size_t(node[k])];
-      if (!(g > tolerance)) return;
-      power[k] = std::cbrt(g * g);
-    }
-    const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
-    const Vec3d normal = e1.cross(e2);
-    const Vec3d gradient =
-        ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
-    const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
-        std::sqrt(EdgeFit::triangle * area)};
-    if (f.slope > 0.0 && f.power < EdgeFit::reach * f.spacing * f.slope) free.push_back(f);
-  });
-  std::vector<EdgeSample> samples;
-  for (const Free& f : free) {
-    if (f.power < EdgeFit::nearest * f.spacing * f.slope || f.power > EdgeFit::farthest * f.spacing * f.slope) continue;
-    double w = 0.0, g = 0.0, s = 0.0, gg = 0.0, gs = 0.0;
-    for (const Free& other : free) {
-      const double t = (other.middle - f.middle).squaredNorm() / (EdgeFit::slope_reach2 * f.spacing * f.spacing);
-      if (t >= 1.0 || other.power < EdgeFit::nearest * other.spacing * other.slope) continue;
-      const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
-      w += k;
-      g += k * other.power;
-      s += k * square;
-      gg += k * other.power * other.power;
-      gs += k * other.power * square;
-    }
-    const double spread = gg - g * g / w;
-    const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
-    const double start = std::max((s - bend * g) / w, EdgeFit::least_slope2 * s / w),
-                 here = std::max(start + bend * f.power, EdgeFit::least_slope2 * s / w);
-    samples.push_back(
-        {f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
-  }
-  return samples;
-}
-
-// Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann,
-// Gross 2008 (algebraic spheres through oriented points).
-inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3d& p) {
-  double w = 0.0, pn = 0.0, pp = 0.0;
-  Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
-  for (const EdgeSample& s : samples) {
-    const Vec3d d = s.point - p;
-    const double t = d.squaredNorm() / (EdgeFit::circle_reach2 * s.spacing * s.spacing);
-    if (t >= 1.0) continue;
-    const double k = std::pow(1.0 - t, 4);
-    w += k;
-    sum_p += k * d;
-    sum_n += k * s.outward;
-    pn += k * d.dot(s.outward);
-    pp += k * d.squaredNorm();
-  }
-  if (!(w > 0.0)) return std::nullopt;
-  const double spread = pp - sum_p.squaredNorm() / w;
-  const double q = spread > 1e-12 * pp ? 0.5 * (pn - sum_p.dot(sum_n) / w) / spread : 0.0;
-  const Vec3d l = (sum_n - 2.0 * q * sum_p) / w;
-  const double c = -(l.dot(sum_p) + q * pp) / w;
-  // c + l·x + q x² at x = 0, turned into a distance along its slope; the circle's own root where it bends.
-  const double root = l.squaredNorm() - 4.0 * q * c;
-  if (!(root > 0.0)) return -c / std::max(l.norm(), 1e-300);
-  return -2.0 * c / (l.norm() + std::sqrt(root));
-}
-
 }  // namespace detail
 
 template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
     const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
-  std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
-  ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
+  ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0),
+      std::vector<ContactSlope>(n)};
+  std::vector<double> area(n, 0.0);
   double overlap = 0.0;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const double g = rigid.distance(surface.position(f, p, x));
+      const double g = rigid.distance(surface.position(f, p, x), surface.material(f, p));
       overlap = std::max(overlap, -g);
       const std::array<int, 3> corner =
           mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
@@ -6280,25 +6719,28 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
         c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
       }
     }
-  for (std::size_t k = 0; k < n; ++k) {
-    if (area[k] <= 0.0) continue;
-    c.pressure_Pa[k] /= area[k];
-    spacing[k] = std::sqrt(detail::EdgeFit::lattice * area[k]);
-    gap[k] = rigid.distance(x.col(Eigen::Index(k)));
-  }
+  for (std::size_t k = 0; k < n; ++k)
+    if (area[k] > 0.0) c.pressure_Pa[k] /= area[k];
+  const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
-  const double tolerance = 2.0 * overlap;
-  const std::vector<detail::EdgeSample> edge = detail::edge_of_contact(surface, x, gap, tolerance);
-  for (std::size_t k = 0; k < n; ++k) {
-    if (area[k] <= 0.0) continue;
-    const bool open = gap[k] > tolerance;
-    const double far = open ? -gap[k] : spacing[k];
-    double& field = c.field[k];
-    field = detail::distance_to_edge(edge, x.col(Eigen::Index(k))).value_or(far);
-    // The fit speaks for the edge's surroundings only; a node well on one side of it stays there.
-    if ((field > 0.0) == open && std::abs(field) > 0.5 * spacing[k]) field = far;
+  const detail::ContactEdge edge(nodes, 2.0 * overlap);
+  const std::vector<ContactSlope> slopes = edge.slopes();
+  for (std::size_t k = 0; k < nodes.size(); ++k) {
+    const std::size_t node = std::size_t(nodes.mesh_node[k]);
+    c.field[node] = edge.field()[k];
+    c.slopes[node] = slopes[k];
   }
   return c;
+}
+
+template <class Tool> std::vector<ContactSlope> resting_slopes(
+    const TetMesh& mesh, const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
+  const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
+  std::vector<ContactSlope> slopes(mesh.nodes.size());
+  for (std::size_t k = 0; k < nodes.size(); ++k)
+    if (nodes.gap[k] < std::numeric_limits<double>::infinity())
+      slopes[std::size_t(nodes.mesh_node[k])] = {.normal = -nodes.away[k], .weight = nodes.gap[k] <= 0.0 ? 1.0 : 0.0};
+  return slopes;
 }
 
 inline SetOverlap contact_overlap(
@@ -6799,10 +7241,16 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     return std::isfinite(schur_) && schur_ > 0.0;
   }
 
+  // To the digits that a step needs, which is of a linearisation.
+  Eigen::VectorXd roughly_solved(const Eigen::VectorXd& r) {
+    if constexpr (RefiningSolver<Linear>) return linear_.front().precondition(r);
+    else return linear_.front().solve(r);
+  }
+
   // Solution with the last factor for all equations, the advance's included.
   Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
     Eigen::VectorXd d(r.size());
-    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
+    const Eigen::VectorXd z = roughly_solved(r.head(eq_.count));
     d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
     d.head(eq_.count) = z - d[eq_.count] * response_;
     return d;
@@ -6844,7 +7292,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     typename System::Tangent t;
     system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
     for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
-      const FactorStatus f = linear_[b].factorize(t.matrix[b]);
+      FactorStatus f = linear_[b].factorize(t.matrix[b]);
+      if constexpr (RefiningSolver<Linear>)
+        if (f == FactorStatus::positive_definite) f = linear_[b].certify();
       if (f != FactorStatus::positive_definite)
         return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
       if (b > 0) continue;  // the advance moves with the even fields only
@@ -6858,8 +7308,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   const Model& model_;
   System system_;
   const Equations& eq_;
-  std::vector<std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>>
-      linear_;                             // by parity; the first one's factor is that of the steps
+  using Linear = std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>;
+  std::vector<Linear> linear_;             // by parity; the first one's factor is that of the steps
   typename System::Place now_, factored_;  // where we are, and where the factor was made
   FrictionHistory touched_, rested_;       // at the end of the last stride
   Stopwatch watch_;
@@ -6985,6 +7435,10 @@ class PreparedBody {
     std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
     const ContactSurface surface(
         *mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
+    const ContactSurface resting(
+        *mesh_, body_, [](const Patch& p) { return p.meets_carrier; }, maker_.contact);
+    const Carrier carrier(body_);
+    const Moving<Carrier> support{&carrier, Vec3d::Zero(), Vec3d::UnitZ()};
     for (MechanicalState& s : states) {
       s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
       if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
@@ -7005,6 +7459,8 @@ class PreparedBody {
         s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
       }
       s.contact_field = std::move(c.field);
+      s.tool_slopes = std::move(c.slopes);
+      if (resting.size() > 0) s.carrier_slopes = resting_slopes(*mesh_, resting, support, x);
       s.pressure_Pa = std::move(c.pressure_Pa);
       // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
       // any force.
@@ -7715,6 +8171,11 @@ struct QuadraticFace {
   std::array<double, 6> contact;  ///< contact field, > 0 in contact, −infinity where there can be none
   int patch;
   bool may_touch;
+  std::array<ContactSlope, 6> slope;  ///< how the face leans away from what it touches
+  bool leans;                         ///< they say something of it
+
+  /// Unit outward normal at (b1, b2).
+  Vec3d normal_at(double b1, double b2) const;
 
   /// Inside {φ > 0}, φ linear on the four triangles between corners and edge middles?
   bool in_contact(double b1, double b2) const {
@@ -7735,6 +8196,24 @@ struct QuadraticFace {
     return value > 0.0;
   }
 };
+
+inline Vec3d QuadraticFace::normal_at(double b1, double b2) const {
+  const std::array<double, 6> shape = quadratic_shape(b1, b2);
+  Vec3d recovered = Vec3d::Zero();
+  for (std::size_t k = 0; k < 6; ++k) recovered += shape[k] * normal[k];
+  if (!leans) return recovered.normalized();
+  double weight = 0.0, opening = 0.0;
+  Vec3d rigid = Vec3d::Zero(), tilt = Vec3d::Zero();
+  for (std::size_t k = 0; k < 6; ++k) {
+    weight += shape[k] * slope[k].weight;
+    opening += shape[k] * slope[k].opening;
+    rigid += shape[k] * slope[k].normal;
+    tilt += shape[k] * slope[k].tilt;
+  }
+  const double share = std::clamp(weight, 0.0, 1.0);
+  const Vec3d leaning = (rigid + hertz_slope(opening) * tilt).normalized();
+  return (share * leaning + (1.0 - share) * recovered.normalized()).normalized();
+}
 
 /// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its
 /// normals.
@@ -7903,6 +8382,14 @@ inline void validate(const SurfaceOptics& optics) {
 
 namespace lumo {
 
+/// A body's surface in one state, per mesh node; each may be empty (undeformed; no contact; no slopes: normals are
+/// recovered from the deformed faces alone).
+struct SurfaceState {
+  std::span<const Vec3d> displacement = {};    ///< [m]
+  std::span<const double> contact_field = {};  ///< > 0 in contact, −infinity where there can be none
+  std::span<const ContactSlope> tool_slopes = {}, carrier_slopes = {};
+};
+
 /// Place at which a ray met the scene.
 struct ScenePoint {
   int face = -1;              ///< boundary face of the mesh; −1 on a carrier face
@@ -7921,12 +8408,10 @@ class OpticalScene {
     double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
   };
 
-  /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
   /// `images`: also label regions for mirror images in the planes of this symmetry.
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
   /// indices or optics.
-  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-      const std::vector<double>& contact_field, Symmetry images, const Config& config)
+  OpticalScene(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry images, const Config& config)
       : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
     require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
     require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
@@ -7943,7 +8428,7 @@ class OpticalScene {
         lattice_.push_back({{{i, j}, {i + 1, j}, {i, j + 1}}});
         if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
       }
-    add_faces(mesh, displacement, contact_field);
+    add_faces(mesh, state);
     recover_normals(faces_, mesh.faces, body);
     body_triangles_ = triangles_.size();
     add_carrier(config);
@@ -7982,9 +8467,7 @@ class OpticalScene {
     return (b - a).cross(c - a).normalized();
   }
   /// Unit outward normal of the deformed body.
-  Vec3d smooth_normal(const ScenePoint& p) const {
-    return on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized();
-  }
+  Vec3d smooth_normal(const ScenePoint& p) const { return faces_[std::size_t(p.face)].normal_at(p.b1, p.b2); }
   /// Undeformed position [m].
   Vec3d reference(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Deformed position on the quadratic map [m].
@@ -8078,13 +8561,17 @@ class OpticalScene {
   static constexpr int mixed = -2;
   static constexpr double largest_coordinate_m = 1e6;
   static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
-  void add_faces(
-      const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field) {
+  void add_faces(const TetMesh& mesh, const SurfaceState& state) {
     const std::size_t nodes = mesh.nodes.size();
-    if (!displacement.empty() && displacement.size() != nodes)
-      throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
-    if (!contact_field.empty() && contact_field.size() != nodes)
-      throw InvalidArgument(message("optical scene: ", contact_field.size(), " contact values for ", nodes, " nodes"));
+    const auto& [displacement, contact_field, tool_slopes, carrier_slopes] = state;
+    const auto check_size = [&](std::size_t given, std::string_view what) {
+      if (given != 0 && given != nodes)
+        throw InvalidArgument(message("optical scene: ", given, " ", what, " for ", nodes, " nodes"));
+    };
+    check_size(displacement.size(), "displacements");
+    check_size(contact_field.size(), "contact values");
+    check_size(tool_slopes.size(), "slopes against the tool");
+    check_size(carrier_slopes.size(), "slopes against the carrier");
     if (mesh.faces.empty()) throw InvalidArgument("optical scene: the mesh has no boundary faces");
     const double none = -std::numeric_limits<double>::infinity();
     faces_.reserve(mesh.faces.size());
@@ -8095,6 +8582,10 @@ class OpticalScene {
             message("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
       QuadraticFace f;
       f.patch = face.patch;
+      const Patch& patch = body_->patches[std::size_t(face.patch)];
+      const std::span<const ContactSlope> slopes = patch.contactable     ? tool_slopes
+                                                   : patch.meets_carrier ? carrier_slopes
+                                                                         : std::span<const ContactSlope>{};
       const std::size_t given = mesh.order == 2 ? 6 : 3;
       for (std::size_t k = 0; k < given; ++k) {
         const std::size_t node = std::size_t(face.nodes[k]);
@@ -8103,6 +8594,7 @@ class OpticalScene {
         f.reference[k] = mesh.nodes[node];
         f.deformed[k] = displacement.empty() ? mesh.nodes[node] : Vec3d(mesh.nodes[node] + displacement[node]);
         f.contact[k] = contact_field.empty() ? none : contact_field[node];
+        if (!slopes.empty()) f.slope[k] = slopes[node];
         if (!f.deformed[k].allFinite() || !(f.deformed[k].cwiseAbs().maxCoeff() < largest_coordinate_m))
           throw InvalidArgument(message("optical scene: node ", node, " is not at a finite place below 1e6 m"));
         if (!(f.contact[k] < std::numeric_limits<double>::infinity()))
@@ -8113,7 +8605,11 @@ class OpticalScene {
         f.reference[k] = 0.5 * (f.reference[a] + f.reference[b]);
         f.deformed[k] = 0.5 * (f.deformed[a] + f.deformed[b]);
         f.contact[k] = 0.5 * (f.contact[a] + f.contact[b]);
+        f.slope[k] = midway(f.slope[a], f.slope[b]);
       }
+      f.leans = std::any_of(f.slope.begin(), f.slope.end(), [](const ContactSlope& s) {
+        return s.weight > 0.0;
+      }) && std::none_of(f.slope.begin(), f.slope.end(), [](const ContactSlope& s) { return s.normal.isZero(0.0); });
       f.may_touch = *std::max_element(f.contact.begin(), f.contact.end()) > 0.0;
       faces_.push_back(f);
       const auto at = [&](const std::array<int, 2>& k) {
@@ -9631,23 +10127,31 @@ class Tracer {
 
   /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
   Response trace(const Body& body, const TetMesh& mesh) const {
-    return trace(body, mesh, {}, {}, symmetry_of(body, mesh));
+    return trace(body, mesh, SurfaceState{}, symmetry_of(body, mesh));
   }
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
   Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
       const RayFocus& focus = {}) const {
-    return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
+    return trace(body, mesh,
+        SurfaceState{state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes}, symmetry,
+        focus);
   }
 
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
-  /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
-  /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
       const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+    return trace(body, mesh, SurfaceState{displacement, contact_field}, symmetry, focus);
+  }
+
+  /// Response of a surface that is given node by node.
+  /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
+  /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  Response trace(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry symmetry = {},
+      const RayFocus& focus = {}) const {
     check(body, symmetry, focus);
     const Medium medium{body.medium};
-    const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
+    const OpticalScene surface(body, mesh, state, symmetry, config_.scene);
     const auto scene = backend_.build(surface.triangles());
     using Scene = std::remove_const_t<decltype(scene)>;
     const LightNodes nodes(surface, symmetry);

@@ -7,6 +7,7 @@
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 
 #include <regex>
@@ -76,8 +77,8 @@ TEST_CASE("a swept mesh presses like an unstructured one") {
   const Silicone card = dragon_skin();
   const Body body = finger(plain_baseline(), card, plain_finger());
   const Scenario<Sphere> scenario{.indenter = {20e-3}, .loads_N = {2.0, 10.0}};
-  const Focus focus{.finest = 0.8e-3, .growth = 0.3};
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>> simulator{
+  const Focus focus{.finest = 0.6e-3, .growth = 0.2};
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<MixedCholesky>> simulator{
       NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const auto pressed = [&](const auto& mesher) {
     const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario}, mesher, focus);

@@ -46,7 +46,7 @@ template <class Medium> void three_ways(
   const Response forwards = Light(config).trace(body, mesh);
   const Sum g = side_light(gathered.power_W, gathered.error_W), f = side_light(forwards.power_W, forwards.error_W);
   agree(g, f, within);
-  const OpticalScene surface(body, mesh, {}, {}, {}, config.scene);
+  const OpticalScene surface(body, mesh, {}, {}, config.scene);
   const auto scene = Embree{}.build(surface.triangles());
   const WalkedPower walked = AnalogWalk(body, surface, scene, 5).run(16, walks);
   const Sum w = side_light(walked.power_W, walked.error_W);

@@ -29,7 +29,7 @@ TEST_CASE("Embree's single precision agrees with the double precision tree", "[e
 
 TEST_CASE("Embree far from the origin loses nothing", "[embree]") {
   const Model m = box(Vec3d::Constant(0.01), {1.41, 14.5}, 4, Vec3d(1000, -500, 30));
-  const auto triangles = OpticalScene(m.body, m.mesh, {}, {}, {}, {}).triangles();
+  const auto triangles = OpticalScene(m.body, m.mesh, {}, {}, {}).triangles();
   const EmbreeScene fast = Embree{}.build(triangles);
   const BvhScene exact = Bvh{}.build(triangles);
   const OwenSobol s{4};

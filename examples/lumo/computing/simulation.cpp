@@ -6,6 +6,7 @@
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/mixed_cholesky.hpp"
 
 #include <utility>
 
@@ -43,8 +44,8 @@ AnySimulation of_kind(const Mechanics& m, const Silicone& s, const Solver& solve
 AnySimulation simulation(const Mechanics& m, const Silicone& s) {
   const bool linear = m.element == Mechanics::Element::linear;
   if (m.solver == Mechanics::Solver::quasi_static)
-    return linear ? of_kind<LinearTet, QuasiStatic<Cholmod>>(m, s, {})
-                  : of_kind<QuadraticTet, QuasiStatic<Cholmod>>(m, s, {});
+    return linear ? of_kind<LinearTet, QuasiStatic<MixedCholesky>>(m, s, {})
+                  : of_kind<QuadraticTet, QuasiStatic<MixedCholesky>>(m, s, {});
   const VertexBlockDescent descent{
       {.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3, .hold_s = m.hold_s}, {}};
   return linear ? of_kind<LinearTet, VertexBlockDescent>(m, s, descent)

@@ -74,6 +74,10 @@ class PreparedBody {
     std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
     const ContactSurface surface(
         *mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
+    const ContactSurface resting(
+        *mesh_, body_, [](const Patch& p) { return p.meets_carrier; }, maker_.contact);
+    const Carrier carrier(body_);
+    const Moving<Carrier> support{&carrier, Vec3d::Zero(), Vec3d::UnitZ()};
     for (MechanicalState& s : states) {
       s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
       if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
@@ -94,6 +98,8 @@ class PreparedBody {
         s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
       }
       s.contact_field = std::move(c.field);
+      s.tool_slopes = std::move(c.slopes);
+      if (resting.size() > 0) s.carrier_slopes = resting_slopes(*mesh_, resting, support, x);
       s.pressure_Pa = std::move(c.pressure_Pa);
       // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
       // any force.

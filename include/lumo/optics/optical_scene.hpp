@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
+#include "lumo/mesh/contact_slope.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 #include "lumo/optics/intersector.hpp"
@@ -13,9 +14,19 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <span>
+#include <string_view>
 #include <vector>
 
 namespace lumo {
+
+/// A body's surface in one state, per mesh node; each may be empty (undeformed; no contact; no slopes: normals are
+/// recovered from the deformed faces alone).
+struct SurfaceState {
+  std::span<const Vec3d> displacement = {};    ///< [m]
+  std::span<const double> contact_field = {};  ///< > 0 in contact, −infinity where there can be none
+  std::span<const ContactSlope> tool_slopes = {}, carrier_slopes = {};
+};
 
 /// Place at which a ray met the scene.
 struct ScenePoint {
@@ -35,12 +46,10 @@ class OpticalScene {
     double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
   };
 
-  /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
   /// `images`: also label regions for mirror images in the planes of this symmetry.
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
   /// indices or optics.
-  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
-      const std::vector<double>& contact_field, Symmetry images, const Config& config)
+  OpticalScene(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry images, const Config& config)
       : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
     require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
     require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
@@ -57,7 +66,7 @@ class OpticalScene {
         lattice_.push_back({{{i, j}, {i + 1, j}, {i, j + 1}}});
         if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
       }
-    add_faces(mesh, displacement, contact_field);
+    add_faces(mesh, state);
     recover_normals(faces_, mesh.faces, body);
     body_triangles_ = triangles_.size();
     add_carrier(config);
@@ -96,9 +105,7 @@ class OpticalScene {
     return (b - a).cross(c - a).normalized();
   }
   /// Unit outward normal of the deformed body.
-  Vec3d smooth_normal(const ScenePoint& p) const {
-    return on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized();
-  }
+  Vec3d smooth_normal(const ScenePoint& p) const { return faces_[std::size_t(p.face)].normal_at(p.b1, p.b2); }
   /// Undeformed position [m].
   Vec3d reference(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Deformed position on the quadratic map [m].
@@ -192,13 +199,17 @@ class OpticalScene {
   static constexpr int mixed = -2;
   static constexpr double largest_coordinate_m = 1e6;
   static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
-  void add_faces(
-      const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field) {
+  void add_faces(const TetMesh& mesh, const SurfaceState& state) {
     const std::size_t nodes = mesh.nodes.size();
-    if (!displacement.empty() && displacement.size() != nodes)
-      throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
-    if (!contact_field.empty() && contact_field.size() != nodes)
-      throw InvalidArgument(message("optical scene: ", contact_field.size(), " contact values for ", nodes, " nodes"));
+    const auto& [displacement, contact_field, tool_slopes, carrier_slopes] = state;
+    const auto check_size = [&](std::size_t given, std::string_view what) {
+      if (given != 0 && given != nodes)
+        throw InvalidArgument(message("optical scene: ", given, " ", what, " for ", nodes, " nodes"));
+    };
+    check_size(displacement.size(), "displacements");
+    check_size(contact_field.size(), "contact values");
+    check_size(tool_slopes.size(), "slopes against the tool");
+    check_size(carrier_slopes.size(), "slopes against the carrier");
     if (mesh.faces.empty()) throw InvalidArgument("optical scene: the mesh has no boundary faces");
     const double none = -std::numeric_limits<double>::infinity();
     faces_.reserve(mesh.faces.size());
@@ -209,6 +220,10 @@ class OpticalScene {
             message("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
       QuadraticFace f;
       f.patch = face.patch;
+      const Patch& patch = body_->patches[std::size_t(face.patch)];
+      const std::span<const ContactSlope> slopes = patch.contactable     ? tool_slopes
+                                                   : patch.meets_carrier ? carrier_slopes
+                                                                         : std::span<const ContactSlope>{};
       const std::size_t given = mesh.order == 2 ? 6 : 3;
       for (std::size_t k = 0; k < given; ++k) {
         const std::size_t node = std::size_t(face.nodes[k]);
@@ -217,6 +232,7 @@ class OpticalScene {
         f.reference[k] = mesh.nodes[node];
         f.deformed[k] = displacement.empty() ? mesh.nodes[node] : Vec3d(mesh.nodes[node] + displacement[node]);
         f.contact[k] = contact_field.empty() ? none : contact_field[node];
+        if (!slopes.empty()) f.slope[k] = slopes[node];
         if (!f.deformed[k].allFinite() || !(f.deformed[k].cwiseAbs().maxCoeff() < largest_coordinate_m))
           throw InvalidArgument(message("optical scene: node ", node, " is not at a finite place below 1e6 m"));
         if (!(f.contact[k] < std::numeric_limits<double>::infinity()))
@@ -227,7 +243,11 @@ class OpticalScene {
         f.reference[k] = 0.5 * (f.reference[a] + f.reference[b]);
         f.deformed[k] = 0.5 * (f.deformed[a] + f.deformed[b]);
         f.contact[k] = 0.5 * (f.contact[a] + f.contact[b]);
+        f.slope[k] = midway(f.slope[a], f.slope[b]);
       }
+      f.leans = std::any_of(f.slope.begin(), f.slope.end(), [](const ContactSlope& s) {
+        return s.weight > 0.0;
+      }) && std::none_of(f.slope.begin(), f.slope.end(), [](const ContactSlope& s) { return s.normal.isZero(0.0); });
       f.may_touch = *std::max_element(f.contact.begin(), f.contact.end()) > 0.0;
       faces_.push_back(f);
       const auto at = [&](const std::array<int, 2>& k) {

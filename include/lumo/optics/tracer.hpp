@@ -110,23 +110,31 @@ class Tracer {
 
   /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
   Response trace(const Body& body, const TetMesh& mesh) const {
-    return trace(body, mesh, {}, {}, symmetry_of(body, mesh));
+    return trace(body, mesh, SurfaceState{}, symmetry_of(body, mesh));
   }
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
   Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
       const RayFocus& focus = {}) const {
-    return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
+    return trace(body, mesh,
+        SurfaceState{state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes}, symmetry,
+        focus);
   }
 
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
-  /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
-  /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
       const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+    return trace(body, mesh, SurfaceState{displacement, contact_field}, symmetry, focus);
+  }
+
+  /// Response of a surface that is given node by node.
+  /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
+  /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  Response trace(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry symmetry = {},
+      const RayFocus& focus = {}) const {
     check(body, symmetry, focus);
     const Medium medium{body.medium};
-    const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
+    const OpticalScene surface(body, mesh, state, symmetry, config_.scene);
     const auto scene = backend_.build(surface.triangles());
     using Scene = std::remove_const_t<decltype(scene)>;
     const LightNodes nodes(surface, symmetry);

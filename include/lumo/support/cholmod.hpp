@@ -79,14 +79,15 @@ class BlasStay {
 
 }  // namespace detail
 
-/// Supernodal sparse Cholesky factorisation (Chen, Davis, Hager, Rajamanickam 2008) after nested dissection (METIS;
-/// Karypis, Kumar 1998): a third fewer operations here than minimum degree, which CHOLMOD would try first. One object
-/// per thread; copies carry the symbolic analysis along. Throws std::bad_alloc. METIS replaces the process's handler of
-/// SIGTERM while it orders: a program that must hear it blocks the signal in its threads and waits for it in one of
-/// them.
-class Cholmod {
+/// A matrix in the order in which it is factorised, and the pattern of its factor: nested dissection (METIS; Karypis,
+/// Kumar 1998), a third fewer operations here than minimum degree, which CHOLMOD would try first. One object per
+/// thread; copies carry the analysis along. Throws std::bad_alloc. METIS replaces the process's handler of SIGTERM
+/// while it orders: a program that must hear it blocks the signal in its threads and waits for it in one of them.
+class CholmodAnalysis {
  public:
-  Cholmod() : common_(new cholmod_common, &finish) {
+  using Factor = std::unique_ptr<cholmod_factor, detail::FreeFactor>;
+
+  CholmodAnalysis() : common_(new cholmod_common, &finish) {
     cholmod_start(common_.get());
     common_->print = 0;
     common_->supernodal = CHOLMOD_SUPERNODAL;
@@ -95,20 +96,19 @@ class Cholmod {
     // One thread per factor: scenarios run side by side, and threads inside BLAS would change the order of sums.
     if (openblas_set_num_threads) openblas_set_num_threads(1);
   }
-  Cholmod(const Cholmod& other) : Cholmod() { copy_symbolic(other); }
-  Cholmod& operator=(const Cholmod& other) {
-    if (this != &other) copy_symbolic(other);
+  CholmodAnalysis(const CholmodAnalysis& other) : CholmodAnalysis() { copy(other); }
+  CholmodAnalysis& operator=(const CholmodAnalysis& other) {
+    if (this != &other) copy(other);
     return *this;
   }
-  Cholmod(Cholmod&&) = default;
-  Cholmod& operator=(
-      Cholmod&& other) noexcept {  // by exchange: a factor must be freed before the common block that made it
+  CholmodAnalysis(CholmodAnalysis&&) = default;
+  CholmodAnalysis& operator=(
+      CholmodAnalysis&& other) noexcept {  // by exchange: a factor must be freed before the common block that made it
     std::swap(common_, other.common_);
     std::swap(symbolic_, other.symbolic_);
-    std::swap(factor_, other.factor_);
     order_.swap(other.order_);
     source_.swap(other.source_);
-    reordered_.swap(other.reordered_);
+    matrix_.swap(other.matrix_);
     return *this;
   }
 
@@ -125,73 +125,40 @@ class Cholmod {
     reorder(lower, static_cast<const int*>(ordered->Perm));
     // In that order CHOLMOD takes the matrix as it is, where it would else transpose it twice for each factor: a fifth
     // of the time.
-    cholmod_sparse sorted = view_of(reordered_);
+    cholmod_sparse sorted = view_of(matrix_);
     common_->method[0].ordering = CHOLMOD_NATURAL;
     common_->postorder = 0;
     symbolic_ = own(cholmod_analyze(&sorted, common_.get()));
     if (!symbolic_) throw std::bad_alloc();
-    factor_ = nullptr;
   }
 
-  FactorStatus factorize(const SparseLower& lower) {
-    // CHOLMOD factorises NaN without complaint, so finiteness is checked here.
-    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all())
-      return FactorStatus::non_finite;
-    for (std::size_t k = 0; k < source_.size(); ++k) reordered_.valuePtr()[k] = lower.valuePtr()[source_[k]];
-    cholmod_sparse view = view_of(reordered_);
-    if (!factor_) factor_ = own(cholmod_copy_factor(symbolic_.get(), common_.get()));
-    common_->status = CHOLMOD_OK;
-    const detail::BlasStay stay(
-        sizeof(double) * ((factor_->x ? 0 : factor_->xsize) + factor_->maxcsize + 8 * factor_->n));
-    const detail::WithoutOpenMp one_thread;
-    cholmod_factorize(&view, factor_.get(), common_.get());
-    if (common_->status == CHOLMOD_OK && factor_->minor == factor_->n) return FactorStatus::positive_definite;
-    if (common_->status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
-    return FactorStatus::not_positive_definite;
+  /// Takes over the values of a matrix of that pattern; false: not all are finite.
+  bool take(const SparseLower& lower) {
+    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return false;
+    for (std::size_t k = 0; k < source_.size(); ++k) matrix_.valuePtr()[k] = lower.valuePtr()[source_[k]];
+    return true;
   }
 
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) {
-    Eigen::MatrixXd result(rhs.rows(), rhs.cols());
-    for (Eigen::Index j = 0; j < rhs.cols(); ++j)
-      for (Eigen::Index k = 0; k < rhs.rows(); ++k) result(k, j) = rhs(order_[std::size_t(k)], j);
-    cholmod_dense b{};
-    b.nrow = std::size_t(rhs.rows());
-    b.ncol = std::size_t(rhs.cols());
-    b.nzmax = b.nrow * b.ncol;
-    b.d = b.nrow;
-    b.x = result.data();
-    b.xtype = CHOLMOD_REAL;
-    b.dtype = CHOLMOD_DOUBLE;
-    const detail::BlasStay stay(8 * sizeof(double) * b.nzmax);
-    const detail::WithoutOpenMp one_thread;
-    cholmod_dense* x = cholmod_solve(CHOLMOD_A, factor_.get(), &b, common_.get());
-    if (!x) throw std::bad_alloc();
-    for (Eigen::Index j = 0; j < rhs.cols(); ++j)
-      for (Eigen::Index k = 0; k < rhs.rows(); ++k)
-        result(order_[std::size_t(k)], j) = static_cast<const double*>(x->x)[j * rhs.rows() + k];
-    cholmod_free_dense(&x, common_.get());
-    return result;
-  }
-
-  /// Non-zeros of the factor.
-  double factor_nonzeros() const { return common_->lnz; }
+  const SparseLower& matrix() const { return matrix_; }          ///< in the factor's order
+  const std::vector<int>& order() const { return order_; }       ///< its rows → the caller's
+  const cholmod_factor& symbolic() const { return *symbolic_; }  ///< supernodal
+  cholmod_common* common() const { return common_.get(); }
+  cholmod_sparse view() const { return view_of(matrix_); }
+  Factor own(cholmod_factor* f) const { return Factor(f, detail::FreeFactor{common_.get()}); }
 
  private:
   using Common = std::unique_ptr<cholmod_common, void (*)(cholmod_common*)>;
-  using Factor = std::unique_ptr<cholmod_factor, detail::FreeFactor>;
 
   static void finish(cholmod_common* c) {
     cholmod_finish(c);
     delete c;
   }
-  Factor own(cholmod_factor* f) { return Factor(f, detail::FreeFactor{common_.get()}); }
-  void copy_symbolic(const Cholmod& other) {
-    factor_ = nullptr;
+  void copy(const CholmodAnalysis& other) {
     symbolic_ = nullptr;
     if (other.symbolic_) symbolic_ = own(cholmod_copy_factor(other.symbolic_.get(), common_.get()));
     order_ = other.order_;
     source_ = other.source_;
-    reordered_ = other.reordered_;
+    matrix_ = other.matrix_;
   }
 
   /// Takes over an order (new place → old) with the pattern in it, and where in the caller's values each of its values
@@ -208,9 +175,9 @@ class Cholmod {
         const int a = place[std::size_t(lower.innerIndexPtr()[e])], b = place[std::size_t(j)];
         entries.emplace_back(std::max(a, b), std::min(a, b), double(e));
       }
-    reordered_.resize(n, n);
-    reordered_.setFromTriplets(entries.begin(), entries.end());
-    source_.assign(reordered_.valuePtr(), reordered_.valuePtr() + reordered_.nonZeros());
+    matrix_.resize(n, n);
+    matrix_.setFromTriplets(entries.begin(), entries.end());
+    source_.assign(matrix_.valuePtr(), matrix_.valuePtr() + matrix_.nonZeros());
   }
 
   static cholmod_sparse view_of(const SparseLower& lower) {
@@ -232,10 +199,89 @@ class Cholmod {
 
   Common common_;
   Factor symbolic_;
-  Factor factor_;
   std::vector<int> order_;   // fill-reducing: new place → the caller's
-  std::vector<int> source_;  // of each value of `reordered_`, in the caller's
-  SparseLower reordered_;
+  std::vector<int> source_;  // of each value of `matrix_`, in the caller's
+  SparseLower matrix_;
+};
+
+/// Supernodal sparse Cholesky factorisation (Chen, Davis, Hager, Rajamanickam 2008). One object per thread; copies
+/// carry the analysis along. Throws std::bad_alloc.
+class Cholmod {
+ public:
+  Cholmod() = default;
+  Cholmod(const Cholmod& other) : analysis_(other.analysis_) {}
+  Cholmod& operator=(const Cholmod& other) {
+    if (this == &other) return *this;
+    factor_ = nullptr;
+    analysis_ = other.analysis_;
+    return *this;
+  }
+  Cholmod(Cholmod&&) = default;
+  Cholmod& operator=(Cholmod&& other) noexcept {
+    std::swap(analysis_, other.analysis_);
+    std::swap(factor_, other.factor_);
+    return *this;
+  }
+
+  void analyze(const SparseLower& lower) {
+    factor_ = nullptr;
+    analysis_.analyze(lower);
+  }
+
+  FactorStatus factorize(const SparseLower& lower) {
+    // CHOLMOD factorises NaN without complaint, so finiteness is checked here.
+    return analysis_.take(lower) ? factorize_taken() : FactorStatus::non_finite;
+  }
+
+  /// The same of the matrix whose values the analysis has.
+  FactorStatus factorize_taken() {
+    cholmod_common* const common = analysis_.common();
+    cholmod_sparse view = analysis_.view();
+    if (!factor_)
+      factor_ = analysis_.own(cholmod_copy_factor(const_cast<cholmod_factor*>(&analysis_.symbolic()), common));
+    if (!factor_) throw std::bad_alloc();
+    common->status = CHOLMOD_OK;
+    const detail::BlasStay stay(
+        sizeof(double) * ((factor_->x ? 0 : factor_->xsize) + factor_->maxcsize + 8 * factor_->n));
+    const detail::WithoutOpenMp one_thread;
+    cholmod_factorize(&view, factor_.get(), common);
+    if (common->status == CHOLMOD_OK && factor_->minor == factor_->n) return FactorStatus::positive_definite;
+    if (common->status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
+    return FactorStatus::not_positive_definite;
+  }
+
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) {
+    Eigen::MatrixXd result(rhs.rows(), rhs.cols());
+    for (Eigen::Index j = 0; j < rhs.cols(); ++j)
+      for (Eigen::Index k = 0; k < rhs.rows(); ++k) result(k, j) = rhs(analysis_.order()[std::size_t(k)], j);
+    cholmod_dense b{};
+    b.nrow = std::size_t(rhs.rows());
+    b.ncol = std::size_t(rhs.cols());
+    b.nzmax = b.nrow * b.ncol;
+    b.d = b.nrow;
+    b.x = result.data();
+    b.xtype = CHOLMOD_REAL;
+    b.dtype = CHOLMOD_DOUBLE;
+    const detail::BlasStay stay(8 * sizeof(double) * b.nzmax);
+    const detail::WithoutOpenMp one_thread;
+    cholmod_dense* x = cholmod_solve(CHOLMOD_A, factor_.get(), &b, analysis_.common());
+    if (!x) throw std::bad_alloc();
+    for (Eigen::Index j = 0; j < rhs.cols(); ++j)
+      for (Eigen::Index k = 0; k < rhs.rows(); ++k)
+        result(analysis_.order()[std::size_t(k)], j) = static_cast<const double*>(x->x)[j * rhs.rows() + k];
+    cholmod_free_dense(&x, analysis_.common());
+    return result;
+  }
+
+  /// Non-zeros of the factor.
+  double factor_nonzeros() const { return analysis_.common()->lnz; }
+
+  CholmodAnalysis& analysis() { return analysis_; }
+  const CholmodAnalysis& analysis() const { return analysis_; }
+
+ private:
+  CholmodAnalysis analysis_;
+  CholmodAnalysis::Factor factor_;
 };
 
 static_assert(LinearSolver<Cholmod>);

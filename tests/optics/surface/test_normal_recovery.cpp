@@ -35,7 +35,7 @@ Errors errors(int cells, int order) {
     for (BoundaryFace& f : m.mesh.faces) f.nodes[3] = f.nodes[4] = f.nodes[5] = -1;
   std::vector<Vec3d> displacement;
   for (const Vec3d& p : m.mesh.nodes) displacement.push_back(dent(p));
-  const OpticalScene scene(m.body, m.mesh, displacement, {}, {}, {});
+  const OpticalScene scene(m.body, m.mesh, {displacement}, {}, {});
   Errors e;
   int count = 0;
   for (std::size_t f = 0; f < scene.face_count(); ++f)
@@ -85,7 +85,7 @@ TEST_CASE("Each side of a crease keeps its own normal, and turns with it", "[sce
   const Mat3d turn = Eigen::AngleAxisd(0.3, Vec3d(1, -1, 2).normalized()).toRotationMatrix();
   std::vector<Vec3d> displacement;
   for (const Vec3d& p : m.mesh.nodes) displacement.push_back(turn * p - p);
-  const OpticalScene scene(m.body, m.mesh, displacement, {}, {}, {});
+  const OpticalScene scene(m.body, m.mesh, {displacement}, {}, {});
   for (std::size_t f = 0; f < scene.face_count(); ++f)
     for (const double b : {0.0, 0.3, 1.0}) {
       ScenePoint at;
@@ -95,4 +95,38 @@ TEST_CASE("Each side of a crease keeps its own normal, and turns with it", "[sce
       const Vec3d side = std::get<Plane>(m.body.patches[std::size_t(scene.patch_number(at))].shape).direction;
       CHECK((scene.smooth_normal(at) - turn * side).norm() < 1e-9);
     }
+}
+
+TEST_CASE("Normals are the tool's where it touches, and lean away from it by the law of the gap beside", "[scene]") {
+  Model m = sphere(radius, {}, 24);
+  for (Patch& p : m.body.patches) p.contactable = true;
+  constexpr double a = 1.5e-3, steepness = 0.2;
+  const auto opening = [](const Vec3d& p) { return (p.x() * p.x() + p.y() * p.y()) / (a * a) - 1.0; };
+  const auto tilt = [](const Vec3d& p) { return Vec3d(steepness / a * Vec3d(p.x(), p.y(), 0.0)); };
+  std::vector<ContactSlope> slopes;
+  for (const Vec3d& p : m.mesh.nodes)
+    slopes.push_back(
+        p.z() > 0.0 ? ContactSlope{p.normalized(), tilt(p), opening(p), opening(p) < 3.0 ? 1.0 : 0.0} : ContactSlope{});
+  const OpticalScene scene(m.body, m.mesh, {.tool_slopes = slopes}, {}, {}), plain(m.body, m.mesh, {}, {}, {});
+  int touching = 0, beside = 0, below = 0;
+  for (std::size_t f = 0; f < scene.face_count(); ++f)
+    for (const auto& [b1, b2] : {std::pair(0.2, 0.2), std::pair(0.6, 0.2), std::pair(0.2, 0.6)}) {
+      ScenePoint at;
+      at.face = int(f);
+      at.b1 = b1;
+      at.b2 = b2;
+      const Vec3d p = scene.reference(at), n = scene.smooth_normal(at);
+      if (const double q = opening(p); p.z() > 0.1e-3 && q < 2.5) {
+        CHECK((n - (p.normalized() + hertz_slope(q) * tilt(p)).normalized()).norm() < 0.01);
+        ++(q < 0.0 ? touching : beside);
+      } else if (p.z() < -0.1 * radius) {
+        CHECK((n - plain.smooth_normal(at)).norm() == 0.0);
+        ++below;
+      }
+    }
+  CHECK(touching > 20);
+  CHECK(beside > 20);
+  CHECK(below > 20);
+  slopes.pop_back();
+  CHECK_THROWS_AS(OpticalScene(m.body, m.mesh, {.tool_slopes = slopes}, {}, {}), InvalidArgument);
 }

@@ -17,7 +17,7 @@ struct Start {
 // Starts of a ray from a place below, or inside, a body whose underside is z = 0.5 mm.
 std::vector<Start> starts(double z_m, std::optional<double> closes_m) {
   const Model m = box({10e-3, 10e-3, 0.5e-3}, {1.41, 0.0}, 3, {0, 0, 1e-3});
-  const OpticalScene surface(m.body, m.mesh, {}, {}, {}, {});
+  const OpticalScene surface(m.body, m.mesh, {}, {}, {});
   const auto scene = Bvh{}.build(surface.triangles());
   PrimaryRay ray;
   ray.origin = {1e-4, 2e-4, z_m};

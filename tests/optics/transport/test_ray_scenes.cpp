@@ -8,7 +8,7 @@ namespace {
 
 std::vector<SceneTriangle> cube(const Vec3d& center, double half) {
   const Model m = box(Vec3d::Constant(half), {}, 4, center);
-  return OpticalScene(m.body, m.mesh, {}, {}, {}, {}).triangles();
+  return OpticalScene(m.body, m.mesh, {}, {}, {}).triangles();
 }
 
 }  // namespace
@@ -79,7 +79,7 @@ TEST_CASE("Sub-facets follow the quadratic map: normals and areas of a sphere", 
   for (int n : {1, 2, 4}) {
     OpticalScene::Config c;
     c.sub_facets = n;
-    const OpticalScene scene(m.body, m.mesh, {}, {}, {}, c);
+    const OpticalScene scene(m.body, m.mesh, {}, {}, c);
     double area = 0.0, worst = 0.0;
     for (std::size_t i = 0; i < scene.triangles().size(); ++i) {
       const auto& [p, q, r] = scene.triangles()[i].corners;
@@ -117,7 +117,7 @@ TEST_CASE("Shares of light nodes add up: their areas are the area of all Lambert
   const PadShape s{.gap = 2e-3};
   const Model m = pad(s);
   for (const Symmetry symmetry : {Symmetry{}, Symmetry{true, true}}) {
-    const OpticalScene scene(m.body, m.mesh, {}, {}, symmetry, {});
+    const OpticalScene scene(m.body, m.mesh, {}, symmetry, {});
     const lumo::LightNodes nodes(scene, symmetry);
     double lit = 0.0, sum = 0.0;
     for (int t = 0; t < int(scene.triangles().size()); ++t)

@@ -1,12 +1,12 @@
 #pragma once
 
+#include "lumo/mechanics/contact/contact_edge.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <vector>
 
 namespace lumo {
@@ -15,6 +15,7 @@ namespace lumo {
 struct ContactField {
   std::vector<double> field;  ///< > 0 in contact
   std::vector<double> pressure_Pa;
+  std::vector<ContactSlope> slopes;
 };
 
 /// Reference area of the intersection and of the union of two contact sets [m²].
@@ -25,12 +26,15 @@ struct SetOverlap {
   double ratio() const { return either > 0.0 ? both / either : 1.0; }
 };
 
-/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw
-/// overlaps are no measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a
-/// smooth contact grows as the distance to its edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3),
-/// scaled by its own slope, *is* that distance; inside it is continued linearly.
+/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes (see detail::ContactEdge), the
+/// pressure lumped there, and how the surface leans away from the rigid thing.
 template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
     const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
+
+/// How a surface leans away from what it rests on: where it touches, it lies on that; beyond, its slopes are too small
+/// for a law of the gap to be better than the faces themselves.
+template <class Tool> std::vector<ContactSlope> resting_slopes(
+    const TetMesh& mesh, const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
 template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x);
@@ -91,124 +95,18 @@ template <class S> struct ClipPolygon {
   }
 };
 
-// Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
-template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
-  const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
-  for (std::size_t f = 0; f < surface.size(); ++f)
-    for (std::size_t part = 0; part < parts; ++part) {
-      std::array<int, 3> node;
-      for (std::size_t k = 0; k < 3; ++k)
-        node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
-      const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
-      visit(0.5 * (b - a).cross(c - a).norm(), node);
-    }
-}
-
-// The fit of the edge of contact. Lengths are in spacings of the nodes.
-struct EdgeFit {
-  static constexpr double triangle = 2.3;  // 4/√3: edge² over the area of an equilateral triangle
-  static constexpr double lattice = 1.15;  // 2/√3: spacing² over the area of a node of such triangles
-  static constexpr double reach = 4.0;     // of what is looked at
-  static constexpr double nearest = 0.25;  // nearer, the kink inside a facet disturbs the gap
-  static constexpr double farthest = 2.0;  // farther, the fit has to reach too far
-  static constexpr double slope_reach2 = 16.0, circle_reach2 = 12.0;  // squared reach of the weights
-  static constexpr double least_slope2 = 0.25;                        // of the mean: the fit may not fall below
-};
-
-// A point of the edge of contact with the direction in which the gap opens there.
-struct EdgeSample {
-  Vec3d point;
-  Vec3d outward;
-  double spacing;  // of the nodes about it
-};
-
-// Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of
-// contact. With G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the
-// distance is 2 G / (α + slope).
-inline std::vector<EdgeSample> edge_of_contact(
-    const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
-  struct Free {
-    Vec3d middle, outward;
-    double power, slope, spacing;
-  };
-  std::vector<Free> free;
-  for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
-    std::array<double, 3> power;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const double g = gap[std::size_t(node[k])];
-      if (!(g > tolerance)) return;
-      power[k] = std::cbrt(g * g);
-    }
-    const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
-    const Vec3d normal = e1.cross(e2);
-    const Vec3d gradient =
-        ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
-    const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
-        std::sqrt(EdgeFit::triangle * area)};
-    if (f.slope > 0.0 && f.power < EdgeFit::reach * f.spacing * f.slope) free.push_back(f);
-  });
-  std::vector<EdgeSample> samples;
-  for (const Free& f : free) {
-    if (f.power < EdgeFit::nearest * f.spacing * f.slope || f.power > EdgeFit::farthest * f.spacing * f.slope) continue;
-    double w = 0.0, g = 0.0, s = 0.0, gg = 0.0, gs = 0.0;
-    for (const Free& other : free) {
-      const double t = (other.middle - f.middle).squaredNorm() / (EdgeFit::slope_reach2 * f.spacing * f.spacing);
-      if (t >= 1.0 || other.power < EdgeFit::nearest * other.spacing * other.slope) continue;
-      const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
-      w += k;
-      g += k * other.power;
-      s += k * square;
-      gg += k * other.power * other.power;
-      gs += k * other.power * square;
-    }
-    const double spread = gg - g * g / w;
-    const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
-    const double start = std::max((s - bend * g) / w, EdgeFit::least_slope2 * s / w),
-                 here = std::max(start + bend * f.power, EdgeFit::least_slope2 * s / w);
-    samples.push_back(
-        {f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
-  }
-  return samples;
-}
-
-// Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann,
-// Gross 2008 (algebraic spheres through oriented points).
-inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3d& p) {
-  double w = 0.0, pn = 0.0, pp = 0.0;
-  Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
-  for (const EdgeSample& s : samples) {
-    const Vec3d d = s.point - p;
-    const double t = d.squaredNorm() / (EdgeFit::circle_reach2 * s.spacing * s.spacing);
-    if (t >= 1.0) continue;
-    const double k = std::pow(1.0 - t, 4);
-    w += k;
-    sum_p += k * d;
-    sum_n += k * s.outward;
-    pn += k * d.dot(s.outward);
-    pp += k * d.squaredNorm();
-  }
-  if (!(w > 0.0)) return std::nullopt;
-  const double spread = pp - sum_p.squaredNorm() / w;
-  const double q = spread > 1e-12 * pp ? 0.5 * (pn - sum_p.dot(sum_n) / w) / spread : 0.0;
-  const Vec3d l = (sum_n - 2.0 * q * sum_p) / w;
-  const double c = -(l.dot(sum_p) + q * pp) / w;
-  // c + l·x + q x² at x = 0, turned into a distance along its slope; the circle's own root where it bends.
-  const double root = l.squaredNorm() - 4.0 * q * c;
-  if (!(root > 0.0)) return -c / std::max(l.norm(), 1e-300);
-  return -2.0 * c / (l.norm() + std::sqrt(root));
-}
-
 }  // namespace detail
 
 template <ContactHandler Contact, class Tool> ContactField contact_field(const TetMesh& mesh,
     const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
-  std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
-  ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
+  ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0),
+      std::vector<ContactSlope>(n)};
+  std::vector<double> area(n, 0.0);
   double overlap = 0.0;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const double g = rigid.distance(surface.position(f, p, x));
+      const double g = rigid.distance(surface.position(f, p, x), surface.material(f, p));
       overlap = std::max(overlap, -g);
       const std::array<int, 3> corner =
           mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
@@ -218,25 +116,28 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
         c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
       }
     }
-  for (std::size_t k = 0; k < n; ++k) {
-    if (area[k] <= 0.0) continue;
-    c.pressure_Pa[k] /= area[k];
-    spacing[k] = std::sqrt(detail::EdgeFit::lattice * area[k]);
-    gap[k] = rigid.distance(x.col(Eigen::Index(k)));
-  }
+  for (std::size_t k = 0; k < n; ++k)
+    if (area[k] > 0.0) c.pressure_Pa[k] /= area[k];
+  const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
-  const double tolerance = 2.0 * overlap;
-  const std::vector<detail::EdgeSample> edge = detail::edge_of_contact(surface, x, gap, tolerance);
-  for (std::size_t k = 0; k < n; ++k) {
-    if (area[k] <= 0.0) continue;
-    const bool open = gap[k] > tolerance;
-    const double far = open ? -gap[k] : spacing[k];
-    double& field = c.field[k];
-    field = detail::distance_to_edge(edge, x.col(Eigen::Index(k))).value_or(far);
-    // The fit speaks for the edge's surroundings only; a node well on one side of it stays there.
-    if ((field > 0.0) == open && std::abs(field) > 0.5 * spacing[k]) field = far;
+  const detail::ContactEdge edge(nodes, 2.0 * overlap);
+  const std::vector<ContactSlope> slopes = edge.slopes();
+  for (std::size_t k = 0; k < nodes.size(); ++k) {
+    const std::size_t node = std::size_t(nodes.mesh_node[k]);
+    c.field[node] = edge.field()[k];
+    c.slopes[node] = slopes[k];
   }
   return c;
+}
+
+template <class Tool> std::vector<ContactSlope> resting_slopes(
+    const TetMesh& mesh, const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
+  const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
+  std::vector<ContactSlope> slopes(mesh.nodes.size());
+  for (std::size_t k = 0; k < nodes.size(); ++k)
+    if (nodes.gap[k] < std::numeric_limits<double>::infinity())
+      slopes[std::size_t(nodes.mesh_node[k])] = {.normal = -nodes.away[k], .weight = nodes.gap[k] <= 0.0 ? 1.0 : 0.0};
+  return slopes;
 }
 
 inline SetOverlap contact_overlap(

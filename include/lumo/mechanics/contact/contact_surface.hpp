@@ -58,6 +58,10 @@ class ContactSurface {
   }
 
   MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
+  /// The same at the face's node k.
+  MaterialPoint material(std::size_t f, std::size_t k) const {
+    return {mesh_->nodes[std::size_t(faces_[f].nodes[k])], faces_[f].patch};
+  }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
   std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {

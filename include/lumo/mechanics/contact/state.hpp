@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
+#include "lumo/mesh/contact_slope.hpp"
 
 #include <array>
 #include <cstddef>
@@ -47,6 +48,8 @@ struct MechanicalState {
   /// Contact field per mesh node: > 0 in contact with the indenter, < 0 outside; −infinity on nodes that it cannot
   /// touch. Linear on the sub-facets of the surface (corners and edge middles); the contact set is {φ > 0}.
   std::vector<double> contact_field;
+  /// How the surface leans away from the indenter, and from the carrier, per mesh node; may be empty.
+  std::vector<ContactSlope> tool_slopes, carrier_slopes;
   /// The contact set by records (record_margin): is each sub-triangle of the touchable surface, in its order, in it?
   /// Empty: it is {φ > 0}.
   std::vector<char> recorded;

@@ -24,6 +24,14 @@ concept LinearSolver = std::copyable<S> && std::default_initializable<S> &&
   { solver.solve(rhs) } -> std::convertible_to<Eigen::MatrixXd>;
 };
 
+/// One whose factor is an approximation that its solutions are refined from. precondition() is a solution as the factor
+/// gives it, to some digits; certify() states whether the matrix itself is positive definite.
+template <class S>
+concept RefiningSolver = LinearSolver<S> && requires(S solver, const Eigen::VectorXd& rhs) {
+  { solver.precondition(rhs) } -> std::convertible_to<Eigen::VectorXd>;
+  { solver.certify() } -> std::same_as<FactorStatus>;
+};
+
 /// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal
 /// one.
 class EigenCholesky {

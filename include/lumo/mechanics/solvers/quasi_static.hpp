@@ -276,10 +276,16 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     return std::isfinite(schur_) && schur_ > 0.0;
   }
 
+  // To the digits that a step needs, which is of a linearisation.
+  Eigen::VectorXd roughly_solved(const Eigen::VectorXd& r) {
+    if constexpr (RefiningSolver<Linear>) return linear_.front().precondition(r);
+    else return linear_.front().solve(r);
+  }
+
   // Solution with the last factor for all equations, the advance's included.
   Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
     Eigen::VectorXd d(r.size());
-    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
+    const Eigen::VectorXd z = roughly_solved(r.head(eq_.count));
     d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
     d.head(eq_.count) = z - d[eq_.count] * response_;
     return d;
@@ -321,7 +327,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     typename System::Tangent t;
     system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
     for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
-      const FactorStatus f = linear_[b].factorize(t.matrix[b]);
+      FactorStatus f = linear_[b].factorize(t.matrix[b]);
+      if constexpr (RefiningSolver<Linear>)
+        if (f == FactorStatus::positive_definite) f = linear_[b].certify();
       if (f != FactorStatus::positive_definite)
         return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
       if (b > 0) continue;  // the advance moves with the even fields only
@@ -335,8 +343,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   const Model& model_;
   System system_;
   const Equations& eq_;
-  std::vector<std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>>
-      linear_;                             // by parity; the first one's factor is that of the steps
+  using Linear = std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>;
+  std::vector<Linear> linear_;             // by parity; the first one's factor is that of the steps
   typename System::Place now_, factored_;  // where we are, and where the factor was made
   FrictionHistory touched_, rested_;       // at the end of the last stride
   Stopwatch watch_;

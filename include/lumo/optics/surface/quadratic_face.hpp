@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
+#include "lumo/mesh/contact_slope.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 
@@ -67,6 +68,11 @@ struct QuadraticFace {
   std::array<double, 6> contact;  ///< contact field, > 0 in contact, −infinity where there can be none
   int patch;
   bool may_touch;
+  std::array<ContactSlope, 6> slope;  ///< how the face leans away from what it touches
+  bool leans;                         ///< they say something of it
+
+  /// Unit outward normal at (b1, b2).
+  Vec3d normal_at(double b1, double b2) const;
 
   /// Inside {φ > 0}, φ linear on the four triangles between corners and edge middles?
   bool in_contact(double b1, double b2) const {
@@ -87,6 +93,24 @@ struct QuadraticFace {
     return value > 0.0;
   }
 };
+
+inline Vec3d QuadraticFace::normal_at(double b1, double b2) const {
+  const std::array<double, 6> shape = quadratic_shape(b1, b2);
+  Vec3d recovered = Vec3d::Zero();
+  for (std::size_t k = 0; k < 6; ++k) recovered += shape[k] * normal[k];
+  if (!leans) return recovered.normalized();
+  double weight = 0.0, opening = 0.0;
+  Vec3d rigid = Vec3d::Zero(), tilt = Vec3d::Zero();
+  for (std::size_t k = 0; k < 6; ++k) {
+    weight += shape[k] * slope[k].weight;
+    opening += shape[k] * slope[k].opening;
+    rigid += shape[k] * slope[k].normal;
+    tilt += shape[k] * slope[k].tilt;
+  }
+  const double share = std::clamp(weight, 0.0, 1.0);
+  const Vec3d leaning = (rigid + hertz_slope(opening) * tilt).normalized();
+  return (share * leaning + (1.0 - share) * recovered.normalized()).normalized();
+}
 
 /// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its
 /// normals.
