@@ -7140,6 +7140,14 @@ class ContactSurface {
     return at;
   }
 
+  /// Mesh nodes at the corners of one of a face's sub-triangles (one in a linear mesh).
+  std::array<int, 3> sub_triangle(std::size_t f, std::size_t part) const {
+    const std::array<int, 6>& nodes = faces_[f].nodes;
+    const std::array<int, 3> corner = corners_of(part);
+    return {nodes[std::size_t(corner[0])], nodes[std::size_t(corner[1])], nodes[std::size_t(corner[2])]};
+  }
+  std::size_t sub_triangles() const { return mesh_->order == 2 ? 4 : 1; }  ///< of each face
+
   MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
   /// The same at the face's node k.
   MaterialPoint material(std::size_t f, std::size_t k) const {
@@ -7161,6 +7169,10 @@ class ContactSurface {
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
  private:
+  // Places in BoundaryFace::nodes of a sub-triangle's corners.
+  std::array<int, 3> corners_of(std::size_t part) const {
+    return mesh_->order == 2 ? face_parts()[part] : std::array<int, 3>{0, 1, 2};
+  }
   void add(const BoundaryFace& face);
   void gather_at_vertices(double area_per_vertex);
 
@@ -7186,7 +7198,7 @@ inline void ContactSurface::add(const BoundaryFace& face) {
       {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, .5, 0}, {0, .5, .5}, {.5, 0, .5}}};
   const int parts = order == 2 ? 4 : 1;
   for (int part = 0; part < parts; ++part) {
-    const std::array<int, 3> corner = order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
+    const std::array<int, 3> corner = corners_of(std::size_t(part));
     for (const auto& small : face_parts())
       for (int q = 0; q < 3; ++q) {
         SurfacePoint p{};
@@ -7222,18 +7234,16 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);
-  const auto corners = [&](int part) {
-    return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
-  };
   for (std::size_t f = 0; f < faces_.size(); ++f)
     for (const SurfacePoint& p : points_[f])
       for (std::size_t k = 0; k < 3; ++k)
-        area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
+        area[std::size_t(sub_triangle(f, std::size_t(p.part))[k])] += p.area_m2 * p.hat[k];
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     points_[f].clear();
     for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
       for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
+        const std::size_t local = std::size_t(corners_of(std::size_t(part))[k]),
+                          node = std::size_t(faces_[f].nodes[local]);
         if (std::exchange(done[node], char(1))) continue;
         SurfacePoint p{
             {}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}, mesh_->nodes[node]};
@@ -9596,12 +9606,9 @@ struct SurfaceNodes {
 
 // Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
 template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
-  const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
   for (std::size_t f = 0; f < surface.size(); ++f)
-    for (std::size_t part = 0; part < parts; ++part) {
-      std::array<int, 3> node;
-      for (std::size_t k = 0; k < 3; ++k)
-        node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
+    for (std::size_t part = 0; part < surface.sub_triangles(); ++part) {
+      const std::array<int, 3> node = surface.sub_triangle(f, part);
       const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
       visit(0.5 * (b - a).cross(c - a).norm(), node);
     }
@@ -9611,9 +9618,8 @@ template <class Tool>
 SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
   SurfaceNodes s;
   std::vector<int> number(std::size_t(x.cols()), -1);
-  const std::size_t corners = std::size_t(surface.nodes_per_face());
   for (std::size_t f = 0; f < surface.size(); ++f)
-    for (std::size_t k = 0; k < corners; ++k) {
+    for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
       const int node = surface.face(f).nodes[k];
       if (number[std::size_t(node)] >= 0) continue;
       number[std::size_t(node)] = int(s.size());
@@ -9627,9 +9633,8 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
   s.area.assign(s.size(), 0.0);
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const std::array<int, 3> corner = corners == 6 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
-      for (std::size_t k = 0; k < 3; ++k)
-        s.area[std::size_t(number[std::size_t(surface.face(f).nodes[std::size_t(corner[k])])])] += p.area_m2 * p.hat[k];
+      const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
+      for (std::size_t k = 0; k < 3; ++k) s.area[std::size_t(number[std::size_t(node[k])])] += p.area_m2 * p.hat[k];
     }
   std::vector<std::pair<int, int>> edges;
   for_sub_triangles(surface, x, [&](double, const std::array<int, 3>& node) {
@@ -9681,10 +9686,10 @@ class ContactEdge {
     std::vector<ContactSlope> all(s_->size());
     for (std::size_t k = 0; k < s_->size(); ++k) {
       if (part_[k] < 0) continue;
-      const Part& part = parts_[std::size_t(part_[k])];
+      const Part& part = part_of(k);
       const std::optional<Fit> fit = touches_[k] || ring_[k] ? fits_[k] : lifted(k);
       if (!fit && !touches_[k]) continue;
-      const double to_edge = way_[k] / reach(k, part);
+      const double to_edge = way_[k] / reach(k);
       ContactSlope& slope = all[k];
       slope.normal = -s_->away[k];
       slope.weight = touches_[k] || ring_[k] ? 1.0 : std::clamp(2.0 - 2.0 * to_edge, 0.0, 1.0);
@@ -9736,8 +9741,10 @@ class ContactEdge {
     double spacing, steepness;
   };
 
-  double reach(std::size_t k, const Part& part) const {
-    return std::max(std::min(wanted_reach * spacing_[k], most_of_radius * part.radius), least_reach * spacing_[k]);
+  const Part& part_of(std::size_t k) const { return parts_[std::size_t(part_[k])]; }
+  double reach(std::size_t k) const {
+    return std::max(
+        std::min(wanted_reach * spacing_[k], most_of_radius * part_of(k).radius), least_reach * spacing_[k]);
   }
 
   // Connected nodes that touch.
@@ -9786,7 +9793,7 @@ class ContactEdge {
       const auto [way, at] = next.top();
       next.pop();
       const std::size_t k = std::size_t(at);
-      if (way > way_[k] || way > way_looked_at * reach(k, parts_[std::size_t(part_[k])])) continue;
+      if (way > way_[k] || way > way_looked_at * reach(k)) continue;
       for (const int other : s_->around(k)) {
         const std::size_t o = std::size_t(other);
         const double longer = way + (s_->place[o] - s_->place[k]).norm();
@@ -9817,7 +9824,7 @@ class ContactEdge {
   // Free nodes that a fit may use, by cells of space.
   void sort_into_cells() {
     for (std::size_t k = 0; k < s_->size(); ++k)
-      if (part_[k] >= 0) cell_ = std::max(cell_, reach(k, parts_[std::size_t(part_[k])]));
+      if (part_[k] >= 0) cell_ = std::max(cell_, reach(k));
     for (std::size_t k = 0; k < s_->size(); ++k)
       if (part_[k] >= 0 && !touches_[k]) free_.push_back({cell_of(s_->place[k]), int(k)});
     std::sort(free_.begin(), free_.end());
@@ -9859,7 +9866,7 @@ class ContactEdge {
   void lift() {
     for (const auto& [cell, number] : free_) {
       const std::size_t k = std::size_t(number);
-      const Part& part = parts_[std::size_t(part_[k])];
+      const Part& part = part_of(k);
       lifted_[k] = part.scale > 0.0 ? 0.5 * part.radius * hertz_opening(s_->gap[k] / part.scale) : 0.0;
     }
   }
@@ -9876,7 +9883,7 @@ class ContactEdge {
     for (std::size_t k = 0; k < s_->size(); ++k)
       if (fits_[k] && !touches_[k]) {
         Sum& sum = sums[std::size_t(part_[k])];
-        sum.steepness += fits_[k]->steepness(parts_[std::size_t(part_[k])].radius);
+        sum.steepness += fits_[k]->steepness(part_of(k).radius);
         ++sum.count;
       }
     for (const std::array<int, 3>& t : s_->triangles) measure(t, sums);
@@ -9929,22 +9936,20 @@ class ContactEdge {
       const std::size_t k = std::size_t(number);
       if (!ring_[k]) continue;
       fits_[k] = lifted(k);
-      field_[k] = fits_[k] ? fits_[k]->distance() : -s_->gap[k];
-      // A node that is well outside by its own gap stays there.
-      if (field_[k] > 0.0 && lifted_[k] > 0.5 * spacing_[k]) field_[k] = -s_->gap[k];
+      field_[k] = -s_->gap[k];
       if (!fits_[k]) continue;
-      const Vec3d outward = fits_[k]->gradient.normalized();
-      const Vec3d point = s_->place[k] + fits_[k]->distance() * outward;
-      samples_.push_back(
-          {part_[k], point, outward, spacing_[k], fits_[k]->steepness(parts_[std::size_t(part_[k])].radius)});
+      const double distance = fits_[k]->distance();
+      const Vec3d outward = fits_[k]->gradient.normalized(), point = s_->place[k] + distance * outward;
+      samples_.push_back({part_[k], point, outward, spacing_[k], fits_[k]->steepness(part_of(k).radius)});
+      // A node that is well outside by its own gap stays there.
+      if (!(distance > 0.0 && lifted_[k] > 0.5 * spacing_[k])) field_[k] = distance;
     }
     for (std::size_t k = 0; k < s_->size(); ++k) {
       if (!ring_[k] || !touches_[k]) continue;
       double usual = 1.0;
       fits_[k] = inside(k, usual);
       if (const std::optional<Fit> own = ring_[k] == 1 ? lifted(k) : std::nullopt)
-        if (std::abs(std::log(own->steepness(parts_[std::size_t(part_[k])].radius) / usual)) < believable)
-          fits_[k] = own;
+        if (std::abs(std::log(own->steepness(part_of(k).radius) / usual)) < believable) fits_[k] = own;
       field_[k] = fits_[k] ? fits_[k]->distance() : spacing_[k];
       if (field_[k] < -0.5 * spacing_[k]) field_[k] = spacing_[k];
     }
@@ -9981,15 +9986,15 @@ class ContactEdge {
     const double root = l.squaredNorm() - 4.0 * q * c, steep = l.norm();
     if (!(steep > 0.0)) return std::nullopt;
     const double out = root > 0.0 ? 2.0 * c / (steep + std::sqrt(root)) : c / steep;
-    const double a = parts_[std::size_t(part_[k])].radius, r = std::max(a + out, 0.1 * a);
+    const double a = part_of(k).radius, r = std::max(a + out, 0.1 * a);
     return Fit{0.5 * (r * r - a * a) / a, (r / a / steep) * l, 1.0 / a};
   }
 
   // The quadratic through Y of the free nodes about node k. Y is known the better the wider the gap is.
   std::optional<Fit> lifted(std::size_t k) const {
-    const Part& part = parts_[std::size_t(part_[k])];
+    const Part& part = part_of(k);
     if (!(part.scale > 0.0)) return std::nullopt;
-    const double h = reach(k, part);
+    const double h = reach(k);
     const Vec3d normal = s_->away[k], across = std::abs(normal.x()) < 0.6 ? Vec3d::UnitX() : Vec3d::UnitY();
     const Vec3d e1 = normal.cross(across).normalized(), e2 = normal.cross(e1);
     using Vector6d = Eigen::Matrix<double, 6, 1>;
@@ -10140,28 +10145,22 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
   const std::size_t n = mesh.nodes.size();
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0),
       std::vector<ContactSlope>(n)};
-  std::vector<double> area(n, 0.0);
   double overlap = 0.0;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
       const double g = rigid.distance(surface.position(f, p, x), surface.material(f, p));
       overlap = std::max(overlap, -g);
-      const std::array<int, 3> corner =
-          mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t node = std::size_t(surface.face(f).nodes[std::size_t(corner[k])]);
-        area[node] += p.area_m2 * p.hat[k];
-        c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
-      }
+      const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
+      for (std::size_t k = 0; k < 3; ++k)
+        c.pressure_Pa[std::size_t(node[k])] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
     }
-  for (std::size_t k = 0; k < n; ++k)
-    if (area[k] > 0.0) c.pressure_Pa[k] /= area[k];
   const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
   const detail::ContactEdge edge(nodes, 2.0 * overlap);
   const std::vector<ContactSlope> slopes = edge.slopes();
   for (std::size_t k = 0; k < nodes.size(); ++k) {
     const std::size_t node = std::size_t(nodes.mesh_node[k]);
+    if (nodes.area[k] > 0.0) c.pressure_Pa[node] /= nodes.area[k];
     c.field[node] = edge.field()[k];
     c.slopes[node] = slopes[k];
   }
@@ -10170,11 +10169,16 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
 
 template <class Tool> std::vector<ContactSlope> resting_slopes(
     const TetMesh& mesh, const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
-  const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   std::vector<ContactSlope> slopes(mesh.nodes.size());
-  for (std::size_t k = 0; k < nodes.size(); ++k)
-    if (nodes.gap[k] < std::numeric_limits<double>::infinity())
-      slopes[std::size_t(nodes.mesh_node[k])] = {.normal = -nodes.away[k], .weight = nodes.gap[k] <= 0.0 ? 1.0 : 0.0};
+  std::vector<char> seen(mesh.nodes.size(), 0);
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
+      const std::size_t node = std::size_t(surface.face(f).nodes[k]);
+      if (std::exchange(seen[node], char(1))) continue;
+      const DistanceSample d = rigid.sample(x.col(Eigen::Index(node)), surface.material(f, k));
+      if (d.distance < std::numeric_limits<double>::infinity())
+        slopes[node] = {.normal = -d.gradient, .weight = d.distance <= 0.0 ? 1.0 : 0.0};
+    }
   return slopes;
 }
 

@@ -140,8 +140,20 @@ class CholmodAnalysis {
   }
 
   const SparseLower& matrix() const { return matrix_; }          ///< in the factor's order
-  const std::vector<int>& order() const { return order_; }       ///< its rows → the caller's
   const cholmod_factor& symbolic() const { return *symbolic_; }  ///< supernodal
+  /// Columns with their rows in the factor's order, and back in the caller's.
+  template <class Dense> Dense to_factor(const Dense& caller) const {
+    Dense v(caller.rows(), caller.cols());
+    for (Eigen::Index j = 0; j < v.cols(); ++j)
+      for (Eigen::Index k = 0; k < v.rows(); ++k) v(k, j) = caller(order_[std::size_t(k)], j);
+    return v;
+  }
+  template <class Dense> Dense to_caller(const Dense& factor) const {
+    Dense v(factor.rows(), factor.cols());
+    for (Eigen::Index j = 0; j < v.cols(); ++j)
+      for (Eigen::Index k = 0; k < v.rows(); ++k) v(order_[std::size_t(k)], j) = factor(k, j);
+    return v;
+  }
   cholmod_common* common() const { return common_.get(); }
   cholmod_sparse view() const { return view_of(matrix_); }
   Factor own(cholmod_factor* f) const { return Factor(f, detail::FreeFactor{common_.get()}); }
@@ -251,24 +263,21 @@ class Cholmod {
   }
 
   Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) {
-    Eigen::MatrixXd result(rhs.rows(), rhs.cols());
-    for (Eigen::Index j = 0; j < rhs.cols(); ++j)
-      for (Eigen::Index k = 0; k < rhs.rows(); ++k) result(k, j) = rhs(analysis_.order()[std::size_t(k)], j);
+    Eigen::MatrixXd ordered = analysis_.to_factor(rhs);
     cholmod_dense b{};
     b.nrow = std::size_t(rhs.rows());
     b.ncol = std::size_t(rhs.cols());
     b.nzmax = b.nrow * b.ncol;
     b.d = b.nrow;
-    b.x = result.data();
+    b.x = ordered.data();
     b.xtype = CHOLMOD_REAL;
     b.dtype = CHOLMOD_DOUBLE;
     const detail::BlasStay stay(8 * sizeof(double) * b.nzmax);
     const detail::WithoutOpenMp one_thread;
     cholmod_dense* x = cholmod_solve(CHOLMOD_A, factor_.get(), &b, analysis_.common());
     if (!x) throw std::bad_alloc();
-    for (Eigen::Index j = 0; j < rhs.cols(); ++j)
-      for (Eigen::Index k = 0; k < rhs.rows(); ++k)
-        result(analysis_.order()[std::size_t(k)], j) = static_cast<const double*>(x->x)[j * rhs.rows() + k];
+    const Eigen::MatrixXd result = analysis_.to_caller<Eigen::MatrixXd>(
+        Eigen::Map<const Eigen::MatrixXd>(static_cast<const double*>(x->x), rhs.rows(), rhs.cols()));
     cholmod_free_dense(&x, analysis_.common());
     return result;
   }

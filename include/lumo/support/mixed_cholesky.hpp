@@ -184,14 +184,14 @@ class MixedCholesky {
   /// Solution with the factor as it is: four to six digits.
   Eigen::VectorXd precondition(const Eigen::VectorXd& rhs) {
     if (!single_) return exact_.solve(rhs);
-    return to_caller(apply(to_factor(rhs)));
+    return exact_.analysis().to_caller(apply(exact_.analysis().to_factor(rhs)));
   }
 
   /// Solution whose residual is 1e-10 of the right-hand side.
   Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) {
     Eigen::MatrixXd x(rhs.rows(), rhs.cols());
     for (Eigen::Index j = 0; j < rhs.cols() && single_; ++j) {
-      const Eigen::VectorXd b = to_factor(rhs.col(j));
+      const Eigen::VectorXd b = exact_.analysis().to_factor<Eigen::VectorXd>(rhs.col(j));
       Eigen::VectorXd y = Eigen::VectorXd::Zero(b.size()), r = b, p;
       double rz = 0.0;
       const double wanted = refined * b.norm();
@@ -211,7 +211,7 @@ class MixedCholesky {
         y += step * p;
         r -= step * Ap;
       }
-      x.col(j) = to_caller(y);
+      x.col(j) = exact_.analysis().to_caller(y);
     }
     return single_ ? x : exact_.solve(rhs);
   }
@@ -245,18 +245,6 @@ class MixedCholesky {
       w[j] += sum;
     }
     return w;
-  }
-  Eigen::VectorXd to_factor(const Eigen::VectorXd& caller) const {
-    const std::vector<int>& order = exact_.analysis().order();
-    Eigen::VectorXd v(caller.size());
-    for (Eigen::Index k = 0; k < v.size(); ++k) v[k] = caller[order[std::size_t(k)]];
-    return v;
-  }
-  Eigen::VectorXd to_caller(const Eigen::VectorXd& factor) const {
-    const std::vector<int>& order = exact_.analysis().order();
-    Eigen::VectorXd v(factor.size());
-    for (Eigen::Index k = 0; k < v.size(); ++k) v[order[std::size_t(k)]] = factor[k];
-    return v;
   }
 
   Cholmod exact_;  // the analysis, the matrix, and the factor where single precision does not do

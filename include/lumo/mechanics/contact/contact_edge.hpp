@@ -40,12 +40,9 @@ struct SurfaceNodes {
 
 // Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
 template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
-  const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
   for (std::size_t f = 0; f < surface.size(); ++f)
-    for (std::size_t part = 0; part < parts; ++part) {
-      std::array<int, 3> node;
-      for (std::size_t k = 0; k < 3; ++k)
-        node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
+    for (std::size_t part = 0; part < surface.sub_triangles(); ++part) {
+      const std::array<int, 3> node = surface.sub_triangle(f, part);
       const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
       visit(0.5 * (b - a).cross(c - a).norm(), node);
     }
@@ -55,9 +52,8 @@ template <class Tool>
 SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
   SurfaceNodes s;
   std::vector<int> number(std::size_t(x.cols()), -1);
-  const std::size_t corners = std::size_t(surface.nodes_per_face());
   for (std::size_t f = 0; f < surface.size(); ++f)
-    for (std::size_t k = 0; k < corners; ++k) {
+    for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
       const int node = surface.face(f).nodes[k];
       if (number[std::size_t(node)] >= 0) continue;
       number[std::size_t(node)] = int(s.size());
@@ -71,9 +67,8 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
   s.area.assign(s.size(), 0.0);
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const std::array<int, 3> corner = corners == 6 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
-      for (std::size_t k = 0; k < 3; ++k)
-        s.area[std::size_t(number[std::size_t(surface.face(f).nodes[std::size_t(corner[k])])])] += p.area_m2 * p.hat[k];
+      const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
+      for (std::size_t k = 0; k < 3; ++k) s.area[std::size_t(number[std::size_t(node[k])])] += p.area_m2 * p.hat[k];
     }
   std::vector<std::pair<int, int>> edges;
   for_sub_triangles(surface, x, [&](double, const std::array<int, 3>& node) {
@@ -125,10 +120,10 @@ class ContactEdge {
     std::vector<ContactSlope> all(s_->size());
     for (std::size_t k = 0; k < s_->size(); ++k) {
       if (part_[k] < 0) continue;
-      const Part& part = parts_[std::size_t(part_[k])];
+      const Part& part = part_of(k);
       const std::optional<Fit> fit = touches_[k] || ring_[k] ? fits_[k] : lifted(k);
       if (!fit && !touches_[k]) continue;
-      const double to_edge = way_[k] / reach(k, part);
+      const double to_edge = way_[k] / reach(k);
       ContactSlope& slope = all[k];
       slope.normal = -s_->away[k];
       slope.weight = touches_[k] || ring_[k] ? 1.0 : std::clamp(2.0 - 2.0 * to_edge, 0.0, 1.0);
@@ -180,8 +175,10 @@ class ContactEdge {
     double spacing, steepness;
   };
 
-  double reach(std::size_t k, const Part& part) const {
-    return std::max(std::min(wanted_reach * spacing_[k], most_of_radius * part.radius), least_reach * spacing_[k]);
+  const Part& part_of(std::size_t k) const { return parts_[std::size_t(part_[k])]; }
+  double reach(std::size_t k) const {
+    return std::max(
+        std::min(wanted_reach * spacing_[k], most_of_radius * part_of(k).radius), least_reach * spacing_[k]);
   }
 
   // Connected nodes that touch.
@@ -230,7 +227,7 @@ class ContactEdge {
       const auto [way, at] = next.top();
       next.pop();
       const std::size_t k = std::size_t(at);
-      if (way > way_[k] || way > way_looked_at * reach(k, parts_[std::size_t(part_[k])])) continue;
+      if (way > way_[k] || way > way_looked_at * reach(k)) continue;
       for (const int other : s_->around(k)) {
         const std::size_t o = std::size_t(other);
         const double longer = way + (s_->place[o] - s_->place[k]).norm();
@@ -261,7 +258,7 @@ class ContactEdge {
   // Free nodes that a fit may use, by cells of space.
   void sort_into_cells() {
     for (std::size_t k = 0; k < s_->size(); ++k)
-      if (part_[k] >= 0) cell_ = std::max(cell_, reach(k, parts_[std::size_t(part_[k])]));
+      if (part_[k] >= 0) cell_ = std::max(cell_, reach(k));
     for (std::size_t k = 0; k < s_->size(); ++k)
       if (part_[k] >= 0 && !touches_[k]) free_.push_back({cell_of(s_->place[k]), int(k)});
     std::sort(free_.begin(), free_.end());
@@ -303,7 +300,7 @@ class ContactEdge {
   void lift() {
     for (const auto& [cell, number] : free_) {
       const std::size_t k = std::size_t(number);
-      const Part& part = parts_[std::size_t(part_[k])];
+      const Part& part = part_of(k);
       lifted_[k] = part.scale > 0.0 ? 0.5 * part.radius * hertz_opening(s_->gap[k] / part.scale) : 0.0;
     }
   }
@@ -320,7 +317,7 @@ class ContactEdge {
     for (std::size_t k = 0; k < s_->size(); ++k)
       if (fits_[k] && !touches_[k]) {
         Sum& sum = sums[std::size_t(part_[k])];
-        sum.steepness += fits_[k]->steepness(parts_[std::size_t(part_[k])].radius);
+        sum.steepness += fits_[k]->steepness(part_of(k).radius);
         ++sum.count;
       }
     for (const std::array<int, 3>& t : s_->triangles) measure(t, sums);
@@ -373,22 +370,20 @@ class ContactEdge {
       const std::size_t k = std::size_t(number);
       if (!ring_[k]) continue;
       fits_[k] = lifted(k);
-      field_[k] = fits_[k] ? fits_[k]->distance() : -s_->gap[k];
-      // A node that is well outside by its own gap stays there.
-      if (field_[k] > 0.0 && lifted_[k] > 0.5 * spacing_[k]) field_[k] = -s_->gap[k];
+      field_[k] = -s_->gap[k];
       if (!fits_[k]) continue;
-      const Vec3d outward = fits_[k]->gradient.normalized();
-      const Vec3d point = s_->place[k] + fits_[k]->distance() * outward;
-      samples_.push_back(
-          {part_[k], point, outward, spacing_[k], fits_[k]->steepness(parts_[std::size_t(part_[k])].radius)});
+      const double distance = fits_[k]->distance();
+      const Vec3d outward = fits_[k]->gradient.normalized(), point = s_->place[k] + distance * outward;
+      samples_.push_back({part_[k], point, outward, spacing_[k], fits_[k]->steepness(part_of(k).radius)});
+      // A node that is well outside by its own gap stays there.
+      if (!(distance > 0.0 && lifted_[k] > 0.5 * spacing_[k])) field_[k] = distance;
     }
     for (std::size_t k = 0; k < s_->size(); ++k) {
       if (!ring_[k] || !touches_[k]) continue;
       double usual = 1.0;
       fits_[k] = inside(k, usual);
       if (const std::optional<Fit> own = ring_[k] == 1 ? lifted(k) : std::nullopt)
-        if (std::abs(std::log(own->steepness(parts_[std::size_t(part_[k])].radius) / usual)) < believable)
-          fits_[k] = own;
+        if (std::abs(std::log(own->steepness(part_of(k).radius) / usual)) < believable) fits_[k] = own;
       field_[k] = fits_[k] ? fits_[k]->distance() : spacing_[k];
       if (field_[k] < -0.5 * spacing_[k]) field_[k] = spacing_[k];
     }
@@ -425,15 +420,15 @@ class ContactEdge {
     const double root = l.squaredNorm() - 4.0 * q * c, steep = l.norm();
     if (!(steep > 0.0)) return std::nullopt;
     const double out = root > 0.0 ? 2.0 * c / (steep + std::sqrt(root)) : c / steep;
-    const double a = parts_[std::size_t(part_[k])].radius, r = std::max(a + out, 0.1 * a);
+    const double a = part_of(k).radius, r = std::max(a + out, 0.1 * a);
     return Fit{0.5 * (r * r - a * a) / a, (r / a / steep) * l, 1.0 / a};
   }
 
   // The quadratic through Y of the free nodes about node k. Y is known the better the wider the gap is.
   std::optional<Fit> lifted(std::size_t k) const {
-    const Part& part = parts_[std::size_t(part_[k])];
+    const Part& part = part_of(k);
     if (!(part.scale > 0.0)) return std::nullopt;
-    const double h = reach(k, part);
+    const double h = reach(k);
     const Vec3d normal = s_->away[k], across = std::abs(normal.x()) < 0.6 ? Vec3d::UnitX() : Vec3d::UnitY();
     const Vec3d e1 = normal.cross(across).normalized(), e2 = normal.cross(e1);
     using Vector6d = Eigen::Matrix<double, 6, 1>;

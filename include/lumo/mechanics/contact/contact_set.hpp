@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -102,28 +103,22 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
   const std::size_t n = mesh.nodes.size();
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0),
       std::vector<ContactSlope>(n)};
-  std::vector<double> area(n, 0.0);
   double overlap = 0.0;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
       const double g = rigid.distance(surface.position(f, p, x), surface.material(f, p));
       overlap = std::max(overlap, -g);
-      const std::array<int, 3> corner =
-          mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t node = std::size_t(surface.face(f).nodes[std::size_t(corner[k])]);
-        area[node] += p.area_m2 * p.hat[k];
-        c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
-      }
+      const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
+      for (std::size_t k = 0; k < 3; ++k)
+        c.pressure_Pa[std::size_t(node[k])] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
     }
-  for (std::size_t k = 0; k < n; ++k)
-    if (area[k] > 0.0) c.pressure_Pa[k] /= area[k];
   const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
   const detail::ContactEdge edge(nodes, 2.0 * overlap);
   const std::vector<ContactSlope> slopes = edge.slopes();
   for (std::size_t k = 0; k < nodes.size(); ++k) {
     const std::size_t node = std::size_t(nodes.mesh_node[k]);
+    if (nodes.area[k] > 0.0) c.pressure_Pa[node] /= nodes.area[k];
     c.field[node] = edge.field()[k];
     c.slopes[node] = slopes[k];
   }
@@ -132,11 +127,16 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
 
 template <class Tool> std::vector<ContactSlope> resting_slopes(
     const TetMesh& mesh, const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
-  const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   std::vector<ContactSlope> slopes(mesh.nodes.size());
-  for (std::size_t k = 0; k < nodes.size(); ++k)
-    if (nodes.gap[k] < std::numeric_limits<double>::infinity())
-      slopes[std::size_t(nodes.mesh_node[k])] = {.normal = -nodes.away[k], .weight = nodes.gap[k] <= 0.0 ? 1.0 : 0.0};
+  std::vector<char> seen(mesh.nodes.size(), 0);
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
+      const std::size_t node = std::size_t(surface.face(f).nodes[k]);
+      if (std::exchange(seen[node], char(1))) continue;
+      const DistanceSample d = rigid.sample(x.col(Eigen::Index(node)), surface.material(f, k));
+      if (d.distance < std::numeric_limits<double>::infinity())
+        slopes[node] = {.normal = -d.gradient, .weight = d.distance <= 0.0 ? 1.0 : 0.0};
+    }
   return slopes;
 }
 

@@ -57,6 +57,14 @@ class ContactSurface {
     return at;
   }
 
+  /// Mesh nodes at the corners of one of a face's sub-triangles (one in a linear mesh).
+  std::array<int, 3> sub_triangle(std::size_t f, std::size_t part) const {
+    const std::array<int, 6>& nodes = faces_[f].nodes;
+    const std::array<int, 3> corner = corners_of(part);
+    return {nodes[std::size_t(corner[0])], nodes[std::size_t(corner[1])], nodes[std::size_t(corner[2])]};
+  }
+  std::size_t sub_triangles() const { return mesh_->order == 2 ? 4 : 1; }  ///< of each face
+
   MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
   /// The same at the face's node k.
   MaterialPoint material(std::size_t f, std::size_t k) const {
@@ -78,6 +86,10 @@ class ContactSurface {
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
  private:
+  // Places in BoundaryFace::nodes of a sub-triangle's corners.
+  std::array<int, 3> corners_of(std::size_t part) const {
+    return mesh_->order == 2 ? face_parts()[part] : std::array<int, 3>{0, 1, 2};
+  }
   void add(const BoundaryFace& face);
   void gather_at_vertices(double area_per_vertex);
 
@@ -103,7 +115,7 @@ inline void ContactSurface::add(const BoundaryFace& face) {
       {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, .5, 0}, {0, .5, .5}, {.5, 0, .5}}};
   const int parts = order == 2 ? 4 : 1;
   for (int part = 0; part < parts; ++part) {
-    const std::array<int, 3> corner = order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
+    const std::array<int, 3> corner = corners_of(std::size_t(part));
     for (const auto& small : face_parts())
       for (int q = 0; q < 3; ++q) {
         SurfacePoint p{};
@@ -139,18 +151,16 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);
-  const auto corners = [&](int part) {
-    return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
-  };
   for (std::size_t f = 0; f < faces_.size(); ++f)
     for (const SurfacePoint& p : points_[f])
       for (std::size_t k = 0; k < 3; ++k)
-        area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
+        area[std::size_t(sub_triangle(f, std::size_t(p.part))[k])] += p.area_m2 * p.hat[k];
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     points_[f].clear();
     for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
       for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
+        const std::size_t local = std::size_t(corners_of(std::size_t(part))[k]),
+                          node = std::size_t(faces_[f].nodes[local]);
         if (std::exchange(done[node], char(1))) continue;
         SurfacePoint p{
             {}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}, mesh_->nodes[node]};
