@@ -2952,14 +2952,14 @@ enum class TiltPivot {
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
-    double contact_edge = 2.0e-3;    ///< on the surface that an indenter can touch, away from where it does
-    double coarsest_edge = 5.0e-3;   ///< at depth
-    double growth = 0.35;            ///< edge length gained per length of depth
+    double contact_edge = 2.5e-3;    ///< on the surface that an indenter can touch, away from where it does
+    double coarsest_edge = 8.0e-3;   ///< at depth
+    double growth = 0.5;             ///< edge length gained per length of depth
     double stretch_y = 1.0;          ///< edges along y are this much longer
     double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
     double support_edge = 2.5e-3;    ///< on the surface that lies free on the carrier
-    double seam_edge = 1.0e-3;       ///< there, at the carrier's edges, below a tool
+    double seam_edge = 1.0e-3;       ///< at the carrier's edges, below a tool
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
@@ -3522,15 +3522,16 @@ inline Sizing finger_sizing(const Body& body, const HalfSection& s, const Finger
     return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
   };
   sizing.edge = below_the_dome;
-  if (!s.lies_on_stem()) return sizing;
+  if (!has_stem(s.twin)) return sizing;
 
   const StemLengths at(s, o);
   const std::vector<Ridge> ridges = stem_ridges(o);
-  sizing.edge = [mesh, below_the_dome, at](const Vec3d& p) {
-    const double dx = std::max(0.0, std::abs(p.x()) - at.stem), dz = p.z() - at.height;
-    return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
-  };
-  // The edges' pressure has to be resolved where it is high: below the tool.
+  if (s.lies_on_stem())
+    sizing.edge = [mesh, below_the_dome, at](const Vec3d& p) {
+      const double dx = std::max(0.0, std::abs(p.x()) - at.stem), dz = p.z() - at.height;
+      return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
+    };
+  // What is high at the edges has to be resolved below the tool: pressure, or at the end of a bond stress.
   sizing.edge_under_touch = [mesh, at, ridges](const Vec3d& p, const Vec3d& touch) {
     const double growth_along = 0.25 * mesh.growth;  // the load spreads along the finger
     const double along = std::max(0.0, std::abs(p.y() - touch.y()) - at.height);
@@ -4110,8 +4111,8 @@ inline SizeField SizeField::sample(
 /// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow
 /// in proportion to the distance resolve the edge of every contact equally well.
 struct Focus {
-  double finest = 0.2e-3;     ///< edge length at a place of touch [m]
-  double growth = 0.1;        ///< edge length gained per distance from it
+  double finest = 0.4e-3;     ///< edge length at a place of touch [m]
+  double growth = 0.12;       ///< edge length gained per distance from it
   double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
 
   /// All edges `factor` times as long.
@@ -9873,7 +9874,6 @@ class ContactEdge {
 
   // One step towards each contact's radius and scale; false: they have settled.
   bool adjust() {
-    lift();
     fit_field();
     struct Sum {
       double area = 0.0, length = 0.0, steepness = 0.0;
@@ -9930,6 +9930,7 @@ class ContactEdge {
   // Fits at free nodes give points of the edge. To nodes that touch, a fit has to be carried on; where it comes out
   // with a slope that no contact has, and behind the first ring, they are placed by the circle through those points.
   void fit_field() {
+    lift();
     fits_.assign(s_->size(), std::nullopt);
     samples_.clear();
     for (const auto& [cell, number] : free_) {
@@ -13804,15 +13805,44 @@ class Tracer {
   /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for
   /// each number of `pattern`. Compare its responses with its own only. Throws InvalidArgument for a factor that is no
   /// power of two, or out of range.
-  Tracer refined(int factor, std::uint64_t pattern = 0) const {
-    require_in_range("refinement factor", factor, 1, 1 << 12, "");
-    if (!std::has_single_bit(unsigned(factor)))
+  Tracer refined(double factor, std::uint64_t pattern = 0) const {
+    require_in_range("refinement factor", factor, 1.0 / (1 << 12), double(1 << 12), "");
+    int exponent = 0;
+    if (std::frexp(factor, &exponent) != 0.5)
       throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
     Config c = config_;
-    for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays})
-      *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
+    const auto times = [&](int rays, int least) {
+      return rays == 0 ? 0 : int(std::clamp(rays * factor, double(least), double(1 << 28)));
+    };
+    c.rays_per_emitter = times(c.rays_per_emitter, 4 * c.replicates);
+    c.carrier_rays = times(c.carrier_rays, 1);
+    c.exit_rays = times(c.exit_rays, 1);
     if (pattern > 0) c.seed = combine(config_.seed, pattern);
     return Tracer(c, readout_, backend_);
+  }
+
+  /// `count` of the replicates from `first` on, as a tracer of its own: tasks that can run side by side. joined() makes
+  /// of their responses that of all replicates, to the bit for the same division.
+  Tracer portion(int first, int count) const {
+    Tracer t = *this;
+    t.first_ = first_ + first;
+    t.count_ = count;
+    return t;
+  }
+  static Response joined(const std::vector<Response>& portions) {
+    Response all;
+    for (const Response& p : portions) {
+      const Eigen::Index rows = all.replicates.rows(), more = p.replicates.rows();
+      for (const auto& [sum, part] : {std::pair(&all.replicates, &p.replicates), std::pair(&all.direct, &p.direct)}) {
+        sum->conservativeResize(rows + more, part->cols());
+        sum->bottomRows(more) = *part;
+      }
+      all.rays += p.rays;
+      all.segments += p.segments;
+      add_scaled(all.ledger, p.ledger, 1.0);
+    }
+    all.ledger.channels.clear();
+    return averaged(std::move(all));
   }
 
   /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
@@ -13872,11 +13902,12 @@ class Tracer {
     }
 
     Response response;
-    response.replicates.resize(config_.replicates, colors * channels);
-    response.direct.resize(config_.replicates, colors * channels);
-    for (int r = 0; r < config_.replicates; ++r) {
+    const int count = count_ > 0 ? count_ : config_.replicates;
+    response.replicates.resize(count, colors * channels);
+    response.direct.resize(count, colors * channels);
+    for (int r = 0; r < count; ++r) {
       const auto sequence = [&](std::uint64_t use) {
-        return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)};
+        return OwenSobol{combine(config_.seed, 3 * std::uint64_t(first_ + r) + use)};
       };
       std::vector<Tally> totals;
       for (const Color& color : light) {
@@ -13992,6 +14023,7 @@ class Tracer {
   Config config_{};
   Readout readout_{};
   Backend backend_{};
+  int first_ = 0, count_ = 0;  // replicates that are traced; 0: all
 };
 
 }  // namespace lumo
@@ -14192,23 +14224,36 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 
 }  // namespace detail
 
+/// A state whose noise must fall, and by how much.
+struct Undecided {
+  std::size_t state;
+  double excess;  ///< of its pair's error over the wanted one, > 1
+
+  bool operator==(const Undecided&) const = default;
+};
+
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
 /// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
 /// Ascending; empty if done, or if no states can be compared. A pure function: a campaign that retraces these states
 /// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
-inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
+inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
   const auto least = std::min_element(
       pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
-  std::set<std::size_t> wanted;
+  std::map<std::size_t, double> wanted;
   for (const Separation& p : pairs) {
     const bool within_reach =
         p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
-    if (within_reach && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
+    if (!within_reach || !(p.distance.error > tolerance * p.distance.value)) continue;
+    // A distance that its noise hides may be as large as that.
+    const double excess = p.distance.error / (tolerance * std::max(p.distance.value, p.distance.error));
+    for (const std::size_t state : {p.first, p.second}) wanted[state] = std::max(wanted[state], excess);
   }
-  return {wanted.begin(), wanted.end()};
+  std::vector<Undecided> all;
+  for (const auto& [state, excess] : wanted) all.push_back({state, excess});
+  return all;
 }
 
 /// nullopt if no two states can be compared. Cost: all pairs.
@@ -14472,23 +14517,26 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
 }
 
-/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, 4, …
-constexpr int rays_of(int round) { return round < 4 ? 1 << (round / 2) : 4; }
-
-/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, 18, …
-constexpr int rays_up_to(int round) {
-  int all = 0;
-  for (int r = 0; r <= round; ++r) all += rays_of(r);
-  return all;
-}
-
-/// How the states that decide J_obs become known better than the others. Each round traces the states that
-/// undecided_states() names with new rays, at first half as many as they have had (and the unloaded bodies on their
-/// meshes, too), until there are none. The error covers those still undecided then.
+/// How the states that decide J_obs become known better than the others. First all states are lit with few rays. Then
+/// each round lights the states that undecided_states() names with as many as their noise asks for, in one pattern (and
+/// the unloaded bodies on their meshes, too), until there are none. The error covers those still undecided then.
 struct RayRefinement {
-  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 17;           ///< at most this many: rays_up_to(17) = 62; 0: everything is traced once
-  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
+  double tolerance = 0.02;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 8;           ///< at most this many; 0: everything is lit once, with the tracer's rays
+  double pilot = 0.25;     ///< share of the tracer's rays that all states are lit with if rounds follow; a power of two
+  double focus_m = 14e-3;  ///< the new rays' density falls by e over this distance from the contact's place
+
+  static constexpr double most = 512.0;       ///< times the tracer's rays, in one pattern
+  static constexpr double most_growth = 4.0;  ///< from one round to the next
+  /// Variance falls as the rays to this power: one fine pattern is worth more than many coarse ones. Measured from 1 to
+  /// 16 times the default's rays on the deciding pair of the plain baseline: 1.4.
+  static constexpr double rate = 1.4;
+
+  /// Rays, in the tracer's, for a state that has had `rays` and whose error is `excess` times the wanted one.
+  static double next(double rays, double excess) {
+    const double growth = std::exp2(std::ceil(2.0 / rate * std::log2(excess) - 0.5));
+    return std::min(most, rays * std::clamp(growth, 2.0, most_growth));
+  }
 };
 
 /// A solved scenario with its fields.
@@ -14502,9 +14550,9 @@ struct SolvedScenario {
 template <class Light, class Pad, Indenter Tool> class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m,
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, const RayRefinement& rays,
       const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
-      : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
+      : body_(body), plan_(plan), light_(light), rays_(rays), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k) {
       records_.push_back(solved[k].record);
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
@@ -14516,83 +14564,124 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     std::size_t solve, state;
     auto operator<=>(const State&) const = default;
   };
-  const std::vector<State>& all() const { return all_; }
+  /// A state, and with how many rays it is to be lit, in the tracer's.
+  struct Wanted {
+    State state;
+    double rays;
+  };
 
-  /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their
-  /// meshes with the same rays. Round 0 takes all meshes, and sends its rays evenly; later ones send them to the
-  /// contact's place. Rounds have independent patterns. `report(count)` is called after each of `count` jobs.
+  /// All states, for the first trace, which lights the unloaded body on all meshes, too, and sends its rays evenly.
+  std::vector<Wanted> all() const {
+    std::vector<Wanted> wanted;
+    for (const State& s : all_) wanted.push_back({s, pilot()});
+    return wanted;
+  }
+
+  /// Lights these states, and the unloaded body on their meshes with the same rays. After the first trace they are sent
+  /// to the contact's place. Patterns of different size are independent. `report(count)` is called after each of
+  /// `count` jobs.
   template <Executor E, class Report>
-  void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
-    const std::vector<Job> jobs = jobs_for(wanted, round);
-    std::vector<Response> lit(jobs.size());
-    std::vector<double> spent(jobs.size(), 0.0);
-    executor.for_each(jobs.size(), [&](std::size_t task) {
+  void trace(const std::vector<Wanted>& wanted, const E& executor, Report&& report) {
+    const std::vector<Job> jobs = jobs_for(wanted);
+    std::vector<Task> tasks;  // long ones first, so that threads end together
+    for (std::size_t j = 0; j < jobs.size(); ++j) {
+      const int parts = parts_of(jobs[j]);
+      for (int part = 0; part < parts; ++part) tasks.push_back({j, part, parts});
+    }
+    std::stable_sort(tasks.begin(), tasks.end(),
+        [&](const Task& a, const Task& b) { return jobs[a.job].rays / a.parts > jobs[b.job].rays / b.parts; });
+    std::vector<Response> lit(tasks.size());
+    std::vector<double> spent(tasks.size(), 0.0);
+    executor.for_each(tasks.size(), [&](std::size_t i) {
       const Stopwatch watch;
-      const std::size_t i = jobs.size() - 1 - task;  // long ones first, so that threads end together
-      lit[i] = light(jobs[i]);
+      lit[i] = light(jobs[tasks[i].job], tasks[i].part, tasks[i].parts);
       spent[i] = watch.seconds();
-      report(jobs.size());
+      report(tasks.size());
     });
-    keep(jobs, lit, spent);
+    seconds += std::accumulate(spent.begin(), spent.end(), 0.0);
+    std::vector<std::vector<Response>> parts(jobs.size());
+    for (std::size_t i = 0; i < tasks.size(); ++i) parts[tasks[i].job].push_back(std::move(lit[i]));
+    keep(jobs, parts);
   }
 
   /// Records of the solved scenarios, with their changes.
   const std::vector<ScenarioRecord>& records() const { return records_; }
 
   /// Responses of the undeformed body on each mesh.
-  const std::vector<Response>& unloaded() const { return unloaded_.front(); }
+  std::vector<Response> unloaded() const {
+    std::vector<Response> each;
+    for (std::size_t place = 0; place < places_.size(); ++place) each.push_back(unloaded_.at({pilot(), place}));
+    return each;
+  }
 
-  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure
-  /// function of the responses.
-  std::vector<State> undecided(const std::vector<ScenarioRecord>& all, double tolerance) const {
+  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state, and the
+  /// rays that they need. A pure function of the responses.
+  std::vector<Wanted> undecided(const std::vector<ScenarioRecord>& all) const {
     const std::vector<ObservedState> observed = observed_states(all);
-    std::vector<State> states;
-    for (std::size_t i : undecided_states(observed, tolerance)) {
-      const std::size_t solve = plan_.images[observed[i].scenario].solve;
+    std::map<State, double> excess;
+    for (const Undecided& u : undecided_states(observed, rays_.tolerance)) {
+      const ObservedState& o = observed[u.state];
+      const std::size_t solve = plan_.images[o.scenario].solve;
       const auto& candidates = records_[solve].states;
       const auto it = std::find_if(
-          candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
-      states.push_back({solve, std::size_t(it - candidates.begin())});
+          candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == o.load_N; });
+      double& most = excess[{solve, std::size_t(it - candidates.begin())}];
+      most = std::max(most, u.excess);
     }
-    std::sort(states.begin(), states.end());
-    states.erase(std::unique(states.begin(), states.end()), states.end());
-    return states;
+    std::vector<Wanted> wanted;
+    for (const auto& [state, e] : excess)
+      if (const double had = had_.at(state), rays = RayRefinement::next(had, e); rays > had)
+        wanted.push_back({state, rays});
+    return wanted;
   }
 
   EnergyLedger ledger;   ///< of the traced state that closes worst
   double seconds = 0.0;  ///< spent in tracing, summed over threads
 
  private:
+  using Bare = std::pair<double, std::size_t>;  // rays, place
   struct Job {
     std::size_t place;
-    int round;
-    const State* state;  ///< null: unloaded
+    double rays;
+    const State* state;  // null: unloaded
+  };
+  struct Task {
+    std::size_t job;
+    int part, parts;
   };
 
-  std::vector<Job> jobs_for(const std::vector<State>& wanted, int round) {
-    unloaded_.resize(std::max(unloaded_.size(), std::size_t(round) + 1), std::vector<Response>(places_.size()));
+  double pilot() const { return rays_.rounds > 0 ? rays_.pilot : 1.0; }
+
+  // Long traces are divided by their replicates, so that all threads have work.
+  int parts_of(const Job& job) const {
+    int parts = 1;
+    while (parts < job.rays && 2 * parts <= light_.config().replicates) parts *= 2;
+    return parts;
+  }
+
+  std::vector<Job> jobs_for(const std::vector<Wanted>& wanted) {
+    std::set<Bare> bare;
     std::vector<Job> jobs;
-    std::set<std::pair<int, std::size_t>> bare;  // (round, place)
-    for (const State& s : wanted)
-      for (int r = rounds_[s]; r <= round; ++r) {
-        jobs.push_back({plan_.solves[s.solve].place, r, &s});
-        bare.insert({r, jobs.back().place});
-      }
-    for (std::size_t place = 0; round == 0 && place < places_.size(); ++place) bare.insert({0, place});
-    for (const auto& [r, place] : bare)
-      if (unloaded_[std::size_t(r)][place].power_W.empty()) jobs.push_back({place, r, nullptr});
-    std::stable_sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) { return a.round < b.round; });
+    for (const Wanted& w : wanted) {
+      jobs.push_back({plan_.solves[w.state.solve].place, w.rays, &w.state});
+      bare.insert({w.rays, jobs.back().place});
+    }
+    for (std::size_t place = 0; unloaded_.empty() && place < places_.size(); ++place) bare.insert({pilot(), place});
+    for (const auto& [rays, place] : bare)
+      if (!unloaded_.contains({rays, place})) jobs.push_back({place, rays, nullptr});
     return jobs;
   }
 
-  Response light(const Job& job) const {
-    const Light refined = light_.refined(rays_of(job.round), std::uint64_t(job.round));
+  Response light(const Job& job, int part, int parts) const {
+    const int count = light_.config().replicates / parts;
+    const Light refined =
+        light_.refined(job.rays, std::uint64_t(std::log2(job.rays / pilot()))).portion(part * count, count);
     const TetMesh& mesh = places_[job.place]->mesh();
-    RayFocus focus;  // even, as round 0 serves all states, and as other tilts touch away from their place
+    RayFocus focus;  // even, as the first trace serves all states, and as other tilts touch away from their place
     const auto& p = plan_.places[job.place];
-    if (job.round > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) {
+    if (job.rays != pilot() && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) {
       focus.y_m = p.y_m;
-      focus.length_m = focus_m_;
+      focus.length_m = rays_.focus_m;
     }
     if (job.state == nullptr) {
       const Symmetry unloaded = symmetry_of(body_, mesh);
@@ -14603,33 +14692,38 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     return refined.trace(body_, mesh, loaded, symmetry, focus);
   }
 
-  void keep(const std::vector<Job>& jobs, const std::vector<Response>& lit, const std::vector<double>& spent) {
-    for (std::size_t i = 0; i < jobs.size(); ++i) {
-      seconds += spent[i];
-      if (ledger.emitted == 0.0 || lit[i].ledger.imbalance() >= ledger.imbalance()) ledger = lit[i].ledger;
-      if (jobs[i].state == nullptr) unloaded_[std::size_t(jobs[i].round)][jobs[i].place] = lit[i];
+  void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
+    std::vector<Response> lit;
+    for (const std::vector<Response>& p : parts) lit.push_back(Light::joined(p));
+    for (std::size_t j = 0; j < jobs.size(); ++j) {
+      if (ledger.emitted == 0.0 || lit[j].ledger.imbalance() >= ledger.imbalance()) ledger = lit[j].ledger;
+      if (jobs[j].state == nullptr) unloaded_[{jobs[j].rays, jobs[j].place}] = lit[j];
     }
-    for (std::size_t i = 0; i < jobs.size(); ++i) {
-      const auto& [place, r, state] = jobs[i];
+    for (std::size_t j = 0; j < jobs.size(); ++j) {
+      const auto& [place, rays, state] = jobs[j];
       if (state == nullptr) continue;
-      const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
-      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
-      const double share = double(rays_of(r)) / rays_up_to(r);
-      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
-      rounds_[*state] = r + 1;
+      const Eigen::MatrixXd change = response_change(lit[j], unloaded_.at({rays, place}));
+      Eigen::MatrixXd& mean = records_[state->solve].states[state->state].change;
+      // Patterns count by the inverse of their variance.
+      double &had = had_[*state], &weights = weights_[*state];
+      const double weight = std::pow(rays, RayRefinement::rate), share = weight / (weights + weight);
+      mean = weights == 0.0 ? change : Eigen::MatrixXd((1.0 - share) * mean + share * change);
+      weights += weight;
+      had = std::max(had, rays);
     }
   }
 
   const Body& body_;
   const ContactPlan<Tool>& plan_;
   const Light& light_;
-  double focus_m_;
+  RayRefinement rays_;
   const std::vector<Pad>& places_;
   const std::vector<SolvedScenario>& solved_;
   std::vector<ScenarioRecord> records_;
   std::vector<State> all_;
-  std::map<State, int> rounds_;                  ///< that a state has had
-  std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty if it was not needed
+  std::map<State, double> had_;      // rays of the finest pattern that a state was lit with
+  std::map<State, double> weights_;  // of all its patterns
+  std::map<Bare, Response> unloaded_;
 };
 
 }  // namespace lumo
@@ -14855,22 +14949,21 @@ template <class P, class Pad, Indenter Tool, Executor E> Observations observe(co
   Observations out;
 
   // Light: first for all states, then with more rays for those that decide.
-  Lighting lighting(
-      sides.lit(body), pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
-  const auto trace = [&](const auto& states, int round, std::string stage) {
+  Lighting lighting(sides.lit(body), pressed.plan, pipeline.tracer, pipeline.rays, pressed.places, pressed.solved);
+  const auto trace = [&](const auto& states, std::string stage) {
     detail::StageReport tracing(progress, std::move(stage));
-    lighting.trace(states, round, executor, [&](std::size_t total) { tracing.step(total); });
+    lighting.trace(states, executor, [&](std::size_t total) { tracing.step(total); });
   };
   if (has_light) {
-    trace(lighting.all(), 0, "light");
+    trace(lighting.all(), "light");
     out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, sides.seen);
     out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, sides.seen);
     const bool scored = all_scored(lighting.records(), pipeline.accept_held);
     for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
-      const auto undecided = lighting.undecided(
-          detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()), pipeline.rays.tolerance);
+      const auto undecided =
+          lighting.undecided(detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()));
       if (undecided.empty()) break;
-      trace(undecided, round, message("light, ", rays_up_to(round), " times the rays"));
+      trace(undecided, message("light of ", undecided.size(), " states, round ", round));
     }
   }
 

@@ -100,7 +100,7 @@ int main(int argc, char** argv) {
       Light::Config other;
       other.seed = 1;
       pipeline.tracer = Light(other);
-      pipeline.rays = {.tolerance = 0.005, .rounds = 65};
+      pipeline.rays = {.tolerance = 0.005, .rounds = 16};
       const Evaluation fine = evaluate({d, silicone}, ensemble, pipeline, TbbExecutor{threads});
       if (!once.J_obs || !fine.J_obs) {
         std::printf("%4.1f %4.1f %4.1f no score\n", d.h_fp, d.h_ep, d.w_s);

@@ -1338,14 +1338,14 @@ enum class TiltPivot {
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
-    double contact_edge = 2.0e-3;    ///< on the surface that an indenter can touch, away from where it does
-    double coarsest_edge = 5.0e-3;   ///< at depth
-    double growth = 0.35;            ///< edge length gained per length of depth
+    double contact_edge = 2.5e-3;    ///< on the surface that an indenter can touch, away from where it does
+    double coarsest_edge = 8.0e-3;   ///< at depth
+    double growth = 0.5;             ///< edge length gained per length of depth
     double stretch_y = 1.0;          ///< edges along y are this much longer
     double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
     double support_edge = 2.5e-3;    ///< on the surface that lies free on the carrier
-    double seam_edge = 1.0e-3;       ///< there, at the carrier's edges, below a tool
+    double seam_edge = 1.0e-3;       ///< at the carrier's edges, below a tool
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {

@@ -56,9 +56,20 @@ TEST_CASE("Only states that can decide the least distance are to be retraced", "
   add(0.0, 1.0, 0.0, 0.01), add(5e-3, 1.0, 1.0, 0.01), add(9e-3, 1.0, 9.0, 0.01);
   add(0.0, 2.0, 0.0, 0.01), add(5e-3, 2.0, 5.0, 0.01);
   CHECK(undecided_states(states, 0.10).empty());
-  CHECK(undecided_states(states, 0.001) == std::vector<std::size_t>{0, 1});
+  const auto numbers = [&](double tolerance) {
+    std::vector<std::size_t> all;
+    for (const Undecided& u : undecided_states(states, tolerance)) {
+      CHECK(u.excess > 1.0);
+      CHECK(u.excess <= 1.0 / tolerance);
+      all.push_back(u.state);
+    }
+    return all;
+  };
+  CHECK(numbers(0.001) == std::vector<std::size_t>{0, 1});
+  const double far = undecided_states(states, 0.001).front().excess;
+  CHECK(undecided_states(states, 0.002).front().excess == Approx(0.5 * far));
   add(0.0, 5.0, 0.0, 1.0), add(5e-3, 5.0, 3.0, 1.0);
-  const std::vector<std::size_t> wanted = undecided_states(states, 0.001);
+  const std::vector<std::size_t> wanted = numbers(0.001);
   CHECK(wanted.front() == 0);
   CHECK(std::find(wanted.begin(), wanted.end(), std::size_t(2)) == wanted.end());
   CHECK(undecided_states({}, 0.02).empty());

@@ -308,6 +308,8 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK(tracer.refined(4).config().exit_rays == 4 * quick().exit_rays);
   CHECK(tracer.refined(4).config().seed == tracer.config().seed);
   CHECK(tracer.refined(1, 1).config().seed != tracer.refined(1, 2).config().seed);
+  CHECK(tracer.refined(0.5).config().exit_rays == quick().exit_rays / 2);
+  CHECK_THROWS_AS(tracer.refined(0.3), InvalidArgument);
   c = quick();
   c.replicates = 1;
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
@@ -316,6 +318,22 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK_THROWS_AS(
       tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3d>{}, {}, Symmetry{false, true}), InvalidArgument);
   CHECK_NOTHROW(tracer.trace(lopsided.body, lopsided.mesh));
+}
+
+TEST_CASE("replicates that are traced apart make the response of all") {
+  const Model m = pad(coarse(0.0));
+  const Tracer<BeerLambert> tracer(quick());
+  const Response whole = tracer.trace(m.body, m.mesh);
+  const int half = quick().replicates / 2;
+  const Response joined = Tracer<BeerLambert>::joined(
+      {tracer.portion(0, half).trace(m.body, m.mesh), tracer.portion(half, half).trace(m.body, m.mesh)});
+  CHECK(joined.replicates == whole.replicates);
+  CHECK(joined.direct == whole.direct);
+  CHECK(joined.power_W == whole.power_W);
+  CHECK(joined.error_W == whole.error_W);
+  CHECK(joined.rays == whole.rays);
+  CHECK(joined.ledger.emitted == Approx(whole.ledger.emitted).epsilon(1e-12));
+  CHECK(joined.ledger.imbalance() < 1e-9);
 }
 
 TEST_CASE(

@@ -66,7 +66,7 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
   const FingerDesign design{8, 4, 6, 4, 2};
   const Evaluation once = evaluate({design, solaris(), coarse_finger()}, e, coarse_pipeline(), Serial{});
   CoarsePipeline p = coarse_pipeline();
-  p.rays = {.tolerance = 0.15, .rounds = 48};
+  p.rays = {.tolerance = 0.15, .rounds = 8, .pilot = 1.0};
   const Evaluation one = evaluate({design, solaris(), coarse_finger()}, e, p, Serial{}),
                    two = evaluate({design, solaris(), coarse_finger()}, e, p, TbbExecutor{2});
   REQUIRE(one.J_obs);

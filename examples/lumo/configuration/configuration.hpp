@@ -46,9 +46,9 @@ struct Touch {
 
 /// Rays, and how exact J_obs is to be by them.
 struct LightEffort {
-  double ray_error_percent = 1.5;  ///< wanted standard error of J_obs by rays
-  int rounds = 17;                 ///< of refinement, at most
-  int rays_per_emitter = 1 << 16, carrier_rays = 1 << 15, exit_rays = 1 << 18;  ///< of the first round
+  double ray_error_percent = 2.0;  ///< wanted standard error of J_obs by rays
+  int rounds = 8;                  ///< of refinement, at most
+  int rays_per_emitter = 1 << 16, carrier_rays = 1 << 15, exit_rays = 1 << 18;  ///< of one trace
 
   bool operator==(const LightEffort&) const = default;
 };

@@ -450,7 +450,8 @@ Settings efforts() {
       whole(
           "light.rounds", lumo, {0, 40}, "At most, in which they are", [](auto& c) -> auto& { return c.light.rounds; }),
       whole(
-          "light.rays_per_emitter", lumo, rays, "Of the first round; a power of two, as the next two",
+          "light.rays_per_emitter", lumo, rays,
+          "Of a trace, a quarter of it in a pilot; a power of two, as the next two",
           [](auto& c) -> auto& { return c.light.rays_per_emitter; }),
       whole(
           "light.carrier_rays", lumo, rays, "From the carrier's faces",

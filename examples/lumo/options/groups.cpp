@@ -54,7 +54,7 @@ void add_ensemble(CLI::App& app, Effective& e) {
 void add_ray_error(CLI::App& app, Effective& e) {
   add_setting(app, e, "--ray-error", "light.ray_error_percent",
       lumo::message("Standard error of J_obs up to which rays are added [%], default ", e->light.ray_error_percent,
-          "; at most ", rays_up_to(e->light.rounds), " times the first ones"));
+          "; at most in ", e->light.rounds, " rounds"));
 }
 
 void add_mode(CLI::App& app, Effective& e) {

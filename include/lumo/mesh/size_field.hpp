@@ -120,8 +120,8 @@ inline SizeField SizeField::sample(
 /// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow
 /// in proportion to the distance resolve the edge of every contact equally well.
 struct Focus {
-  double finest = 0.2e-3;     ///< edge length at a place of touch [m]
-  double growth = 0.1;        ///< edge length gained per distance from it
+  double finest = 0.4e-3;     ///< edge length at a place of touch [m]
+  double growth = 0.12;       ///< edge length gained per distance from it
   double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
 
   /// All edges `factor` times as long.

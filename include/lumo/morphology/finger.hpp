@@ -268,15 +268,16 @@ inline Sizing finger_sizing(const Body& body, const HalfSection& s, const Finger
     return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
   };
   sizing.edge = below_the_dome;
-  if (!s.lies_on_stem()) return sizing;
+  if (!has_stem(s.twin)) return sizing;
 
   const StemLengths at(s, o);
   const std::vector<Ridge> ridges = stem_ridges(o);
-  sizing.edge = [mesh, below_the_dome, at](const Vec3d& p) {
-    const double dx = std::max(0.0, std::abs(p.x()) - at.stem), dz = p.z() - at.height;
-    return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
-  };
-  // The edges' pressure has to be resolved where it is high: below the tool.
+  if (s.lies_on_stem())
+    sizing.edge = [mesh, below_the_dome, at](const Vec3d& p) {
+      const double dx = std::max(0.0, std::abs(p.x()) - at.stem), dz = p.z() - at.height;
+      return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
+    };
+  // What is high at the edges has to be resolved below the tool: pressure, or at the end of a bond stress.
   sizing.edge_under_touch = [mesh, at, ridges](const Vec3d& p, const Vec3d& touch) {
     const double growth_along = 0.25 * mesh.growth;  // the load spreads along the finger
     const double along = std::max(0.0, std::abs(p.y() - touch.y()) - at.height);

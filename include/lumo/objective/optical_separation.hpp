@@ -6,8 +6,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
-#include <set>
 #include <vector>
 
 namespace lumo {
@@ -77,23 +77,36 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 
 }  // namespace detail
 
+/// A state whose noise must fall, and by how much.
+struct Undecided {
+  std::size_t state;
+  double excess;  ///< of its pair's error over the wanted one, > 1
+
+  bool operator==(const Undecided&) const = default;
+};
+
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
 /// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
 /// Ascending; empty if done, or if no states can be compared. A pure function: a campaign that retraces these states
 /// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
-inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
+inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
   const auto least = std::min_element(
       pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
-  std::set<std::size_t> wanted;
+  std::map<std::size_t, double> wanted;
   for (const Separation& p : pairs) {
     const bool within_reach =
         p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
-    if (within_reach && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
+    if (!within_reach || !(p.distance.error > tolerance * p.distance.value)) continue;
+    // A distance that its noise hides may be as large as that.
+    const double excess = p.distance.error / (tolerance * std::max(p.distance.value, p.distance.error));
+    for (const std::size_t state : {p.first, p.second}) wanted[state] = std::max(wanted[state], excess);
   }
-  return {wanted.begin(), wanted.end()};
+  std::vector<Undecided> all;
+  for (const auto& [state, excess] : wanted) all.push_back({state, excess});
+  return all;
 }
 
 /// nullopt if no two states can be compared. Cost: all pairs.

@@ -21,11 +21,13 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <iterator>
 #include <optional>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -97,15 +99,44 @@ class Tracer {
   /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for
   /// each number of `pattern`. Compare its responses with its own only. Throws InvalidArgument for a factor that is no
   /// power of two, or out of range.
-  Tracer refined(int factor, std::uint64_t pattern = 0) const {
-    require_in_range("refinement factor", factor, 1, 1 << 12, "");
-    if (!std::has_single_bit(unsigned(factor)))
+  Tracer refined(double factor, std::uint64_t pattern = 0) const {
+    require_in_range("refinement factor", factor, 1.0 / (1 << 12), double(1 << 12), "");
+    int exponent = 0;
+    if (std::frexp(factor, &exponent) != 0.5)
       throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
     Config c = config_;
-    for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays})
-      *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
+    const auto times = [&](int rays, int least) {
+      return rays == 0 ? 0 : int(std::clamp(rays * factor, double(least), double(1 << 28)));
+    };
+    c.rays_per_emitter = times(c.rays_per_emitter, 4 * c.replicates);
+    c.carrier_rays = times(c.carrier_rays, 1);
+    c.exit_rays = times(c.exit_rays, 1);
     if (pattern > 0) c.seed = combine(config_.seed, pattern);
     return Tracer(c, readout_, backend_);
+  }
+
+  /// `count` of the replicates from `first` on, as a tracer of its own: tasks that can run side by side. joined() makes
+  /// of their responses that of all replicates, to the bit for the same division.
+  Tracer portion(int first, int count) const {
+    Tracer t = *this;
+    t.first_ = first_ + first;
+    t.count_ = count;
+    return t;
+  }
+  static Response joined(const std::vector<Response>& portions) {
+    Response all;
+    for (const Response& p : portions) {
+      const Eigen::Index rows = all.replicates.rows(), more = p.replicates.rows();
+      for (const auto& [sum, part] : {std::pair(&all.replicates, &p.replicates), std::pair(&all.direct, &p.direct)}) {
+        sum->conservativeResize(rows + more, part->cols());
+        sum->bottomRows(more) = *part;
+      }
+      all.rays += p.rays;
+      all.segments += p.segments;
+      add_scaled(all.ledger, p.ledger, 1.0);
+    }
+    all.ledger.channels.clear();
+    return averaged(std::move(all));
   }
 
   /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
@@ -165,11 +196,12 @@ class Tracer {
     }
 
     Response response;
-    response.replicates.resize(config_.replicates, colors * channels);
-    response.direct.resize(config_.replicates, colors * channels);
-    for (int r = 0; r < config_.replicates; ++r) {
+    const int count = count_ > 0 ? count_ : config_.replicates;
+    response.replicates.resize(count, colors * channels);
+    response.direct.resize(count, colors * channels);
+    for (int r = 0; r < count; ++r) {
       const auto sequence = [&](std::uint64_t use) {
-        return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)};
+        return OwenSobol{combine(config_.seed, 3 * std::uint64_t(first_ + r) + use)};
       };
       std::vector<Tally> totals;
       for (const Color& color : light) {
@@ -285,6 +317,7 @@ class Tracer {
   Config config_{};
   Readout readout_{};
   Backend backend_{};
+  int first_ = 0, count_ = 0;  // replicates that are traced; 0: all
 };
 
 }  // namespace lumo

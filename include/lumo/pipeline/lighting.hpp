@@ -15,9 +15,11 @@
 #include <Eigen/Core>
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <numeric>
 #include <set>
 #include <utility>
 #include <vector>
@@ -37,23 +39,26 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
 }
 
-/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, 4, …
-constexpr int rays_of(int round) { return round < 4 ? 1 << (round / 2) : 4; }
-
-/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, 18, …
-constexpr int rays_up_to(int round) {
-  int all = 0;
-  for (int r = 0; r <= round; ++r) all += rays_of(r);
-  return all;
-}
-
-/// How the states that decide J_obs become known better than the others. Each round traces the states that
-/// undecided_states() names with new rays, at first half as many as they have had (and the unloaded bodies on their
-/// meshes, too), until there are none. The error covers those still undecided then.
+/// How the states that decide J_obs become known better than the others. First all states are lit with few rays. Then
+/// each round lights the states that undecided_states() names with as many as their noise asks for, in one pattern (and
+/// the unloaded bodies on their meshes, too), until there are none. The error covers those still undecided then.
 struct RayRefinement {
-  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 17;           ///< at most this many: rays_up_to(17) = 62; 0: everything is traced once
-  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
+  double tolerance = 0.02;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 8;           ///< at most this many; 0: everything is lit once, with the tracer's rays
+  double pilot = 0.25;     ///< share of the tracer's rays that all states are lit with if rounds follow; a power of two
+  double focus_m = 14e-3;  ///< the new rays' density falls by e over this distance from the contact's place
+
+  static constexpr double most = 512.0;       ///< times the tracer's rays, in one pattern
+  static constexpr double most_growth = 4.0;  ///< from one round to the next
+  /// Variance falls as the rays to this power: one fine pattern is worth more than many coarse ones. Measured from 1 to
+  /// 16 times the default's rays on the deciding pair of the plain baseline: 1.4.
+  static constexpr double rate = 1.4;
+
+  /// Rays, in the tracer's, for a state that has had `rays` and whose error is `excess` times the wanted one.
+  static double next(double rays, double excess) {
+    const double growth = std::exp2(std::ceil(2.0 / rate * std::log2(excess) - 0.5));
+    return std::min(most, rays * std::clamp(growth, 2.0, most_growth));
+  }
 };
 
 /// A solved scenario with its fields.
@@ -67,9 +72,9 @@ struct SolvedScenario {
 template <class Light, class Pad, Indenter Tool> class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m,
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, const RayRefinement& rays,
       const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
-      : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
+      : body_(body), plan_(plan), light_(light), rays_(rays), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k) {
       records_.push_back(solved[k].record);
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
@@ -81,83 +86,124 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     std::size_t solve, state;
     auto operator<=>(const State&) const = default;
   };
-  const std::vector<State>& all() const { return all_; }
+  /// A state, and with how many rays it is to be lit, in the tracer's.
+  struct Wanted {
+    State state;
+    double rays;
+  };
 
-  /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their
-  /// meshes with the same rays. Round 0 takes all meshes, and sends its rays evenly; later ones send them to the
-  /// contact's place. Rounds have independent patterns. `report(count)` is called after each of `count` jobs.
+  /// All states, for the first trace, which lights the unloaded body on all meshes, too, and sends its rays evenly.
+  std::vector<Wanted> all() const {
+    std::vector<Wanted> wanted;
+    for (const State& s : all_) wanted.push_back({s, pilot()});
+    return wanted;
+  }
+
+  /// Lights these states, and the unloaded body on their meshes with the same rays. After the first trace they are sent
+  /// to the contact's place. Patterns of different size are independent. `report(count)` is called after each of
+  /// `count` jobs.
   template <Executor E, class Report>
-  void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
-    const std::vector<Job> jobs = jobs_for(wanted, round);
-    std::vector<Response> lit(jobs.size());
-    std::vector<double> spent(jobs.size(), 0.0);
-    executor.for_each(jobs.size(), [&](std::size_t task) {
+  void trace(const std::vector<Wanted>& wanted, const E& executor, Report&& report) {
+    const std::vector<Job> jobs = jobs_for(wanted);
+    std::vector<Task> tasks;  // long ones first, so that threads end together
+    for (std::size_t j = 0; j < jobs.size(); ++j) {
+      const int parts = parts_of(jobs[j]);
+      for (int part = 0; part < parts; ++part) tasks.push_back({j, part, parts});
+    }
+    std::stable_sort(tasks.begin(), tasks.end(),
+        [&](const Task& a, const Task& b) { return jobs[a.job].rays / a.parts > jobs[b.job].rays / b.parts; });
+    std::vector<Response> lit(tasks.size());
+    std::vector<double> spent(tasks.size(), 0.0);
+    executor.for_each(tasks.size(), [&](std::size_t i) {
       const Stopwatch watch;
-      const std::size_t i = jobs.size() - 1 - task;  // long ones first, so that threads end together
-      lit[i] = light(jobs[i]);
+      lit[i] = light(jobs[tasks[i].job], tasks[i].part, tasks[i].parts);
       spent[i] = watch.seconds();
-      report(jobs.size());
+      report(tasks.size());
     });
-    keep(jobs, lit, spent);
+    seconds += std::accumulate(spent.begin(), spent.end(), 0.0);
+    std::vector<std::vector<Response>> parts(jobs.size());
+    for (std::size_t i = 0; i < tasks.size(); ++i) parts[tasks[i].job].push_back(std::move(lit[i]));
+    keep(jobs, parts);
   }
 
   /// Records of the solved scenarios, with their changes.
   const std::vector<ScenarioRecord>& records() const { return records_; }
 
   /// Responses of the undeformed body on each mesh.
-  const std::vector<Response>& unloaded() const { return unloaded_.front(); }
+  std::vector<Response> unloaded() const {
+    std::vector<Response> each;
+    for (std::size_t place = 0; place < places_.size(); ++place) each.push_back(unloaded_.at({pilot(), place}));
+    return each;
+  }
 
-  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure
-  /// function of the responses.
-  std::vector<State> undecided(const std::vector<ScenarioRecord>& all, double tolerance) const {
+  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state, and the
+  /// rays that they need. A pure function of the responses.
+  std::vector<Wanted> undecided(const std::vector<ScenarioRecord>& all) const {
     const std::vector<ObservedState> observed = observed_states(all);
-    std::vector<State> states;
-    for (std::size_t i : undecided_states(observed, tolerance)) {
-      const std::size_t solve = plan_.images[observed[i].scenario].solve;
+    std::map<State, double> excess;
+    for (const Undecided& u : undecided_states(observed, rays_.tolerance)) {
+      const ObservedState& o = observed[u.state];
+      const std::size_t solve = plan_.images[o.scenario].solve;
       const auto& candidates = records_[solve].states;
       const auto it = std::find_if(
-          candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
-      states.push_back({solve, std::size_t(it - candidates.begin())});
+          candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == o.load_N; });
+      double& most = excess[{solve, std::size_t(it - candidates.begin())}];
+      most = std::max(most, u.excess);
     }
-    std::sort(states.begin(), states.end());
-    states.erase(std::unique(states.begin(), states.end()), states.end());
-    return states;
+    std::vector<Wanted> wanted;
+    for (const auto& [state, e] : excess)
+      if (const double had = had_.at(state), rays = RayRefinement::next(had, e); rays > had)
+        wanted.push_back({state, rays});
+    return wanted;
   }
 
   EnergyLedger ledger;   ///< of the traced state that closes worst
   double seconds = 0.0;  ///< spent in tracing, summed over threads
 
  private:
+  using Bare = std::pair<double, std::size_t>;  // rays, place
   struct Job {
     std::size_t place;
-    int round;
-    const State* state;  ///< null: unloaded
+    double rays;
+    const State* state;  // null: unloaded
+  };
+  struct Task {
+    std::size_t job;
+    int part, parts;
   };
 
-  std::vector<Job> jobs_for(const std::vector<State>& wanted, int round) {
-    unloaded_.resize(std::max(unloaded_.size(), std::size_t(round) + 1), std::vector<Response>(places_.size()));
+  double pilot() const { return rays_.rounds > 0 ? rays_.pilot : 1.0; }
+
+  // Long traces are divided by their replicates, so that all threads have work.
+  int parts_of(const Job& job) const {
+    int parts = 1;
+    while (parts < job.rays && 2 * parts <= light_.config().replicates) parts *= 2;
+    return parts;
+  }
+
+  std::vector<Job> jobs_for(const std::vector<Wanted>& wanted) {
+    std::set<Bare> bare;
     std::vector<Job> jobs;
-    std::set<std::pair<int, std::size_t>> bare;  // (round, place)
-    for (const State& s : wanted)
-      for (int r = rounds_[s]; r <= round; ++r) {
-        jobs.push_back({plan_.solves[s.solve].place, r, &s});
-        bare.insert({r, jobs.back().place});
-      }
-    for (std::size_t place = 0; round == 0 && place < places_.size(); ++place) bare.insert({0, place});
-    for (const auto& [r, place] : bare)
-      if (unloaded_[std::size_t(r)][place].power_W.empty()) jobs.push_back({place, r, nullptr});
-    std::stable_sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) { return a.round < b.round; });
+    for (const Wanted& w : wanted) {
+      jobs.push_back({plan_.solves[w.state.solve].place, w.rays, &w.state});
+      bare.insert({w.rays, jobs.back().place});
+    }
+    for (std::size_t place = 0; unloaded_.empty() && place < places_.size(); ++place) bare.insert({pilot(), place});
+    for (const auto& [rays, place] : bare)
+      if (!unloaded_.contains({rays, place})) jobs.push_back({place, rays, nullptr});
     return jobs;
   }
 
-  Response light(const Job& job) const {
-    const Light refined = light_.refined(rays_of(job.round), std::uint64_t(job.round));
+  Response light(const Job& job, int part, int parts) const {
+    const int count = light_.config().replicates / parts;
+    const Light refined =
+        light_.refined(job.rays, std::uint64_t(std::log2(job.rays / pilot()))).portion(part * count, count);
     const TetMesh& mesh = places_[job.place]->mesh();
-    RayFocus focus;  // even, as round 0 serves all states, and as other tilts touch away from their place
+    RayFocus focus;  // even, as the first trace serves all states, and as other tilts touch away from their place
     const auto& p = plan_.places[job.place];
-    if (job.round > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) {
+    if (job.rays != pilot() && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) {
       focus.y_m = p.y_m;
-      focus.length_m = focus_m_;
+      focus.length_m = rays_.focus_m;
     }
     if (job.state == nullptr) {
       const Symmetry unloaded = symmetry_of(body_, mesh);
@@ -168,33 +214,38 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     return refined.trace(body_, mesh, loaded, symmetry, focus);
   }
 
-  void keep(const std::vector<Job>& jobs, const std::vector<Response>& lit, const std::vector<double>& spent) {
-    for (std::size_t i = 0; i < jobs.size(); ++i) {
-      seconds += spent[i];
-      if (ledger.emitted == 0.0 || lit[i].ledger.imbalance() >= ledger.imbalance()) ledger = lit[i].ledger;
-      if (jobs[i].state == nullptr) unloaded_[std::size_t(jobs[i].round)][jobs[i].place] = lit[i];
+  void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
+    std::vector<Response> lit;
+    for (const std::vector<Response>& p : parts) lit.push_back(Light::joined(p));
+    for (std::size_t j = 0; j < jobs.size(); ++j) {
+      if (ledger.emitted == 0.0 || lit[j].ledger.imbalance() >= ledger.imbalance()) ledger = lit[j].ledger;
+      if (jobs[j].state == nullptr) unloaded_[{jobs[j].rays, jobs[j].place}] = lit[j];
     }
-    for (std::size_t i = 0; i < jobs.size(); ++i) {
-      const auto& [place, r, state] = jobs[i];
+    for (std::size_t j = 0; j < jobs.size(); ++j) {
+      const auto& [place, rays, state] = jobs[j];
       if (state == nullptr) continue;
-      const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
-      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
-      const double share = double(rays_of(r)) / rays_up_to(r);
-      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
-      rounds_[*state] = r + 1;
+      const Eigen::MatrixXd change = response_change(lit[j], unloaded_.at({rays, place}));
+      Eigen::MatrixXd& mean = records_[state->solve].states[state->state].change;
+      // Patterns count by the inverse of their variance.
+      double &had = had_[*state], &weights = weights_[*state];
+      const double weight = std::pow(rays, RayRefinement::rate), share = weight / (weights + weight);
+      mean = weights == 0.0 ? change : Eigen::MatrixXd((1.0 - share) * mean + share * change);
+      weights += weight;
+      had = std::max(had, rays);
     }
   }
 
   const Body& body_;
   const ContactPlan<Tool>& plan_;
   const Light& light_;
-  double focus_m_;
+  RayRefinement rays_;
   const std::vector<Pad>& places_;
   const std::vector<SolvedScenario>& solved_;
   std::vector<ScenarioRecord> records_;
   std::vector<State> all_;
-  std::map<State, int> rounds_;                  ///< that a state has had
-  std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty if it was not needed
+  std::map<State, double> had_;      // rays of the finest pattern that a state was lit with
+  std::map<State, double> weights_;  // of all its patterns
+  std::map<Bare, Response> unloaded_;
 };
 
 }  // namespace lumo

@@ -232,22 +232,21 @@ template <class P, class Pad, Indenter Tool, Executor E> Observations observe(co
   Observations out;
 
   // Light: first for all states, then with more rays for those that decide.
-  Lighting lighting(
-      sides.lit(body), pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
-  const auto trace = [&](const auto& states, int round, std::string stage) {
+  Lighting lighting(sides.lit(body), pressed.plan, pipeline.tracer, pipeline.rays, pressed.places, pressed.solved);
+  const auto trace = [&](const auto& states, std::string stage) {
     detail::StageReport tracing(progress, std::move(stage));
-    lighting.trace(states, round, executor, [&](std::size_t total) { tracing.step(total); });
+    lighting.trace(states, executor, [&](std::size_t total) { tracing.step(total); });
   };
   if (has_light) {
-    trace(lighting.all(), 0, "light");
+    trace(lighting.all(), "light");
     out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, sides.seen);
     out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, sides.seen);
     const bool scored = all_scored(lighting.records(), pipeline.accept_held);
     for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
-      const auto undecided = lighting.undecided(
-          detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()), pipeline.rays.tolerance);
+      const auto undecided =
+          lighting.undecided(detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()));
       if (undecided.empty()) break;
-      trace(undecided, round, message("light, ", rays_up_to(round), " times the rays"));
+      trace(undecided, message("light of ", undecided.size(), " states, round ", round));
     }
   }
 

@@ -62,7 +62,6 @@ class EmbreeScene {
     if (!device_) fail("no device", rtcGetDeviceError(nullptr));
     scene_.reset(rtcNewScene(device_.get()));
     rtcSetSceneBuildQuality(scene_.get(), RTC_BUILD_QUALITY_MEDIUM);
-    rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST);
     attach(triangles, false);
     attach(triangles, true);
     rtcCommitScene(scene_.get());

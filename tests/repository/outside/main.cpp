@@ -35,7 +35,7 @@ int main(int argc, char** argv) {
       {.mu = card.mu_Pa, .b = 1.0, .lambda = card.lambda_Pa}, {.thickness_m = 50e-6}};
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   Pipeline<TetgenMesher, decltype(simulator), Light> pipeline{
-      {}, simulator, Light({.rays_per_emitter = 1 << 12, .carrier_rays = 1 << 14, .exit_rays = 1 << 16})};
+      {}, simulator, Light({.rays_per_emitter = 1 << 14, .carrier_rays = 1 << 14, .exit_rays = 1 << 18})};
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
   Ensemble contacts = flat_ensemble();

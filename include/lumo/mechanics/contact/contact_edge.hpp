@@ -307,7 +307,6 @@ class ContactEdge {
 
   // One step towards each contact's radius and scale; false: they have settled.
   bool adjust() {
-    lift();
     fit_field();
     struct Sum {
       double area = 0.0, length = 0.0, steepness = 0.0;
@@ -364,6 +363,7 @@ class ContactEdge {
   // Fits at free nodes give points of the edge. To nodes that touch, a fit has to be carried on; where it comes out
   // with a slope that no contact has, and behind the first ring, they are placed by the circle through those points.
   void fit_field() {
+    lift();
     fits_.assign(s_->size(), std::nullopt);
     samples_.clear();
     for (const auto& [cell, number] : free_) {
