@@ -5947,6 +5947,14 @@ constexpr std::string_view to_string(Status s) {
   return names[std::size_t(s)];
 }
 
+/// The tool's action about one point of the surface.
+struct TractionPoint {
+  Vec3d reference_m, place_m;  ///< undeformed and deformed
+  double area_m2 = 0.0;        ///< of the deformed surface that it stands for
+  double pressure_Pa = 0.0;
+  Vec3d traction_Pa;  ///< on the body, per deformed area, with friction
+};
+
 /// The pad at one load. Forces act on the indenter, along −direction; all in the finger frame, SI.
 struct MechanicalState {
   Status status = Status::non_finite;
@@ -5967,8 +5975,14 @@ struct MechanicalState {
   std::vector<Vec3d> friction_N;    ///< friction on the body per mesh node; empty without
   double friction_push_N = 0.0;     ///< what of it is in force_N
   std::vector<double> pressure_Pa;  ///< indenter pressure per mesh node, per reference area; 0 off the surface
-  double contact_area_m2 = 0.0;     ///< A(C; X), deformed
-  double reference_area_m2 = 0.0;   ///< A_0(C), undeformed
+  /// Cauchy traction of the tool on the body, per deformed area, where it presses or rubs. The sum of traction · area
+  /// is the force on the body: force_N along the direction of approach, and what lies across it.
+  std::vector<TractionPoint> tractions;
+  /// The same per mesh node, linear on the sub-facets of the deformed surface, on which it integrates to the same
+  /// force.
+  std::vector<Vec3d> traction_Pa;
+  double contact_area_m2 = 0.0;    ///< A(C; X), deformed
+  double reference_area_m2 = 0.0;  ///< A_0(C), undeformed
   /// Norm of the out-of-balance forces, from an independent routine
   double residual_N = std::numeric_limits<double>::infinity();
   double penetration_m = 0.0;  ///< largest overlap of surface and indenter
@@ -6821,6 +6835,88 @@ template <class S> S contact_area(const ContactSurface& surface, const std::vect
 
 #endif
 
+// ---- lumo/mechanics/contact/traction.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_TRACTION_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_TRACTION_HPP
+
+namespace lumo {
+
+/// What the tool does to the deformed surface, at the points of its quadrature and on the mesh's nodes.
+struct Tractions {
+  std::vector<TractionPoint> points;  ///< where it presses or rubs
+  std::vector<Vec3d> on_nodes;        ///< [Pa], per mesh node; see MechanicalState::traction_Pa
+};
+
+/// Tractions on `surface` at the places `x` of the mesh's nodes; `friction_N`: of the tool, per mesh node, may be
+/// empty.
+template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMesh& mesh, const ContactSurface& surface,
+    const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const std::vector<Vec3d>& friction_N);
+
+namespace detail {
+
+// Area of the deformed surface about a point over that of the undeformed one.
+inline double stretch(const TetMesh& mesh, const BoundaryFace& face, const SurfacePoint& p, const Positions& x) {
+  const double u = p.shape[1] + 0.5 * (p.shape[3] + p.shape[4]), v = p.shape[2] + 0.5 * (p.shape[4] + p.shape[5]);
+  const auto slope = face_shape_derivatives(u, v, mesh.order);
+  Vec3d by_u = Vec3d::Zero(), by_v = by_u, by_u0 = by_u, by_v0 = by_u;
+  for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
+    const int n = face.nodes[k];
+    by_u += slope[k][0] * x.col(n);
+    by_v += slope[k][1] * x.col(n);
+    by_u0 += slope[k][0] * mesh.nodes[std::size_t(n)];
+    by_v0 += slope[k][1] * mesh.nodes[std::size_t(n)];
+  }
+  return by_u.cross(by_v).norm() / by_u0.cross(by_v0).norm();
+}
+
+}  // namespace detail
+
+template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMesh& mesh, const ContactSurface& surface,
+    const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const std::vector<Vec3d>& friction_N) {
+  Tractions all;
+  all.on_nodes.assign(mesh.nodes.size(), Vec3d::Zero());
+  std::vector<double> area(mesh.nodes.size(), 0.0);
+  std::vector<std::pair<std::array<int, 3>, const SurfacePoint*>> places;
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f)) {
+      const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
+      TractionPoint point;
+      point.reference_m = p.reference;
+      point.place_m = surface.position(f, p, x);
+      point.area_m2 = p.area_m2 * detail::stretch(mesh, surface.face(f), p, x);
+      const DistanceSample d = rigid.sample(point.place_m, surface.material(f, p));
+      const Vec3d force = p.weight_m2 * contact.respond(d.distance).pressure * d.gradient;
+      bool acts = force.squaredNorm() > 0.0;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::size_t n = std::size_t(node[k]);
+        area[n] += p.hat[k] * point.area_m2;
+        all.on_nodes[n] += p.hat[k] * force;
+        acts = acts || (!friction_N.empty() && friction_N[n].squaredNorm() > 0.0);
+      }
+      if (!acts || !(point.area_m2 > 0.0)) continue;
+      point.traction_Pa = force / point.area_m2;
+      point.pressure_Pa = point.traction_Pa.norm();
+      all.points.push_back(point);
+      places.emplace_back(node, &p);
+    }
+  for (std::size_t n = 0; n < area.size(); ++n) {
+    if (!(area[n] > 0.0)) continue;
+    if (!friction_N.empty()) all.on_nodes[n] += friction_N[n];
+    all.on_nodes[n] /= area[n];
+  }
+  // Friction is known by its nodes; the points share it as the field does.
+  for (std::size_t i = 0; i < places.size() && !friction_N.empty(); ++i)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::size_t n = std::size_t(places[i].first[k]);
+      all.points[i].traction_Pa += places[i].second->hat[k] / area[n] * friction_N[n];
+    }
+  return all;
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/mechanics/solvers/press_system.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SYSTEM_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_SOLVERS_PRESS_SYSTEM_HPP
@@ -7466,6 +7562,11 @@ class PreparedBody {
       s.tool_slopes = std::move(c.slopes);
       if (resting.size() > 0) s.carrier_slopes = resting_slopes(*mesh_, resting, support, x);
       s.pressure_Pa = std::move(c.pressure_Pa);
+      if (x.allFinite()) {
+        Tractions t = tractions_of(*mesh_, surface, maker_.contact, rigid, x, s.friction_N);
+        s.tractions = std::move(t.points);
+        s.traction_Pa = std::move(t.on_nodes);
+      }
       // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
       // any force.
       const double wanted = s.status == Status::held ? s.force_N : s.load_N;

@@ -136,11 +136,14 @@ class Quick(unittest.TestCase):
             points, _, arrays = read_arrays(pathlib.Path(folder) / "press_2.vtu")
             with open(pathlib.Path(folder) / "press.csv", newline="") as file:
                 table = list(csv.DictReader(file))
+            with open(pathlib.Path(folder) / "traction.csv", newline="") as file:
+                tractions = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
             for picture in ["force_depth.svg", "contact.svg"]:
                 xml.etree.ElementTree.parse(pathlib.Path(folder) / picture)
         self.assertEqual(report["mechanics"], MECHANICS)
         self.assertEqual(
-            written, {"force_depth.svg", "contact.svg", "press.csv", "press.pvd", "press_1.vtu", "press_2.vtu"}
+            written,
+            {"force_depth.svg", "contact.svg", "press.csv", "traction.csv", "press.pvd", "press_1.vtu", "press_2.vtu"},
         )
         for key in SCENARIO:
             self.assertIn(key, report)
@@ -160,6 +163,11 @@ class Quick(unittest.TestCase):
         self.assertEqual(len(arrays["displacement_m"]), 3 * points)
         lowest = min(arrays["displacement_m"][2::3])
         self.assertLess(lowest, -0.5e-3 * depths[1])
+        for state in report["states"]:  # the sphere comes along -z; kPa mm2 is 1e-3 N
+            rows = [row for row in tractions if row["load_N"] == state["load_N"]]
+            push = -1e-3 * sum(row["area_mm2"] * row["traction_z_kPa"] for row in rows)
+            self.assertAlmostEqual(push, state["load_N"], delta=1e-6 * state["load_N"])
+        self.assertEqual(len(arrays["traction_Pa"]), 3 * points)
         self.assertEqual(len(arrays["pressure_Pa"]), points)
         self.assertTrue(
             min(arrays["pressure_Pa"]) == 0

@@ -89,6 +89,42 @@ TEST_CASE("loads are met exactly, certified independently, with little overlap")
   }
 }
 
+TEST_CASE("tractions on the deformed surface bear the certified force, with friction too") {
+  for (const double friction : {0.0, 0.5}) {
+    const Scenario<Sphere> s{Sphere{10e-3}, 15 * pi / 180, 5.5e-3, {2.0, 8.0}};
+    const PressedFinger f = coarse_finger({5, 10, 10, 6, 3}, s);
+    FastSimulator simulator;
+    simulator.contact.friction = friction;
+    for (const MechanicalState& state : simulator.press(f.body, f.mesh, s)) {
+      REQUIRE(state.status == Status::converged);
+      Vec3d by_points = Vec3d::Zero(), by_nodes = Vec3d::Zero();
+      double pressed_m2 = 0.0;
+      for (const TractionPoint& p : state.tractions) {
+        by_points += p.area_m2 * p.traction_Pa;
+        if (p.pressure_Pa > 0.0) pressed_m2 += p.area_m2;
+        if (friction == 0.0) CHECK(p.traction_Pa.norm() == Approx(p.pressure_Pa));
+      }
+      CHECK(by_points.dot(s.direction()) == Approx(state.force_N).epsilon(1e-9));
+      CHECK(pressed_m2 < 1.05 * state.contact_area_m2);  // less, as points of a coarse surface come free inside it
+      CHECK(pressed_m2 > 0.3 * state.contact_area_m2);
+      // The field on sub-facets, taken as flat: they are bent, so that their areas are not quite the same.
+      for (const BoundaryFace& face : f.mesh.faces)
+        if (f.body.patches[std::size_t(face.patch)].contactable)
+          for (const auto& part : face_parts()) {
+            std::array<Vec3d, 3> x;
+            Vec3d sum = Vec3d::Zero();
+            for (std::size_t k = 0; k < 3; ++k) {
+              const std::size_t n = std::size_t(face.nodes[std::size_t(part[k])]);
+              x[k] = f.mesh.nodes[n] + state.displacement[n];
+              sum += state.traction_Pa[n];
+            }
+            by_nodes += (x[1] - x[0]).cross(x[2] - x[0]).norm() / 6.0 * sum;
+          }
+      CHECK((by_nodes - by_points).norm() < 0.01 * by_points.norm());
+    }
+  }
+}
+
 TEST_CASE("the independent residual notices what a solver would have to hide") {
   const Scenario<Sphere> s{Sphere{20e-3}, 0.0, 0.0, {2.0}};
   const PressedFinger f = coarse_finger(plain_baseline(), s);

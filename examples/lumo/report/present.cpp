@@ -101,6 +101,20 @@ std::vector<double> on_all_nodes(std::vector<double> field) {
   return field;
 }
 
+/// What the sphere does to the pad, point by point of the deformed surface.
+std::string traction_csv(const std::vector<MechanicalState>& states) {
+  std::ostringstream out;
+  out.precision(12);
+  out << "load_N,x_mm,y_mm,z_mm,area_mm2,pressure_kPa,traction_x_kPa,traction_y_kPa,traction_z_kPa\n";
+  for (const MechanicalState& s : states)
+    for (const TractionPoint& p : s.tractions) {
+      const Vec3d at = 1e3 * p.place_m, traction = 1e-3 * p.traction_Pa;
+      out << s.load_N << "," << at.x() << "," << at.y() << "," << at.z() << "," << 1e6 * p.area_m2 << ","
+          << 1e-3 * p.pressure_Pa << "," << traction.x() << "," << traction.y() << "," << traction.z() << "\n";
+    }
+  return out.str();
+}
+
 /// What a press leaves behind: curve, contact sets, table and states.
 void add_press(const Pad& o, const PressResult& press, Output& files) {
   const std::string caption = theta_text(o) + "; " + scenario_text(press.scenario());
@@ -109,6 +123,7 @@ void add_press(const Pad& o, const PressResult& press, Output& files) {
   files.add("force_depth.svg", draw(chart));
   files.add("contact.svg", draw_contact("Contact set at each load", caption, press.mesh, press.states));
   files.add("press.csv", csv(press.seen.scenarios, false));
+  files.add("traction.csv", traction_csv(press.states));
 
   std::vector<SeriesEntry> series;
   for (const MechanicalState& s : press.states) {
@@ -116,6 +131,7 @@ void add_press(const Pad& o, const PressResult& press, Output& files) {
     const std::size_t n = press.mesh.nodes.size();
     if (s.displacement.size() == n) fields.push_back(node_field("displacement_m", s.displacement));
     if (s.pressure_Pa.size() == n) fields.push_back({"pressure_Pa", 1, s.pressure_Pa});
+    if (s.traction_Pa.size() == n) fields.push_back(node_field("traction_Pa", s.traction_Pa));
     if (s.contact_field.size() == n) fields.push_back({"contact_field_m", 1, on_all_nodes(s.contact_field)});
     std::ostringstream vtu;
     write_vtu(vtu, press.mesh, fields);

@@ -2,6 +2,7 @@
 
 #include "lumo/mechanics/certify.hpp"
 #include "lumo/mechanics/contact/contact_set.hpp"
+#include "lumo/mechanics/contact/traction.hpp"
 #include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mechanics/solvers/quasi_static.hpp"
 
@@ -101,6 +102,11 @@ class PreparedBody {
       s.tool_slopes = std::move(c.slopes);
       if (resting.size() > 0) s.carrier_slopes = resting_slopes(*mesh_, resting, support, x);
       s.pressure_Pa = std::move(c.pressure_Pa);
+      if (x.allFinite()) {
+        Tractions t = tractions_of(*mesh_, surface, maker_.contact, rigid, x, s.friction_N);
+        s.tractions = std::move(t.points);
+        s.traction_Pa = std::move(t.on_nodes);
+      }
       // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
       // any force.
       const double wanted = s.status == Status::held ? s.force_N : s.load_N;

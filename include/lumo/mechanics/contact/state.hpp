@@ -36,6 +36,14 @@ constexpr std::string_view to_string(Status s) {
   return names[std::size_t(s)];
 }
 
+/// The tool's action about one point of the surface.
+struct TractionPoint {
+  Vec3d reference_m, place_m;  ///< undeformed and deformed
+  double area_m2 = 0.0;        ///< of the deformed surface that it stands for
+  double pressure_Pa = 0.0;
+  Vec3d traction_Pa;  ///< on the body, per deformed area, with friction
+};
+
 /// The pad at one load. Forces act on the indenter, along −direction; all in the finger frame, SI.
 struct MechanicalState {
   Status status = Status::non_finite;
@@ -56,8 +64,14 @@ struct MechanicalState {
   std::vector<Vec3d> friction_N;    ///< friction on the body per mesh node; empty without
   double friction_push_N = 0.0;     ///< what of it is in force_N
   std::vector<double> pressure_Pa;  ///< indenter pressure per mesh node, per reference area; 0 off the surface
-  double contact_area_m2 = 0.0;     ///< A(C; X), deformed
-  double reference_area_m2 = 0.0;   ///< A_0(C), undeformed
+  /// Cauchy traction of the tool on the body, per deformed area, where it presses or rubs. The sum of traction · area
+  /// is the force on the body: force_N along the direction of approach, and what lies across it.
+  std::vector<TractionPoint> tractions;
+  /// The same per mesh node, linear on the sub-facets of the deformed surface, on which it integrates to the same
+  /// force.
+  std::vector<Vec3d> traction_Pa;
+  double contact_area_m2 = 0.0;    ///< A(C; X), deformed
+  double reference_area_m2 = 0.0;  ///< A_0(C), undeformed
   /// Norm of the out-of-balance forces, from an independent routine
   double residual_N = std::numeric_limits<double>::infinity();
   double penetration_m = 0.0;  ///< largest overlap of surface and indenter
