@@ -3,7 +3,6 @@
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/morphology/finger.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 

@@ -4,7 +4,6 @@
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/optics/tracer.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"

@@ -3,7 +3,6 @@
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/sqlite.hpp"

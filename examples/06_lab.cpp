@@ -6,7 +6,6 @@
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/optics/tracer.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/mixed_cholesky.hpp"

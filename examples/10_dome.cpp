@@ -7,7 +7,6 @@
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/pinhole_camera.hpp"
 #include "lumo/pipeline/evaluate.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/opencv.hpp"

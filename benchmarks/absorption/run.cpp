@@ -11,7 +11,6 @@
 #include "lumo/optics/scattering_medium.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/pipeline/evaluate.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"

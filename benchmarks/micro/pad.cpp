@@ -5,7 +5,6 @@
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/morphology/finger.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 
 namespace lumo::micro {

@@ -8,7 +8,6 @@
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/objective/contact_progression.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "taylor_hood.hpp"

@@ -2,7 +2,6 @@
 
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 #include "mechanics/bodies.hpp"
 #include "taylor_hood.hpp"

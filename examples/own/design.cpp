@@ -6,7 +6,6 @@
 #include "own/objective.hpp"
 
 #include "lumo/optics/tracer.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 #include "lumo/support/tbb.hpp"

@@ -5446,6 +5446,22 @@ inline const std::array<std::array<int, 3>, 4>& face_parts() {
   return parts;
 }
 
+namespace detail {
+
+// |∂x/∂u × ∂x/∂v| of a face at (u, v); `place(node)`: where its nodes are.
+template <class Place>
+double face_jacobian(const TetMesh& mesh, const BoundaryFace& face, double u, double v, Place&& place) {
+  const auto slope = face_shape_derivatives(u, v, mesh.order);
+  Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
+  for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
+    by_u += slope[k][0] * place(face.nodes[k]);
+    by_v += slope[k][1] * place(face.nodes[k]);
+  }
+  return by_u.cross(by_v).norm();
+}
+
+}  // namespace detail
+
 /// Part of a mesh's surface that may come into contact, with its quadrature.
 class ContactSurface {
  public:
@@ -5501,6 +5517,16 @@ class ContactSurface {
 
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
+  /// Area of the undeformed surface that is a node's, per mesh node [m²].
+  std::vector<double> node_areas() const {
+    std::vector<double> area(mesh_->nodes.size(), 0.0);
+    for (std::size_t f = 0; f < faces_.size(); ++f)
+      for (const SurfacePoint& p : points_[f])
+        for (std::size_t k = 0; k < 3; ++k)
+          area[std::size_t(sub_triangle(f, std::size_t(p.part))[k])] += p.area_m2 * p.hat[k];
+    return area;
+  }
+
  private:
   // Places in BoundaryFace::nodes of a sub-triangle's corners.
   std::array<int, 3> corners_of(std::size_t part) const {
@@ -5548,13 +5574,9 @@ inline void ContactSurface::add(const BoundaryFace& face) {
         p.reference = Vec3d::Zero();
         for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k)
           p.reference += p.shape[k] * mesh_->nodes[std::size_t(face.nodes[k])];
-        const auto d = face_shape_derivatives(u, v, order);
-        Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
-        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
-          by_u += d[k][0] * mesh_->nodes[std::size_t(face.nodes[k])];
-          by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
-        }
-        p.area_m2 = by_u.cross(by_v).norm() * 0.5 / (12.0 * parts);
+        const double twice_area = detail::face_jacobian(
+            *mesh_, face, u, v, [&](int node) -> const Vec3d& { return mesh_->nodes[std::size_t(node)]; });
+        p.area_m2 = twice_area * 0.5 / (12.0 * parts);
         p.weight_m2 = p.area_m2;
         points.push_back(p);
       }
@@ -5565,12 +5587,8 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 
 // Every node once, on the first face that has it, with all of its area.
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
-  std::vector<double> area(mesh_->nodes.size(), 0.0);
+  const std::vector<double> area = node_areas();
   std::vector<char> done(mesh_->nodes.size(), 0);
-  for (std::size_t f = 0; f < faces_.size(); ++f)
-    for (const SurfacePoint& p : points_[f])
-      for (std::size_t k = 0; k < 3; ++k)
-        area[std::size_t(sub_triangle(f, std::size_t(p.part))[k])] += p.area_m2 * p.hat[k];
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     points_[f].clear();
     for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
@@ -6183,7 +6201,7 @@ struct SurfaceNodes {
   }
 };
 
-// Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
+// Calls visit(area, mesh nodes at the corners) for every sub-triangle of the surface.
 template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (std::size_t part = 0; part < surface.sub_triangles(); ++part) {
@@ -6209,12 +6227,8 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
       s.gap.push_back(d.distance);
       s.away.push_back(d.gradient);
     }
-  s.area.assign(s.size(), 0.0);
-  for (std::size_t f = 0; f < surface.size(); ++f)
-    for (const SurfacePoint& p : surface.points(f)) {
-      const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
-      for (std::size_t k = 0; k < 3; ++k) s.area[std::size_t(number[std::size_t(node[k])])] += p.area_m2 * p.hat[k];
-    }
+  const std::vector<double> areas = surface.node_areas();
+  for (const int node : s.mesh_node) s.area.push_back(areas[std::size_t(node)]);
   std::vector<std::pair<int, int>> edges;
   for_sub_triangles(surface, x, [&](double, const std::array<int, 3>& node) {
     std::array<int, 3> t;
@@ -6857,43 +6871,44 @@ namespace detail {
 // Area of the deformed surface about a point over that of the undeformed one.
 inline double stretch(const TetMesh& mesh, const BoundaryFace& face, const SurfacePoint& p, const Positions& x) {
   const double u = p.shape[1] + 0.5 * (p.shape[3] + p.shape[4]), v = p.shape[2] + 0.5 * (p.shape[4] + p.shape[5]);
-  const auto slope = face_shape_derivatives(u, v, mesh.order);
-  Vec3d by_u = Vec3d::Zero(), by_v = by_u, by_u0 = by_u, by_v0 = by_u;
-  for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
-    const int n = face.nodes[k];
-    by_u += slope[k][0] * x.col(n);
-    by_v += slope[k][1] * x.col(n);
-    by_u0 += slope[k][0] * mesh.nodes[std::size_t(n)];
-    by_v0 += slope[k][1] * mesh.nodes[std::size_t(n)];
-  }
-  return by_u.cross(by_v).norm() / by_u0.cross(by_v0).norm();
+  return face_jacobian(mesh, face, u, v, [&](int node) { return Vec3d(x.col(node)); }) /
+         face_jacobian(mesh, face, u, v, [&](int node) -> const Vec3d& { return mesh.nodes[std::size_t(node)]; });
 }
 
 }  // namespace detail
 
 template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMesh& mesh, const ContactSurface& surface,
     const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const std::vector<Vec3d>& friction_N) {
+  const auto force_at = [&](std::size_t f, const SurfacePoint& p, const Vec3d& at) -> Vec3d {
+    const DistanceSample d = rigid.sample(at, surface.material(f, p));
+    return p.weight_m2 * contact.respond(d.distance).pressure * d.gradient;
+  };
+  const auto is_rubbed = [&](std::size_t n) { return !friction_N.empty() && !friction_N[n].isZero(0.0); };
   Tractions all;
   all.on_nodes.assign(mesh.nodes.size(), Vec3d::Zero());
+  detail::for_contact_points(
+      surface, x, rigid, nullptr, [&](std::size_t f, std::size_t, const SurfacePoint& p, const Vec3d& at) {
+        const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
+        const Vec3d force = force_at(f, p, at);
+        for (std::size_t k = 0; k < 3; ++k) all.on_nodes[std::size_t(node[k])] += p.hat[k] * force;
+      });
   std::vector<double> area(mesh.nodes.size(), 0.0);
   std::vector<std::pair<std::array<int, 3>, const SurfacePoint*>> places;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
       const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
+      const auto any = [&](auto&& holds) {
+        return std::any_of(node.begin(), node.end(), [&](int n) { return holds(std::size_t(n)); });
+      };
+      const bool rubbed = any(is_rubbed);
+      if (!rubbed && !any([&](std::size_t n) { return !all.on_nodes[n].isZero(0.0); })) continue;
       TractionPoint point;
       point.reference_m = p.reference;
       point.place_m = surface.position(f, p, x);
       point.area_m2 = p.area_m2 * detail::stretch(mesh, surface.face(f), p, x);
-      const DistanceSample d = rigid.sample(point.place_m, surface.material(f, p));
-      const Vec3d force = p.weight_m2 * contact.respond(d.distance).pressure * d.gradient;
-      bool acts = force.squaredNorm() > 0.0;
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t n = std::size_t(node[k]);
-        area[n] += p.hat[k] * point.area_m2;
-        all.on_nodes[n] += p.hat[k] * force;
-        acts = acts || (!friction_N.empty() && friction_N[n].squaredNorm() > 0.0);
-      }
-      if (!acts || !(point.area_m2 > 0.0)) continue;
+      for (std::size_t k = 0; k < 3; ++k) area[std::size_t(node[k])] += p.hat[k] * point.area_m2;
+      const Vec3d force = force_at(f, p, point.place_m);
+      if ((!rubbed && force.isZero(0.0)) || !(point.area_m2 > 0.0)) continue;
       point.traction_Pa = force / point.area_m2;
       point.pressure_Pa = point.traction_Pa.norm();
       all.points.push_back(point);
@@ -6901,7 +6916,7 @@ template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMe
     }
   for (std::size_t n = 0; n < area.size(); ++n) {
     if (!(area[n] > 0.0)) continue;
-    if (!friction_N.empty()) all.on_nodes[n] += friction_N[n];
+    if (is_rubbed(n)) all.on_nodes[n] += friction_N[n];
     all.on_nodes[n] /= area[n];
   }
   // Friction is known by its nodes; the points share it as the field does.
@@ -10224,7 +10239,8 @@ class Tracer {
     int exponent = 0;
     if (std::frexp(factor, &exponent) != 0.5)
       throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
-    Config c = config_;
+    Tracer t = *this;
+    Config& c = t.config_;
     const auto times = [&](int rays, int least) {
       return rays == 0 ? 0 : int(std::clamp(rays * factor, double(least), double(1 << 28)));
     };
@@ -10232,7 +10248,7 @@ class Tracer {
     c.carrier_rays = times(c.carrier_rays, 1);
     c.exit_rays = times(c.exit_rays, 1);
     if (pattern > 0) c.seed = combine(config_.seed, pattern);
-    return Tracer(c, readout_, backend_);
+    return t;
   }
 
   /// `count` of the replicates from `first` on, as a tracer of its own: tasks that can run side by side. joined() makes
@@ -10255,7 +10271,6 @@ class Tracer {
       all.segments += p.segments;
       add_scaled(all.ledger, p.ledger, 1.0);
     }
-    all.ledger.channels.clear();
     return averaged(std::move(all));
   }
 
@@ -10642,8 +10657,6 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 struct Undecided {
   std::size_t state;
   double excess;  ///< of its pair's error over the wanted one, > 1
-
-  bool operator==(const Undecided&) const = default;
 };
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
@@ -10927,7 +10940,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     }
     std::vector<Wanted> wanted;
     for (const auto& [state, e] : excess)
-      if (const double had = had_.at(state), rays = RayRefinement::next(had, e); rays > had)
+      if (const double had = had_.at(state).rays, rays = RayRefinement::next(had, e); rays > had)
         wanted.push_back({state, rays});
     return wanted;
   }
@@ -10941,6 +10954,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     std::size_t place;
     double rays;
     const State* state;  // null: unloaded
+  };
+  // What a state was lit with: rays of the last and finest pattern, and the weight of all.
+  struct Had {
+    double rays = 0.0, weight = 0.0;
   };
   struct Task {
     std::size_t job;
@@ -11002,11 +11019,11 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
       const Eigen::MatrixXd change = response_change(lit[j], unloaded_.at({rays, place}));
       Eigen::MatrixXd& mean = records_[state->solve].states[state->state].change;
       // Patterns count by the inverse of their variance.
-      double &had = had_[*state], &weights = weights_[*state];
-      const double weight = std::pow(rays, RayRefinement::rate), share = weight / (weights + weight);
-      mean = weights == 0.0 ? change : Eigen::MatrixXd((1.0 - share) * mean + share * change);
-      weights += weight;
-      had = std::max(had, rays);
+      Had& had = had_[*state];
+      const double weight = std::pow(rays, RayRefinement::rate), share = weight / (had.weight + weight);
+      mean = had.weight == 0.0 ? change : Eigen::MatrixXd((1.0 - share) * mean + share * change);
+      had.weight += weight;
+      had.rays = rays;
     }
   }
 
@@ -11018,8 +11035,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   const std::vector<SolvedScenario>& solved_;
   std::vector<ScenarioRecord> records_;
   std::vector<State> all_;
-  std::map<State, double> had_;      // rays of the finest pattern that a state was lit with
-  std::map<State, double> weights_;  // of all its patterns
+  std::map<State, Had> had_;
   std::map<Bare, Response> unloaded_;
 };
 

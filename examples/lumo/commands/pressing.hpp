@@ -17,12 +17,9 @@ struct PressCommand : DesignCommand {
     declare_common(app);
     add_touch(app, effective);
     app.footer(
-        "traction.csv in DIR has what the sphere does to the deformed surface, point by point: area times traction "
-        "sums "
-        "to the force. press.pvd lists the states of the last run. A press_N.vtu of an earlier run with more loads "
-        "stays "
-        "where it is: nothing "
-        "is removed.");
+        "traction.csv in DIR has what the sphere does to the deformed surface, point by point: area times "
+        "traction sums to the force. press.pvd lists the states of the last run. A press_N.vtu of an earlier run "
+        "with more loads stays where it is: nothing is removed.");
     add_mechanics(app, effective);
   }
 };

@@ -5,7 +5,6 @@
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/mixed_cholesky.hpp"
 
 #include <utility>

@@ -299,7 +299,7 @@ Settings meshes() {
       plain("mesh.largest_turn_rad", {0.01, 1.6}, "Of the profile along one edge", &M::max_turn_rad),
       edge("mesh.shortest_chord_mm", {0, 10}, "Of the profile", &M::shortest_chord),
       edge("mesh.support_edge_mm", {0.1, 30}, "Where silicone lies free on the carrier", &M::support_edge),
-      edge("mesh.seam_edge_mm", {0.05, 30}, "There, at the carrier's edges below a tool", &M::seam_edge),
+      edge("mesh.seam_edge_mm", {0.05, 30}, "At the carrier's edges below a tool", &M::seam_edge),
       length(
           "mesh.finest_edge_mm", lumo, {0.02, 30}, "Where a tool touches first",
           [](auto& c) -> auto& { return c.focus.finest; }),

@@ -21,7 +21,7 @@ enum class TiltPivot {
 /// the paper's authors built. Source: as PadDimensions; lengths of LEDs and recesses, albedo and pivot are of the same
 /// code. Ours: the mesh, that a side is seen by its normals, and that the film of air over an LED never closes.
 struct FingerOptions {
-  /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
+  /// Mesh size [m]; the defaults come from the reference study, benchmarks/reference.
   struct Mesh {
     double contact_edge = 2.5e-3;    ///< on the surface that an indenter can touch, away from where it does
     double coarsest_edge = 8.0e-3;   ///< at depth

@@ -81,8 +81,6 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 struct Undecided {
   std::size_t state;
   double excess;  ///< of its pair's error over the wanted one, > 1
-
-  bool operator==(const Undecided&) const = default;
 };
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of

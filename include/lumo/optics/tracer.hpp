@@ -104,7 +104,8 @@ class Tracer {
     int exponent = 0;
     if (std::frexp(factor, &exponent) != 0.5)
       throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
-    Config c = config_;
+    Tracer t = *this;
+    Config& c = t.config_;
     const auto times = [&](int rays, int least) {
       return rays == 0 ? 0 : int(std::clamp(rays * factor, double(least), double(1 << 28)));
     };
@@ -112,7 +113,7 @@ class Tracer {
     c.carrier_rays = times(c.carrier_rays, 1);
     c.exit_rays = times(c.exit_rays, 1);
     if (pattern > 0) c.seed = combine(config_.seed, pattern);
-    return Tracer(c, readout_, backend_);
+    return t;
   }
 
   /// `count` of the replicates from `first` on, as a tracer of its own: tasks that can run side by side. joined() makes
@@ -135,7 +136,6 @@ class Tracer {
       all.segments += p.segments;
       add_scaled(all.ledger, p.ledger, 1.0);
     }
-    all.ledger.channels.clear();
     return averaged(std::move(all));
   }
 

@@ -152,7 +152,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     }
     std::vector<Wanted> wanted;
     for (const auto& [state, e] : excess)
-      if (const double had = had_.at(state), rays = RayRefinement::next(had, e); rays > had)
+      if (const double had = had_.at(state).rays, rays = RayRefinement::next(had, e); rays > had)
         wanted.push_back({state, rays});
     return wanted;
   }
@@ -166,6 +166,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     std::size_t place;
     double rays;
     const State* state;  // null: unloaded
+  };
+  // What a state was lit with: rays of the last and finest pattern, and the weight of all.
+  struct Had {
+    double rays = 0.0, weight = 0.0;
   };
   struct Task {
     std::size_t job;
@@ -227,11 +231,11 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
       const Eigen::MatrixXd change = response_change(lit[j], unloaded_.at({rays, place}));
       Eigen::MatrixXd& mean = records_[state->solve].states[state->state].change;
       // Patterns count by the inverse of their variance.
-      double &had = had_[*state], &weights = weights_[*state];
-      const double weight = std::pow(rays, RayRefinement::rate), share = weight / (weights + weight);
-      mean = weights == 0.0 ? change : Eigen::MatrixXd((1.0 - share) * mean + share * change);
-      weights += weight;
-      had = std::max(had, rays);
+      Had& had = had_[*state];
+      const double weight = std::pow(rays, RayRefinement::rate), share = weight / (had.weight + weight);
+      mean = had.weight == 0.0 ? change : Eigen::MatrixXd((1.0 - share) * mean + share * change);
+      had.weight += weight;
+      had.rays = rays;
     }
   }
 
@@ -243,8 +247,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   const std::vector<SolvedScenario>& solved_;
   std::vector<ScenarioRecord> records_;
   std::vector<State> all_;
-  std::map<State, double> had_;      // rays of the finest pattern that a state was lit with
-  std::map<State, double> weights_;  // of all its patterns
+  std::map<State, Had> had_;
   std::map<Bare, Response> unloaded_;
 };
 

@@ -38,7 +38,7 @@ struct SurfaceNodes {
   }
 };
 
-// Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
+// Calls visit(area, mesh nodes at the corners) for every sub-triangle of the surface.
 template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (std::size_t part = 0; part < surface.sub_triangles(); ++part) {
@@ -64,12 +64,8 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
       s.gap.push_back(d.distance);
       s.away.push_back(d.gradient);
     }
-  s.area.assign(s.size(), 0.0);
-  for (std::size_t f = 0; f < surface.size(); ++f)
-    for (const SurfacePoint& p : surface.points(f)) {
-      const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
-      for (std::size_t k = 0; k < 3; ++k) s.area[std::size_t(number[std::size_t(node[k])])] += p.area_m2 * p.hat[k];
-    }
+  const std::vector<double> areas = surface.node_areas();
+  for (const int node : s.mesh_node) s.area.push_back(areas[std::size_t(node)]);
   std::vector<std::pair<int, int>> edges;
   for_sub_triangles(surface, x, [&](double, const std::array<int, 3>& node) {
     std::array<int, 3> t;

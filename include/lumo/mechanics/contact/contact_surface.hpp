@@ -30,6 +30,22 @@ inline const std::array<std::array<int, 3>, 4>& face_parts() {
   return parts;
 }
 
+namespace detail {
+
+// |∂x/∂u × ∂x/∂v| of a face at (u, v); `place(node)`: where its nodes are.
+template <class Place>
+double face_jacobian(const TetMesh& mesh, const BoundaryFace& face, double u, double v, Place&& place) {
+  const auto slope = face_shape_derivatives(u, v, mesh.order);
+  Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
+  for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
+    by_u += slope[k][0] * place(face.nodes[k]);
+    by_v += slope[k][1] * place(face.nodes[k]);
+  }
+  return by_u.cross(by_v).norm();
+}
+
+}  // namespace detail
+
 /// Part of a mesh's surface that may come into contact, with its quadrature.
 class ContactSurface {
  public:
@@ -85,6 +101,16 @@ class ContactSurface {
 
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
+  /// Area of the undeformed surface that is a node's, per mesh node [m²].
+  std::vector<double> node_areas() const {
+    std::vector<double> area(mesh_->nodes.size(), 0.0);
+    for (std::size_t f = 0; f < faces_.size(); ++f)
+      for (const SurfacePoint& p : points_[f])
+        for (std::size_t k = 0; k < 3; ++k)
+          area[std::size_t(sub_triangle(f, std::size_t(p.part))[k])] += p.area_m2 * p.hat[k];
+    return area;
+  }
+
  private:
   // Places in BoundaryFace::nodes of a sub-triangle's corners.
   std::array<int, 3> corners_of(std::size_t part) const {
@@ -132,13 +158,9 @@ inline void ContactSurface::add(const BoundaryFace& face) {
         p.reference = Vec3d::Zero();
         for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k)
           p.reference += p.shape[k] * mesh_->nodes[std::size_t(face.nodes[k])];
-        const auto d = face_shape_derivatives(u, v, order);
-        Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
-        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
-          by_u += d[k][0] * mesh_->nodes[std::size_t(face.nodes[k])];
-          by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
-        }
-        p.area_m2 = by_u.cross(by_v).norm() * 0.5 / (12.0 * parts);
+        const double twice_area = detail::face_jacobian(
+            *mesh_, face, u, v, [&](int node) -> const Vec3d& { return mesh_->nodes[std::size_t(node)]; });
+        p.area_m2 = twice_area * 0.5 / (12.0 * parts);
         p.weight_m2 = p.area_m2;
         points.push_back(p);
       }
@@ -149,12 +171,8 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 
 // Every node once, on the first face that has it, with all of its area.
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
-  std::vector<double> area(mesh_->nodes.size(), 0.0);
+  const std::vector<double> area = node_areas();
   std::vector<char> done(mesh_->nodes.size(), 0);
-  for (std::size_t f = 0; f < faces_.size(); ++f)
-    for (const SurfacePoint& p : points_[f])
-      for (std::size_t k = 0; k < 3; ++k)
-        area[std::size_t(sub_triangle(f, std::size_t(p.part))[k])] += p.area_m2 * p.hat[k];
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     points_[f].clear();
     for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
