@@ -12683,8 +12683,10 @@ class RayPattern {
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
   }
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
-    return ray(
-        beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
+    return ray(beam, numbers(sequence, index), sequence.seed, index);
+  }
+  static std::array<double, 4> numbers(const OwenSobol& sequence, std::uint32_t index) {
+    return {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)};
   }
 
   /// Is the set of emitters its own mirror image in each plane?
@@ -12748,6 +12750,7 @@ class FaceSet {
     double total = 0.0;       ///< about so many samples in all, counting mirror images that are not traced
     std::uint32_t least = 1;  ///< on each face
     RayFocus focus = {};      ///< more of them are here; must have the symmetry
+    std::vector<double> density = {};  ///< per triangle, of samples, on average 1; empty: even
   };
   /// `wanted(triangle)` says which belong to the set.
   template <class Predicate>
@@ -12774,8 +12777,9 @@ class FaceSet {
       if (fresh) {
         faces_.push_back(face);
         centers.push_back(folded(center, {true, sampling.focus.is_symmetric()}));
-        shares.push_back(
-            0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() * sampling.focus.density(center.y()));
+        const double density = sampling.density.empty() ? 1.0 : sampling.density[std::size_t(triangle)];
+        shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() *
+                         sampling.focus.density(center.y()) * density);
         images.push_back(0);
         in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
       } else if (fundamental) {
@@ -12981,6 +12985,7 @@ template <ExitReadout Readout> class LightAccounts {
   }
 
   const std::vector<unsigned>& images() const { return images_; }
+  std::size_t channels() const { return channels_; }
 
   /// `power` [W] of one image, for all of them.
   void book(double& account, double power) { account += power * double(images_.size()); }
@@ -13061,6 +13066,91 @@ template <ExitReadout Readout> class LightAccounts {
 
 #endif
 
+// ---- lumo/optics/transport/ray_guide.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RAY_GUIDE_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RAY_GUIDE_HPP
+
+namespace lumo {
+
+/// Density of rays over the unit square of numbers that stand for the directions of an emitter (RayPattern::ray),
+/// constant in cells. More rays go where light was found to change, as Neyman allots samples (1934), and each is worth
+/// less for it.
+class DirectionDensity {
+ public:
+  /// Cells in √(1 − u), the cosine to the axis under a cosine law, and in v, the azimuth.
+  static constexpr std::size_t rows = 32, columns = 16, cells = rows * columns;
+
+  /// `squares`: per cell, row by row, the sum of squares of what evenly sent rays brought.
+  explicit DirectionDensity(const std::vector<double>& squares) {
+    std::array<double, cells> mass{};
+    double all = 0.0;
+    for (std::size_t k = 0; k < cells; ++k) all += mass[k] = std::sqrt(squares[k] * area(k));
+    for (std::size_t i = 0; i < rows; ++i) {
+      std::array<double, columns>& along = along_[i];
+      for (std::size_t j = 0; j < columns; ++j) {
+        const std::size_t k = i * columns + j;
+        density_[k] = all > 0.0 ? even + (1.0 - even) * mass[k] / (all * area(k)) : 1.0;
+        along[j] = (j > 0 ? along[j - 1] : 0.0) + density_[k] * area(k);
+      }
+      up_[i] = (i > 0 ? up_[i - 1] : 0.0) + along.back();
+    }
+  }
+
+  static std::size_t cell(double u, double v) {
+    const auto index = [](double x, std::size_t n) { return std::min(std::size_t(x * double(n)), n - 1); };
+    return index(1.0 - std::sqrt(1.0 - u), rows) * columns + index(v, columns);
+  }
+
+  struct Place {
+    double u, v, density;  ///< the density is 1 on average
+  };
+  /// Takes evenly spread numbers in (0, 1) to this density, in their order.
+  Place operator()(double u, double v) const {
+    const auto [i, s] = locate(up_, u);
+    const auto [j, t] = locate(along_[i], v);
+    return {edge(i) + s * (edge(i + 1) - edge(i)), (double(j) + t) / columns, density_[i * columns + j]};
+  }
+
+ private:
+  static constexpr double even = 0.3;  ///< share of the rays that goes everywhere, for what was not found
+
+  /// Lower edge of a row, in u.
+  static double edge(std::size_t row) {
+    const double c = 1.0 - double(row) / rows;
+    return 1.0 - c * c;
+  }
+  static double area(std::size_t cell) { return (edge(cell / columns + 1) - edge(cell / columns)) / columns; }
+  struct Step {
+    std::size_t index;
+    double within;
+  };
+  /// The step of growing `sums` in which the share `x` of all lies.
+  template <std::size_t N> static Step locate(const std::array<double, N>& sums, double x) {
+    const double y = x * sums.back();
+    const std::size_t k = std::min(std::size_t(std::upper_bound(sums.begin(), sums.end(), y) - sums.begin()), N - 1);
+    const double below = k > 0 ? sums[k - 1] : 0.0;
+    return {k, std::clamp((y - below) / (sums[k] - below), 0.0, 1.0)};
+  }
+
+  std::array<double, cells> density_{};
+  std::array<double, rows> up_{};                          ///< rays up to the end of each row
+  std::array<std::array<double, columns>, rows> along_{};  ///< likewise along each row
+};
+
+/// What some rays have shown of the light of a body and its states, for later traces on the same mesh. Responses that
+/// are compared share it. Empty: nothing is known.
+struct RayGuide {
+  std::vector<std::vector<DirectionDensity>> directions;  ///< of emitters in air, per colour and orbit of RayPattern
+  /// Power that a triangle sends on [W/m²], if it is Lambertian, of the undeformed body. Small bright faces beside
+  /// emitters in air are rarely found backwards: paths start from them, in proportion to this.
+  std::vector<double> sent_W_m2;
+  double bright_W_m2 = 0.0;  ///< from which on that is done
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optics/transport/radiosity.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RADIOSITY_HPP
 #define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RADIOSITY_HPP
@@ -13073,7 +13163,7 @@ namespace lumo {
 /// plane of `symmetry` mirror images are one node.
 class LightNodes {
  public:
-  LightNodes(const OpticalScene& scene, Symmetry symmetry)
+  LightNodes(const OpticalScene& scene, Symmetry symmetry, const RayGuide& guide = {})
       : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
     // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be
     // patches of their own.
@@ -13113,6 +13203,10 @@ class LightNodes {
         area_[std::size_t(it->second)] += scene.triangle_area(t) / 3.0;
       }
     }
+    bright_.assign(size(), false);
+    for (std::size_t t = 0; t < guide.sent_W_m2.size(); ++t)
+      if (guide.sent_W_m2[t] > guide.bright_W_m2)
+        for (int k : of_[t]) bright_[std::size_t(k)] = true;
   }
 
   std::size_t size() const { return albedo_.size(); }
@@ -13125,11 +13219,13 @@ class LightNodes {
   double area(std::size_t node) const { return area_[node]; }
   /// Light meets it in the surroundings, not in the body.
   bool in_air(std::size_t node) const { return in_air_[node]; }
+  /// Its light is found by paths from it, not backwards from where it leaves.
+  bool is_bright(std::size_t node) const { return bright_[node]; }
 
  private:
   std::vector<std::array<int, 3>> of_;
   std::vector<double> albedo_, area_;
-  std::vector<bool> in_air_;
+  std::vector<bool> in_air_, bright_;
 };
 
 /// Form factors of the nodes of Lambertian faces, sampled: the way of one watt from each.
@@ -13194,6 +13290,7 @@ inline std::vector<double> solve_radiosity(const LightNodes& nodes, const Radios
   for (std::size_t k = 0; k < nodes.size(); ++k) {
     const double each = sent[k] * transport.per_watt(k);
     add_scaled(ledger, transport.sum(k).ledger, each);
+    if (nodes.is_bright(k)) continue;
     for (std::size_t c = 0; c < total.gathered.size(); ++c) total.gathered[c] += each * transport.sum(k).gathered[c];
   }
   ledger.emitted = emitted;
@@ -13514,6 +13611,114 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
 
 #endif
 
+// ---- lumo/optics/transport/guide_lesson.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_GUIDE_LESSON_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_GUIDE_LESSON_HPP
+
+namespace lumo {
+
+/// Fills in what Lambertian faces send: `sent` by each of the nodes [W].
+inline void learn_sent_light(
+    const OpticalScene& surface, const LightNodes& nodes, const std::vector<double>& sent, RayGuide& guide) {
+  constexpr double much_brighter = 4.0;  // than they are in their mean
+  double power = 0.0, area = 0.0;
+  for (std::size_t k = 0; k < nodes.size(); ++k) {
+    power += sent[k];
+    area += nodes.area(k);
+  }
+  guide.bright_W_m2 = area > 0.0 ? much_brighter * power / area : 0.0;
+  for (std::size_t t = 0; t < surface.triangles().size(); ++t) {
+    double mean = 0.0;
+    if (const auto& at = nodes.of(int(t)); at[0] >= 0)
+      for (int k : at) mean += sent[std::size_t(k)] / nodes.area(std::size_t(k)) / 3.0;
+    guide.sent_W_m2.push_back(mean);
+  }
+}
+
+/// Sends the same rays of emitters in air through the undeformed body and through its states, and keeps from where
+/// their light changes.
+class GuideLesson {
+ public:
+  GuideLesson(std::vector<RayPattern> patterns, const OwenSobol& sequence)
+      : patterns_(std::move(patterns)), sequence_(sequence), squares_(patterns_.size()) {
+    for (std::size_t c = 0; c < patterns_.size(); ++c)
+      for (const RayPattern::Beam& beam : patterns_[c].beams()) {
+        rays_ += beam.source.in_air() ? beam.rays : 0u;
+        while (squares_[c].size() <= beam.orbit) squares_[c].emplace_back(DirectionDensity::cells);
+      }
+  }
+
+  /// The undeformed body, first: what arrives at its Lambertian faces. `launch`: a FilmLaunch.
+  template <class Path, class Launch> Tally undeformed(Path& path, const Launch& launch) {
+    Tally all;
+    bare_.resize(Eigen::Index(path.accounts().channels()), rays_);
+    send(path, launch, [&](const Ray& ray, const Tally& tally, const Eigen::VectorXf& found) {
+      bare_.col(ray.number) = found;
+      all.arrived.insert(all.arrived.end(), tally.arrived.begin(), tally.arrived.end());
+      all.ledger.emitted += tally.ledger.emitted;
+    });
+    return all;
+  }
+
+  /// A state. All count alike, however much light changes.
+  template <class Path, class Launch> void state(Path& path, const Launch& launch) {
+    std::vector<std::pair<double*, double>> changes;
+    double sum = 0.0;
+    send(path, launch, [&](const Ray& ray, const Tally&, const Eigen::VectorXf& found) {
+      const double change = double((found - bare_.col(ray.number)).squaredNorm());
+      if (!(change > 0.0)) return;
+      changes.emplace_back(&squares_[ray.color][ray.orbit][ray.cell], change);
+      sum += change;
+    });
+    for (const auto& [square, change] : changes) *square += change / sum;
+  }
+
+  std::vector<std::vector<DirectionDensity>> directions() const {
+    std::vector<std::vector<DirectionDensity>> all;
+    for (const auto& of_color : squares_) {
+      all.emplace_back();
+      for (const std::vector<double>& s : of_color) all.back().emplace_back(s);
+    }
+    return all;
+  }
+
+ private:
+  struct Ray {
+    Eigen::Index number;
+    std::size_t color, orbit, cell;
+  };
+
+  template <class Path, class Launch, class Take> void send(Path& path, const Launch& launch, Take&& take) const {
+    Eigen::Index number = 0;
+    for (std::size_t c = 0; c < patterns_.size(); ++c)
+      for (const RayPattern::Beam& beam : patterns_[c].beams())
+        for (std::uint32_t i = 0; i < (beam.source.in_air() ? beam.rays : 0u); ++i, ++number) {
+          launch(RayPattern::ray(beam, sequence_, i), beam.mirror.cwiseProduct(beam.axis),
+              [&](const PrimaryRay& from, double share, bool inside) {
+                path.run({.ray = from,
+                    .mirror = beam.mirror,
+                    .power_W = share * beam.power_W,
+                    .inside = inside,
+                    .gathers_direct = false});
+              });
+          const Tally tally = path.accounts().take();
+          const auto& channels = tally.ledger.channels;
+          take(Ray{number, c, std::size_t(beam.orbit), DirectionDensity::cell(sequence_(i, 0), sequence_(i, 1))}, tally,
+              Eigen::Map<const Eigen::VectorXd>(channels.data(), Eigen::Index(channels.size())).template cast<float>());
+        }
+  }
+
+  std::vector<RayPattern> patterns_;  ///< per colour
+  OwenSobol sequence_;
+  Eigen::Index rays_ = 0;
+  Eigen::MatrixXf bare_;                                   ///< channels × rays [W]
+  std::vector<std::vector<std::vector<double>>> squares_;  ///< per colour, orbit and cell
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optics/transport/next_event.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_NEXT_EVENT_HPP
 #define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_NEXT_EVENT_HPP
@@ -13662,8 +13867,10 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
     path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
     // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
-    return path_.accounts().collect(
-        [&](std::size_t k) { return (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k); });
+    return path_.accounts().collect([&](std::size_t k) {
+      return body_.nodes.is_bright(k) ? 0.0
+                                      : (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k);
+    });
   }
 
   const LitBody<Scene, Medium, Readout> body_;
@@ -13884,10 +14091,10 @@ class Tracer {
     int replicates = 8;          ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
     int carrier_rays = 1 << 15;  ///< over all replicates and Lambertian faces, by area; at least one on each triangle
     int exit_rays = 1 << 18;     ///< likewise over the faces with regions that light is gathered from; 0: not done
-    double roulette_below = 0.005;  ///< branches below this share of their path's start weight may be ended
-    double scattered_below = 0.5;   ///< the same for the many branches that were scattered in the medium
-    int max_events = 4096;          ///< a branch that meets more surfaces is booked as lost
-    std::uint64_t seed = 0;         ///< another number, another independent pattern
+    double roulette_below = 0.02;  ///< branches below this share of their path's start weight may be ended
+    double scattered_below = 0.5;  ///< the same for the many branches that were scattered in the medium
+    int max_events = 4096;         ///< a branch that meets more surfaces is booked as lost
+    std::uint64_t seed = 0;        ///< another number, another independent pattern
     OpticalScene::Config scene{};
   };
 
@@ -13968,10 +14175,8 @@ class Tracer {
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
   Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
-      const RayFocus& focus = {}) const {
-    return trace(body, mesh,
-        SurfaceState{state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes}, symmetry,
-        focus);
+      const RayFocus& focus = {}, const RayGuide& guide = {}) const {
+    return trace(body, mesh, surface_of(state), symmetry, focus, guide);
   }
 
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
@@ -13982,18 +14187,21 @@ class Tracer {
 
   /// Response of a surface that is given node by node.
   /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
-  /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  /// `focus` must have the symmetry; `guide` is of this body, mesh and tracer, and read-out through openings does
+  /// without. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry symmetry = {},
-      const RayFocus& focus = {}) const {
+      const RayFocus& focus = {}, const RayGuide& guide = {}) const {
     check(body, symmetry, focus);
     const Medium medium{body.medium};
     const OpticalScene surface(body, mesh, state, symmetry, config_.scene);
     const auto scene = backend_.build(surface.triangles());
     using Scene = std::remove_const_t<decltype(scene)>;
-    const LightNodes nodes(surface, symmetry);
+    if (!guide.sent_W_m2.empty() && guide.sent_W_m2.size() != surface.triangles().size())
+      throw InvalidArgument(
+          message("ray guide for ", guide.sent_W_m2.size(), " triangles, the scene has ", surface.triangles().size()));
+    const LightNodes nodes(surface, symmetry, guide);
     const double replicates = config_.replicates;
-    const FaceSet lambertian(
-        surface, symmetry, {.total = config_.carrier_rays / replicates}, [&](int t) { return nodes.of(t)[0] >= 0; });
+    const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide);
     const FaceSet exits(surface, symmetry,
         {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus}, [&](int t) {
           return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
@@ -14010,9 +14218,7 @@ class Tracer {
     };
     std::vector<Color> light;
     for (int c = 0; c < colors; ++c) {
-      std::vector<Emitter> emitters;
-      std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
-          [&](const Emitter& e) { return e.channel() == c; });
+      const std::vector<Emitter> emitters = emitters_of(body, c);
       const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
       light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
     }
@@ -14026,8 +14232,9 @@ class Tracer {
         return OwenSobol{combine(config_.seed, 3 * std::uint64_t(first_ + r) + use)};
       };
       std::vector<Tally> totals;
-      for (const Color& color : light) {
-        trace_emitters(lit, color.pattern, body.film_closes_m, sequence(0), path);
+      for (std::size_t c = 0; c < light.size(); ++c) {
+        trace_emitters(lit, light[c].pattern, body.film_closes_m, sequence(0), path,
+            guide.directions.empty() ? nullptr : &guide.directions[c]);
         totals.push_back(path.accounts().take());
       }
       const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
@@ -14043,7 +14250,61 @@ class Tracer {
     return averaged(std::move(response));
   }
 
+  /// Learns how these states' light differs from that of the undeformed body, all on one mesh: empty unless emitters
+  /// radiate into air. `symmetry`: planes in which body and all of the states are their own mirror images.
+  RayGuide guide(const Body& body, const TetMesh& mesh, const std::vector<const MechanicalState*>& states,
+      Symmetry symmetry = {}) const {
+    check(body, symmetry, {});
+    RayGuide learned;
+    if (ConnectedReadout<Readout> ||
+        std::none_of(body.emitters.begin(), body.emitters.end(), [](const Emitter& e) { return e.in_air(); }))
+      return learned;
+    std::vector<RayPattern> patterns;
+    for (int c = 0; c < color_count(body.emitters); ++c)
+      patterns.emplace_back(emitters_of(body, c), guide_rays, symmetry);
+    const OwenSobol sequence{combine(config_.seed, guide_rays)};
+    GuideLesson lesson(std::move(patterns), sequence);
+    const Medium medium{body.medium};
+    const int channels = readout_.channels(body);
+    for (std::size_t k = 0; k <= states.size(); ++k) {
+      const OpticalScene surface(
+          body, mesh, k == 0 ? SurfaceState{} : surface_of(*states[k - 1]), symmetry, config_.scene);
+      const auto scene = backend_.build(surface.triangles());
+      using Scene = std::remove_const_t<decltype(scene)>;
+      const LightNodes nodes(surface, symmetry);
+      const FaceSet exits(surface, symmetry, {.whole = true}, [](int) { return false; });
+      const LitBody<Scene, Medium, Readout> lit{surface, scene, medium,
+          BeerLambert(body.surroundings).refractive_index(), readout_, channels, nodes, exits, symmetry};
+      PathTracer<Scene, Medium, Readout> path(
+          lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
+      const FilmLaunch launch(scene, body.film_closes_m);
+      if (k > 0) {
+        lesson.state(path, launch);
+        continue;
+      }
+      Tally light = lesson.undeformed(path, launch);
+      const RadiosityTransport transport =
+          trace_faces(lit, sending_faces(body, surface, nodes, symmetry, {}), sequence, path);
+      learn_sent_light(surface, nodes, solve_radiosity(nodes, transport, light), learned);
+    }
+    learned.directions = lesson.directions();
+    return learned;
+  }
+
  private:
+  static constexpr std::uint32_t guide_rays = 1 << 16;  ///< of each emitter; far fewer learn chance
+  static constexpr double sent_per_emitted = 4.0;       ///< rays a watt that bright faces send
+
+  static SurfaceState surface_of(const MechanicalState& state) {
+    return {state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes};
+  }
+  static std::vector<Emitter> emitters_of(const Body& body, int color) {
+    std::vector<Emitter> emitters;
+    std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
+        [&](const Emitter& e) { return e.channel() == color; });
+    return emitters;
+  }
+
   // Power and error from the replicates.
   static Response averaged(Response response) {
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
@@ -14080,7 +14341,8 @@ class Tracer {
     validate(body.emitters);
   }
   template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
-      std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
+      std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path,
+      const std::vector<DirectionDensity>* densities) const {
     constexpr bool connected = ConnectedReadout<Readout>;  // an opening is too small to be found between rays
     const FilmLaunch launch(body.scene, film_closes_m);
     Splatting splatting(path);
@@ -14092,19 +14354,49 @@ class Tracer {
       }
       // Few ways from a face and an emitter lead through an opening.
       const bool direct = !connected && beam.source.has_intensity() && !air;
+      double worth = 1.0;  // of the ray at hand, in those that are sent evenly
       const auto start = [&](const PrimaryRay& ray, double share, bool inside) {
         path.run({.ray = ray,
             .mirror = beam.mirror,
-            .power_W = share * beam.power_W,
+            .power_W = share * worth * beam.power_W,
             .inside = inside,
             .gathers_direct = direct});
       };
       for (std::uint32_t i = 0; i < beam.rays; ++i) {
-        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
+        std::array<double, 4> u = RayPattern::numbers(sequence, i);
+        worth = 1.0;
+        if (air && densities != nullptr) {
+          const DirectionDensity::Place place = (*densities)[beam.orbit](u[0], u[1]);
+          u[0] = place.u;
+          u[1] = place.v;
+          worth = 1.0 / place.density;
+        }
+        const PrimaryRay ray = RayPattern::ray(beam, u, sequence.seed, i);
         if (air) launch(ray, beam.mirror.cwiseProduct(beam.axis), start);
         else start(ray, 1.0, true);
       }
     }
+  }
+  /// Lambertian faces, with rays by area and, as far as is known, by the light that falls there.
+  FaceSet sending_faces(const Body& body, const OpticalScene& surface, const LightNodes& nodes, Symmetry symmetry,
+      const RayGuide& guide) const {
+    FaceSet::Sampling sampling{.total = double(config_.carrier_rays) / config_.replicates};
+    if (!guide.sent_W_m2.empty()) {
+      double area = 0.0, sent = 0.0, emitted = 0.0;
+      for (std::size_t t = 0; t < guide.sent_W_m2.size(); ++t) {
+        if (nodes.of(int(t))[0] < 0) continue;
+        const std::array<Vec3d, 3> corner = surface.reference_corners(int(t));
+        const double here = 0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm();
+        area += here;
+        sent += here * guide.sent_W_m2[t];
+      }
+      for (const Emitter& e : body.emitters) emitted += e.power_W();
+      const double per_watt = sent_per_emitted * double(config_.rays_per_emitter) * double(body.emitters.size()) /
+                              config_.replicates / emitted;
+      for (double w : guide.sent_W_m2) sampling.density.push_back(sampling.total / area + per_watt * w);
+      sampling.total += per_watt * sent;
+    }
+    return FaceSet(surface, symmetry, sampling, [&](int t) { return nodes.of(t)[0] >= 0; });
   }
   template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,
       const FaceSet& lambertian, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
@@ -14696,6 +14988,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   /// `count` jobs.
   template <Executor E, class Report>
   void trace(const std::vector<Wanted>& wanted, const E& executor, Report&& report) {
+    learn(wanted, executor);
     const std::vector<Job> jobs = jobs_for(wanted);
     std::vector<Task> tasks;  // long ones first, so that threads end together
     for (std::size_t j = 0; j < jobs.size(); ++j) {
@@ -14763,6 +15056,11 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   struct Had {
     double rays = 0.0, weight = 0.0;
   };
+  // What is known of the light at a place, from these states.
+  struct Lesson {
+    std::set<State> states;
+    RayGuide guide;
+  };
   struct Task {
     std::size_t job;
     int part, parts;
@@ -14775,6 +15073,42 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     int parts = 1;
     while (parts < job.rays && 2 * parts <= light_.config().replicates) parts *= 2;
     return parts;
+  }
+
+  // What is worth knowing before light is traced, place by place: of the undeformed body at first, then how the
+  // states differ from it that are to be lit better. It stays while it knows all of them.
+  template <Executor E> void learn(const std::vector<Wanted>& wanted, const E& executor) {
+    std::map<std::size_t, std::set<State>> at;
+    for (const Wanted& w : wanted) {
+      std::set<State>& states = at[plan_.solves[w.state.solve].place];
+      if (w.rays != pilot()) states.insert(w.state);
+    }
+    std::vector<std::size_t> fresh;
+    for (auto& [place, states] : at) {
+      const auto [lesson, is_first] = lessons_.try_emplace(place);
+      std::set<State>& known = lesson->second.states;
+      if (!is_first && std::includes(known.begin(), known.end(), states.begin(), states.end())) continue;
+      known.merge(states);
+      fresh.push_back(place);
+      std::erase_if(
+          unloaded_, [&, p = place](const auto& u) { return u.first.second == p && u.first.first != pilot(); });
+    }
+    std::vector<double> spent(fresh.size(), 0.0);
+    executor.for_each(fresh.size(), [&](std::size_t i) {
+      const Stopwatch watch;
+      Lesson& lesson = lessons_.at(fresh[i]);
+      const TetMesh& mesh = places_[fresh[i]]->mesh();
+      Symmetry all = symmetry_of(body_, mesh);
+      std::vector<const MechanicalState*> states;
+      for (const State& s : lesson.states) {
+        states.push_back(&solved_[s.solve].states[s.state]);
+        const Symmetry one = symmetry_of(body_, mesh, plan_.solves[s.solve].scenario, states.back()->status);
+        all = {all.x && one.x, all.y && one.y};
+      }
+      lesson.guide = light_.guide(body_, mesh, states, all);
+      spent[i] = watch.seconds();
+    });
+    seconds += std::accumulate(spent.begin(), spent.end(), 0.0);
   }
 
   std::vector<Job> jobs_for(const std::vector<Wanted>& wanted) {
@@ -14795,6 +15129,9 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     const Light refined =
         light_.refined(job.rays, std::uint64_t(std::log2(job.rays / pilot()))).portion(part * count, count);
     const TetMesh& mesh = places_[job.place]->mesh();
+    const auto lesson = lessons_.find(job.place);  // none where no state is to be lit
+    const RayGuide nothing;
+    const RayGuide& guide = lesson == lessons_.end() ? nothing : lesson->second.guide;
     RayFocus focus;  // even, as the first trace serves all states, and as other tilts touch away from their place
     const auto& p = plan_.places[job.place];
     if (job.rays != pilot() && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) {
@@ -14803,11 +15140,11 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     }
     if (job.state == nullptr) {
       const Symmetry unloaded = symmetry_of(body_, mesh);
-      return refined.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
+      return refined.trace(body_, mesh, SurfaceState{}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus, guide);
     }
     const MechanicalState& loaded = solved_[job.state->solve].states[job.state->state];
     const Symmetry symmetry = symmetry_of(body_, mesh, plan_.solves[job.state->solve].scenario, loaded.status);
-    return refined.trace(body_, mesh, loaded, symmetry, focus);
+    return refined.trace(body_, mesh, loaded, symmetry, focus, guide);
   }
 
   void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
@@ -14841,6 +15178,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   std::vector<State> all_;
   std::map<State, Had> had_;
   std::map<Bare, Response> unloaded_;
+  std::map<std::size_t, Lesson> lessons_;  // per place
 };
 
 }  // namespace lumo

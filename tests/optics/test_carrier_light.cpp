@@ -6,6 +6,7 @@
 #include "optics/analog_walk.hpp"
 #include "optics/policies.hpp"
 
+#include <algorithm>
 #include <numeric>
 
 using namespace optics_test;
@@ -27,8 +28,20 @@ void agree(const Sum& a, const Sum& b, double within) {
   CHECK(std::abs(a.power - b.power) < within * b.power + 3.0 * std::hypot(a.error, b.error));
 }
 
-// The light of a finger's sides three ways: gathered backwards, forwards only, and walked. Errors are far below
-// `within`.
+// The body pushed in at its top.
+MechanicalState dented(const TetMesh& mesh) {
+  MechanicalState state;
+  state.status = Status::converged;
+  const double top = std::max_element(mesh.nodes.begin(), mesh.nodes.end(), [](const Vec3d& a, const Vec3d& b) {
+    return a.z() < b.z();
+  })->z();
+  for (const Vec3d& p : mesh.nodes)
+    state.displacement.push_back(-0.3e-3 * std::exp(-(p - Vec3d(0, 0, top)).squaredNorm() / 25e-6) * Vec3d::UnitZ());
+  return state;
+}
+
+// The light of a finger's sides three ways: gathered backwards, forwards only, and walked; and backwards once more with
+// what was learned from a dent. Errors are far below `within`.
 template <class Medium> void three_ways(
     const FingerDesign& design, Silicone card, int rays, int walks, FingerOptions options = plain_finger()) {
   constexpr double within = 0.01;
@@ -41,11 +54,17 @@ template <class Medium> void three_ways(
   config.carrier_rays = 16 * rays;
   config.exit_rays = 32 * rays;
   const Response gathered = Light(config).trace(body, mesh);
+  const MechanicalState dent = dented(mesh);
+  const RayGuide guide = Light(config).guide(body, mesh, {&dent});
+  CHECK(guide.directions.empty() == !body.emitters.front().in_air());
+  const Response guided = Light(config).trace(body, mesh, SurfaceState{}, {}, {}, guide);
+  CHECK(guided.ledger.imbalance() < 1e-9);
   config.exit_rays = 0;
   config.rays_per_emitter = 16 * rays;
   const Response forwards = Light(config).trace(body, mesh);
   const Sum g = side_light(gathered.power_W, gathered.error_W), f = side_light(forwards.power_W, forwards.error_W);
   agree(g, f, within);
+  agree(side_light(guided.power_W, guided.error_W), f, within);
   const OpticalScene surface(body, mesh, {}, {}, config.scene);
   const auto scene = Embree{}.build(surface.triangles());
   const WalkedPower walked = AnalogWalk(body, surface, scene, 5).run(16, walks);

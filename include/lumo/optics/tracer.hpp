@@ -13,9 +13,11 @@
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/transport/face_set.hpp"
 #include "lumo/optics/transport/film_launch.hpp"
+#include "lumo/optics/transport/guide_lesson.hpp"
 #include "lumo/optics/transport/next_event.hpp"
 #include "lumo/optics/transport/path_tracer.hpp"
 #include "lumo/optics/transport/radiosity.hpp"
+#include "lumo/optics/transport/ray_guide.hpp"
 #include "lumo/optics/transport/ray_pattern.hpp"
 #include "lumo/optics/transport/splatting.hpp"
 
@@ -62,10 +64,10 @@ class Tracer {
     int replicates = 8;          ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
     int carrier_rays = 1 << 15;  ///< over all replicates and Lambertian faces, by area; at least one on each triangle
     int exit_rays = 1 << 18;     ///< likewise over the faces with regions that light is gathered from; 0: not done
-    double roulette_below = 0.005;  ///< branches below this share of their path's start weight may be ended
-    double scattered_below = 0.5;   ///< the same for the many branches that were scattered in the medium
-    int max_events = 4096;          ///< a branch that meets more surfaces is booked as lost
-    std::uint64_t seed = 0;         ///< another number, another independent pattern
+    double roulette_below = 0.02;  ///< branches below this share of their path's start weight may be ended
+    double scattered_below = 0.5;  ///< the same for the many branches that were scattered in the medium
+    int max_events = 4096;         ///< a branch that meets more surfaces is booked as lost
+    std::uint64_t seed = 0;        ///< another number, another independent pattern
     OpticalScene::Config scene{};
   };
 
@@ -146,10 +148,8 @@ class Tracer {
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
   Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
-      const RayFocus& focus = {}) const {
-    return trace(body, mesh,
-        SurfaceState{state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes}, symmetry,
-        focus);
+      const RayFocus& focus = {}, const RayGuide& guide = {}) const {
+    return trace(body, mesh, surface_of(state), symmetry, focus, guide);
   }
 
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
@@ -160,18 +160,21 @@ class Tracer {
 
   /// Response of a surface that is given node by node.
   /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
-  /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  /// `focus` must have the symmetry; `guide` is of this body, mesh and tracer, and read-out through openings does
+  /// without. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry symmetry = {},
-      const RayFocus& focus = {}) const {
+      const RayFocus& focus = {}, const RayGuide& guide = {}) const {
     check(body, symmetry, focus);
     const Medium medium{body.medium};
     const OpticalScene surface(body, mesh, state, symmetry, config_.scene);
     const auto scene = backend_.build(surface.triangles());
     using Scene = std::remove_const_t<decltype(scene)>;
-    const LightNodes nodes(surface, symmetry);
+    if (!guide.sent_W_m2.empty() && guide.sent_W_m2.size() != surface.triangles().size())
+      throw InvalidArgument(
+          message("ray guide for ", guide.sent_W_m2.size(), " triangles, the scene has ", surface.triangles().size()));
+    const LightNodes nodes(surface, symmetry, guide);
     const double replicates = config_.replicates;
-    const FaceSet lambertian(
-        surface, symmetry, {.total = config_.carrier_rays / replicates}, [&](int t) { return nodes.of(t)[0] >= 0; });
+    const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide);
     const FaceSet exits(surface, symmetry,
         {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus}, [&](int t) {
           return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
@@ -188,9 +191,7 @@ class Tracer {
     };
     std::vector<Color> light;
     for (int c = 0; c < colors; ++c) {
-      std::vector<Emitter> emitters;
-      std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
-          [&](const Emitter& e) { return e.channel() == c; });
+      const std::vector<Emitter> emitters = emitters_of(body, c);
       const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
       light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
     }
@@ -204,8 +205,9 @@ class Tracer {
         return OwenSobol{combine(config_.seed, 3 * std::uint64_t(first_ + r) + use)};
       };
       std::vector<Tally> totals;
-      for (const Color& color : light) {
-        trace_emitters(lit, color.pattern, body.film_closes_m, sequence(0), path);
+      for (std::size_t c = 0; c < light.size(); ++c) {
+        trace_emitters(lit, light[c].pattern, body.film_closes_m, sequence(0), path,
+            guide.directions.empty() ? nullptr : &guide.directions[c]);
         totals.push_back(path.accounts().take());
       }
       const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
@@ -221,7 +223,61 @@ class Tracer {
     return averaged(std::move(response));
   }
 
+  /// Learns how these states' light differs from that of the undeformed body, all on one mesh: empty unless emitters
+  /// radiate into air. `symmetry`: planes in which body and all of the states are their own mirror images.
+  RayGuide guide(const Body& body, const TetMesh& mesh, const std::vector<const MechanicalState*>& states,
+      Symmetry symmetry = {}) const {
+    check(body, symmetry, {});
+    RayGuide learned;
+    if (ConnectedReadout<Readout> ||
+        std::none_of(body.emitters.begin(), body.emitters.end(), [](const Emitter& e) { return e.in_air(); }))
+      return learned;
+    std::vector<RayPattern> patterns;
+    for (int c = 0; c < color_count(body.emitters); ++c)
+      patterns.emplace_back(emitters_of(body, c), guide_rays, symmetry);
+    const OwenSobol sequence{combine(config_.seed, guide_rays)};
+    GuideLesson lesson(std::move(patterns), sequence);
+    const Medium medium{body.medium};
+    const int channels = readout_.channels(body);
+    for (std::size_t k = 0; k <= states.size(); ++k) {
+      const OpticalScene surface(
+          body, mesh, k == 0 ? SurfaceState{} : surface_of(*states[k - 1]), symmetry, config_.scene);
+      const auto scene = backend_.build(surface.triangles());
+      using Scene = std::remove_const_t<decltype(scene)>;
+      const LightNodes nodes(surface, symmetry);
+      const FaceSet exits(surface, symmetry, {.whole = true}, [](int) { return false; });
+      const LitBody<Scene, Medium, Readout> lit{surface, scene, medium,
+          BeerLambert(body.surroundings).refractive_index(), readout_, channels, nodes, exits, symmetry};
+      PathTracer<Scene, Medium, Readout> path(
+          lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
+      const FilmLaunch launch(scene, body.film_closes_m);
+      if (k > 0) {
+        lesson.state(path, launch);
+        continue;
+      }
+      Tally light = lesson.undeformed(path, launch);
+      const RadiosityTransport transport =
+          trace_faces(lit, sending_faces(body, surface, nodes, symmetry, {}), sequence, path);
+      learn_sent_light(surface, nodes, solve_radiosity(nodes, transport, light), learned);
+    }
+    learned.directions = lesson.directions();
+    return learned;
+  }
+
  private:
+  static constexpr std::uint32_t guide_rays = 1 << 16;  ///< of each emitter; far fewer learn chance
+  static constexpr double sent_per_emitted = 4.0;       ///< rays a watt that bright faces send
+
+  static SurfaceState surface_of(const MechanicalState& state) {
+    return {state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes};
+  }
+  static std::vector<Emitter> emitters_of(const Body& body, int color) {
+    std::vector<Emitter> emitters;
+    std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
+        [&](const Emitter& e) { return e.channel() == color; });
+    return emitters;
+  }
+
   // Power and error from the replicates.
   static Response averaged(Response response) {
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
@@ -258,7 +314,8 @@ class Tracer {
     validate(body.emitters);
   }
   template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
-      std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {
+      std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path,
+      const std::vector<DirectionDensity>* densities) const {
     constexpr bool connected = ConnectedReadout<Readout>;  // an opening is too small to be found between rays
     const FilmLaunch launch(body.scene, film_closes_m);
     Splatting splatting(path);
@@ -270,19 +327,49 @@ class Tracer {
       }
       // Few ways from a face and an emitter lead through an opening.
       const bool direct = !connected && beam.source.has_intensity() && !air;
+      double worth = 1.0;  // of the ray at hand, in those that are sent evenly
       const auto start = [&](const PrimaryRay& ray, double share, bool inside) {
         path.run({.ray = ray,
             .mirror = beam.mirror,
-            .power_W = share * beam.power_W,
+            .power_W = share * worth * beam.power_W,
             .inside = inside,
             .gathers_direct = direct});
       };
       for (std::uint32_t i = 0; i < beam.rays; ++i) {
-        const PrimaryRay ray = RayPattern::ray(beam, sequence, i);
+        std::array<double, 4> u = RayPattern::numbers(sequence, i);
+        worth = 1.0;
+        if (air && densities != nullptr) {
+          const DirectionDensity::Place place = (*densities)[beam.orbit](u[0], u[1]);
+          u[0] = place.u;
+          u[1] = place.v;
+          worth = 1.0 / place.density;
+        }
+        const PrimaryRay ray = RayPattern::ray(beam, u, sequence.seed, i);
         if (air) launch(ray, beam.mirror.cwiseProduct(beam.axis), start);
         else start(ray, 1.0, true);
       }
     }
+  }
+  /// Lambertian faces, with rays by area and, as far as is known, by the light that falls there.
+  FaceSet sending_faces(const Body& body, const OpticalScene& surface, const LightNodes& nodes, Symmetry symmetry,
+      const RayGuide& guide) const {
+    FaceSet::Sampling sampling{.total = double(config_.carrier_rays) / config_.replicates};
+    if (!guide.sent_W_m2.empty()) {
+      double area = 0.0, sent = 0.0, emitted = 0.0;
+      for (std::size_t t = 0; t < guide.sent_W_m2.size(); ++t) {
+        if (nodes.of(int(t))[0] < 0) continue;
+        const std::array<Vec3d, 3> corner = surface.reference_corners(int(t));
+        const double here = 0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm();
+        area += here;
+        sent += here * guide.sent_W_m2[t];
+      }
+      for (const Emitter& e : body.emitters) emitted += e.power_W();
+      const double per_watt = sent_per_emitted * double(config_.rays_per_emitter) * double(body.emitters.size()) /
+                              config_.replicates / emitted;
+      for (double w : guide.sent_W_m2) sampling.density.push_back(sampling.total / area + per_watt * w);
+      sampling.total += per_watt * sent;
+    }
+    return FaceSet(surface, symmetry, sampling, [&](int t) { return nodes.of(t)[0] >= 0; });
   }
   template <class Scene> RadiosityTransport trace_faces(const LitBody<Scene, Medium, Readout>& body,
       const FaceSet& lambertian, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path) const {

@@ -104,6 +104,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   /// `count` jobs.
   template <Executor E, class Report>
   void trace(const std::vector<Wanted>& wanted, const E& executor, Report&& report) {
+    learn(wanted, executor);
     const std::vector<Job> jobs = jobs_for(wanted);
     std::vector<Task> tasks;  // long ones first, so that threads end together
     for (std::size_t j = 0; j < jobs.size(); ++j) {
@@ -171,6 +172,11 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   struct Had {
     double rays = 0.0, weight = 0.0;
   };
+  // What is known of the light at a place, from these states.
+  struct Lesson {
+    std::set<State> states;
+    RayGuide guide;
+  };
   struct Task {
     std::size_t job;
     int part, parts;
@@ -183,6 +189,42 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     int parts = 1;
     while (parts < job.rays && 2 * parts <= light_.config().replicates) parts *= 2;
     return parts;
+  }
+
+  // What is worth knowing before light is traced, place by place: of the undeformed body at first, then how the
+  // states differ from it that are to be lit better. It stays while it knows all of them.
+  template <Executor E> void learn(const std::vector<Wanted>& wanted, const E& executor) {
+    std::map<std::size_t, std::set<State>> at;
+    for (const Wanted& w : wanted) {
+      std::set<State>& states = at[plan_.solves[w.state.solve].place];
+      if (w.rays != pilot()) states.insert(w.state);
+    }
+    std::vector<std::size_t> fresh;
+    for (auto& [place, states] : at) {
+      const auto [lesson, is_first] = lessons_.try_emplace(place);
+      std::set<State>& known = lesson->second.states;
+      if (!is_first && std::includes(known.begin(), known.end(), states.begin(), states.end())) continue;
+      known.merge(states);
+      fresh.push_back(place);
+      std::erase_if(
+          unloaded_, [&, p = place](const auto& u) { return u.first.second == p && u.first.first != pilot(); });
+    }
+    std::vector<double> spent(fresh.size(), 0.0);
+    executor.for_each(fresh.size(), [&](std::size_t i) {
+      const Stopwatch watch;
+      Lesson& lesson = lessons_.at(fresh[i]);
+      const TetMesh& mesh = places_[fresh[i]]->mesh();
+      Symmetry all = symmetry_of(body_, mesh);
+      std::vector<const MechanicalState*> states;
+      for (const State& s : lesson.states) {
+        states.push_back(&solved_[s.solve].states[s.state]);
+        const Symmetry one = symmetry_of(body_, mesh, plan_.solves[s.solve].scenario, states.back()->status);
+        all = {all.x && one.x, all.y && one.y};
+      }
+      lesson.guide = light_.guide(body_, mesh, states, all);
+      spent[i] = watch.seconds();
+    });
+    seconds += std::accumulate(spent.begin(), spent.end(), 0.0);
   }
 
   std::vector<Job> jobs_for(const std::vector<Wanted>& wanted) {
@@ -203,6 +245,9 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     const Light refined =
         light_.refined(job.rays, std::uint64_t(std::log2(job.rays / pilot()))).portion(part * count, count);
     const TetMesh& mesh = places_[job.place]->mesh();
+    const auto lesson = lessons_.find(job.place);  // none where no state is to be lit
+    const RayGuide nothing;
+    const RayGuide& guide = lesson == lessons_.end() ? nothing : lesson->second.guide;
     RayFocus focus;  // even, as the first trace serves all states, and as other tilts touch away from their place
     const auto& p = plan_.places[job.place];
     if (job.rays != pilot() && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) {
@@ -211,11 +256,11 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     }
     if (job.state == nullptr) {
       const Symmetry unloaded = symmetry_of(body_, mesh);
-      return refined.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
+      return refined.trace(body_, mesh, SurfaceState{}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus, guide);
     }
     const MechanicalState& loaded = solved_[job.state->solve].states[job.state->state];
     const Symmetry symmetry = symmetry_of(body_, mesh, plan_.solves[job.state->solve].scenario, loaded.status);
-    return refined.trace(body_, mesh, loaded, symmetry, focus);
+    return refined.trace(body_, mesh, loaded, symmetry, focus, guide);
   }
 
   void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
@@ -249,6 +294,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   std::vector<State> all_;
   std::map<State, Had> had_;
   std::map<Bare, Response> unloaded_;
+  std::map<std::size_t, Lesson> lessons_;  // per place
 };
 
 }  // namespace lumo

@@ -53,6 +53,7 @@ class FaceSet {
     double total = 0.0;       ///< about so many samples in all, counting mirror images that are not traced
     std::uint32_t least = 1;  ///< on each face
     RayFocus focus = {};      ///< more of them are here; must have the symmetry
+    std::vector<double> density = {};  ///< per triangle, of samples, on average 1; empty: even
   };
   /// `wanted(triangle)` says which belong to the set.
   template <class Predicate>
@@ -79,8 +80,9 @@ class FaceSet {
       if (fresh) {
         faces_.push_back(face);
         centers.push_back(folded(center, {true, sampling.focus.is_symmetric()}));
-        shares.push_back(
-            0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() * sampling.focus.density(center.y()));
+        const double density = sampling.density.empty() ? 1.0 : sampling.density[std::size_t(triangle)];
+        shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() *
+                         sampling.focus.density(center.y()) * density);
         images.push_back(0);
         in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
       } else if (fundamental) {

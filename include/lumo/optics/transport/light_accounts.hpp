@@ -42,6 +42,7 @@ template <ExitReadout Readout> class LightAccounts {
   }
 
   const std::vector<unsigned>& images() const { return images_; }
+  std::size_t channels() const { return channels_; }
 
   /// `power` [W] of one image, for all of them.
   void book(double& account, double power) { account += power * double(images_.size()); }

@@ -157,8 +157,10 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
     path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
     // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
-    return path_.accounts().collect(
-        [&](std::size_t k) { return (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k); });
+    return path_.accounts().collect([&](std::size_t k) {
+      return body_.nodes.is_bright(k) ? 0.0
+                                      : (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k);
+    });
   }
 
   const LitBody<Scene, Medium, Readout> body_;

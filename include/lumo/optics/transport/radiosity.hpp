@@ -5,6 +5,7 @@
 #include "lumo/optics/surface_optics.hpp"
 #include "lumo/optics/transport/face_set.hpp"
 #include "lumo/optics/transport/light_accounts.hpp"
+#include "lumo/optics/transport/ray_guide.hpp"
 
 #include <algorithm>
 #include <array>
@@ -22,7 +23,7 @@ namespace lumo {
 /// plane of `symmetry` mirror images are one node.
 class LightNodes {
  public:
-  LightNodes(const OpticalScene& scene, Symmetry symmetry)
+  LightNodes(const OpticalScene& scene, Symmetry symmetry, const RayGuide& guide = {})
       : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
     // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be
     // patches of their own.
@@ -62,6 +63,10 @@ class LightNodes {
         area_[std::size_t(it->second)] += scene.triangle_area(t) / 3.0;
       }
     }
+    bright_.assign(size(), false);
+    for (std::size_t t = 0; t < guide.sent_W_m2.size(); ++t)
+      if (guide.sent_W_m2[t] > guide.bright_W_m2)
+        for (int k : of_[t]) bright_[std::size_t(k)] = true;
   }
 
   std::size_t size() const { return albedo_.size(); }
@@ -74,11 +79,13 @@ class LightNodes {
   double area(std::size_t node) const { return area_[node]; }
   /// Light meets it in the surroundings, not in the body.
   bool in_air(std::size_t node) const { return in_air_[node]; }
+  /// Its light is found by paths from it, not backwards from where it leaves.
+  bool is_bright(std::size_t node) const { return bright_[node]; }
 
  private:
   std::vector<std::array<int, 3>> of_;
   std::vector<double> albedo_, area_;
-  std::vector<bool> in_air_;
+  std::vector<bool> in_air_, bright_;
 };
 
 /// Form factors of the nodes of Lambertian faces, sampled: the way of one watt from each.
@@ -143,6 +150,7 @@ inline std::vector<double> solve_radiosity(const LightNodes& nodes, const Radios
   for (std::size_t k = 0; k < nodes.size(); ++k) {
     const double each = sent[k] * transport.per_watt(k);
     add_scaled(ledger, transport.sum(k).ledger, each);
+    if (nodes.is_bright(k)) continue;
     for (std::size_t c = 0; c < total.gathered.size(); ++c) total.gathered[c] += each * transport.sum(k).gathered[c];
   }
   ledger.emitted = emitted;

@@ -149,8 +149,10 @@ class RayPattern {
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
   }
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
-    return ray(
-        beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
+    return ray(beam, numbers(sequence, index), sequence.seed, index);
+  }
+  static std::array<double, 4> numbers(const OwenSobol& sequence, std::uint32_t index) {
+    return {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)};
   }
 
   /// Is the set of emitters its own mirror image in each plane?
