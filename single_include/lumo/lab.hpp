@@ -9457,7 +9457,8 @@ struct RayGuide {
   /// Power that a triangle sends on [W/m²], if it is Lambertian, of the undeformed body. Small bright faces beside
   /// emitters in air are rarely found backwards: paths start from them, in proportion to this.
   std::vector<double> sent_W_m2;
-  double bright_W_m2 = 0.0;  ///< from which on that is done
+  double bright_W_m2 = 0.0;            ///< from which on that is done
+  double area_m2 = 0.0, sent_W = 0.0;  ///< of these triangles in all
 };
 
 }  // namespace lumo
@@ -9942,8 +9943,13 @@ inline void learn_sent_light(
   guide.bright_W_m2 = area > 0.0 ? much_brighter * power / area : 0.0;
   for (std::size_t t = 0; t < surface.triangles().size(); ++t) {
     double mean = 0.0;
-    if (const auto& at = nodes.of(int(t)); at[0] >= 0)
+    if (const auto& at = nodes.of(int(t)); at[0] >= 0) {
       for (int k : at) mean += sent[std::size_t(k)] / nodes.area(std::size_t(k)) / 3.0;
+      const std::array<Vec3d, 3> corner = surface.reference_corners(int(t));
+      const double here = 0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm();
+      guide.area_m2 += here;
+      guide.sent_W += here * mean;
+    }
     guide.sent_W_m2.push_back(mean);
   }
 }
@@ -10695,19 +10701,12 @@ class Tracer {
       const RayGuide& guide) const {
     FaceSet::Sampling sampling{.total = double(config_.carrier_rays) / config_.replicates};
     if (!guide.sent_W_m2.empty()) {
-      double area = 0.0, sent = 0.0, emitted = 0.0;
-      for (std::size_t t = 0; t < guide.sent_W_m2.size(); ++t) {
-        if (nodes.of(int(t))[0] < 0) continue;
-        const std::array<Vec3d, 3> corner = surface.reference_corners(int(t));
-        const double here = 0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm();
-        area += here;
-        sent += here * guide.sent_W_m2[t];
-      }
+      double emitted = 0.0;
       for (const Emitter& e : body.emitters) emitted += e.power_W();
       const double per_watt = sent_per_emitted * double(config_.rays_per_emitter) * double(body.emitters.size()) /
                               config_.replicates / emitted;
-      for (double w : guide.sent_W_m2) sampling.density.push_back(sampling.total / area + per_watt * w);
-      sampling.total += per_watt * sent;
+      for (double w : guide.sent_W_m2) sampling.density.push_back(sampling.total / guide.area_m2 + per_watt * w);
+      sampling.total += per_watt * guide.sent_W;
     }
     return FaceSet(surface, symmetry, sampling, [&](int t) { return nodes.of(t)[0] >= 0; });
   }
@@ -11286,8 +11285,6 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
       if (!is_first && std::includes(known.begin(), known.end(), states.begin(), states.end())) continue;
       known.merge(states);
       fresh.push_back(place);
-      std::erase_if(
-          unloaded_, [&, p = place](const auto& u) { return u.first.second == p && u.first.first != pilot(); });
     }
     std::vector<double> spent(fresh.size(), 0.0);
     executor.for_each(fresh.size(), [&](std::size_t i) {
@@ -11305,6 +11302,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
       spent[i] = watch.seconds();
     });
     seconds += std::accumulate(spent.begin(), spent.end(), 0.0);
+    // Light that was traced with another guide cannot be compared any more.
+    for (const std::size_t place : fresh)
+      if (!lessons_.at(place).guide.sent_W_m2.empty())
+        std::erase_if(unloaded_, [&](const auto& u) { return u.first.second == place && u.first.first != pilot(); });
   }
 
   std::vector<Job> jobs_for(const std::vector<Wanted>& wanted) {

@@ -355,19 +355,12 @@ class Tracer {
       const RayGuide& guide) const {
     FaceSet::Sampling sampling{.total = double(config_.carrier_rays) / config_.replicates};
     if (!guide.sent_W_m2.empty()) {
-      double area = 0.0, sent = 0.0, emitted = 0.0;
-      for (std::size_t t = 0; t < guide.sent_W_m2.size(); ++t) {
-        if (nodes.of(int(t))[0] < 0) continue;
-        const std::array<Vec3d, 3> corner = surface.reference_corners(int(t));
-        const double here = 0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm();
-        area += here;
-        sent += here * guide.sent_W_m2[t];
-      }
+      double emitted = 0.0;
       for (const Emitter& e : body.emitters) emitted += e.power_W();
       const double per_watt = sent_per_emitted * double(config_.rays_per_emitter) * double(body.emitters.size()) /
                               config_.replicates / emitted;
-      for (double w : guide.sent_W_m2) sampling.density.push_back(sampling.total / area + per_watt * w);
-      sampling.total += per_watt * sent;
+      for (double w : guide.sent_W_m2) sampling.density.push_back(sampling.total / guide.area_m2 + per_watt * w);
+      sampling.total += per_watt * guide.sent_W;
     }
     return FaceSet(surface, symmetry, sampling, [&](int t) { return nodes.of(t)[0] >= 0; });
   }

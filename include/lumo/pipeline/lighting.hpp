@@ -206,8 +206,6 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
       if (!is_first && std::includes(known.begin(), known.end(), states.begin(), states.end())) continue;
       known.merge(states);
       fresh.push_back(place);
-      std::erase_if(
-          unloaded_, [&, p = place](const auto& u) { return u.first.second == p && u.first.first != pilot(); });
     }
     std::vector<double> spent(fresh.size(), 0.0);
     executor.for_each(fresh.size(), [&](std::size_t i) {
@@ -225,6 +223,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
       spent[i] = watch.seconds();
     });
     seconds += std::accumulate(spent.begin(), spent.end(), 0.0);
+    // Light that was traced with another guide cannot be compared any more.
+    for (const std::size_t place : fresh)
+      if (!lessons_.at(place).guide.sent_W_m2.empty())
+        std::erase_if(unloaded_, [&](const auto& u) { return u.first.second == place && u.first.first != pilot(); });
   }
 
   std::vector<Job> jobs_for(const std::vector<Wanted>& wanted) {

@@ -10,6 +10,7 @@
 
 #include <Eigen/Core>
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <utility>
@@ -29,8 +30,13 @@ inline void learn_sent_light(
   guide.bright_W_m2 = area > 0.0 ? much_brighter * power / area : 0.0;
   for (std::size_t t = 0; t < surface.triangles().size(); ++t) {
     double mean = 0.0;
-    if (const auto& at = nodes.of(int(t)); at[0] >= 0)
+    if (const auto& at = nodes.of(int(t)); at[0] >= 0) {
       for (int k : at) mean += sent[std::size_t(k)] / nodes.area(std::size_t(k)) / 3.0;
+      const std::array<Vec3d, 3> corner = surface.reference_corners(int(t));
+      const double here = 0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm();
+      guide.area_m2 += here;
+      guide.sent_W += here * mean;
+    }
     guide.sent_W_m2.push_back(mean);
   }
 }

@@ -80,7 +80,8 @@ struct RayGuide {
   /// Power that a triangle sends on [W/m²], if it is Lambertian, of the undeformed body. Small bright faces beside
   /// emitters in air are rarely found backwards: paths start from them, in proportion to this.
   std::vector<double> sent_W_m2;
-  double bright_W_m2 = 0.0;  ///< from which on that is done
+  double bright_W_m2 = 0.0;            ///< from which on that is done
+  double area_m2 = 0.0, sent_W = 0.0;  ///< of these triangles in all
 };
 
 }  // namespace lumo
