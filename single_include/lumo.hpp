@@ -2655,18 +2655,9 @@ struct Patch {
 struct RigidBox {
   Vec3d center{0.0, 0.0, 0.0};  ///< [m]
   Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
-};
-
-/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
-/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
-/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
-/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
-/// does.
-struct Support {
-  std::string patch;            ///< name of the patch that rests here; others pass through
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
+  /// Of all its edges and corners, inside the box; 0: sharp [m]. Where silicone slides over sharp edges, what becomes
+  /// of a press depends on the steps that lead to it.
+  double edge_radius = 0.0;
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
@@ -2692,8 +2683,7 @@ struct Body {
   Sizing sizing;
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
-  std::vector<Support> supports;  ///< what patches rest on
+  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on
   Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;        ///< inside
@@ -2959,12 +2949,13 @@ struct FingerOptions {
     double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
     double support_edge = 2.5e-3;    ///< on the surface that lies free on the carrier
-    double seam_edge = 1.0e-3;       ///< at the carrier's edges, below a tool
+    double seam_edge = 1.0e-3;       ///< at the edges of a bonded stem, below a tool
+    double stem_edge = 0.4e-3;       ///< at the rounded edges of a stem on which silicone lies free, below a tool
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
-          factor * shortest_chord, factor * support_edge, factor * seam_edge};
+          factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -3010,6 +3001,9 @@ struct FingerOptions {
   Recess recess = {};
   Readout readout = {};
   TiltPivot pivot = TiltPivot::base;
+  /// Of the edges of a stem on which silicone lies free, its ridges' too; 0: sharp [m]. Ours: the drawings have sharp
+  /// edges, over which no equilibrium is certain.
+  double stem_edge_radius = 0.4e-3;
   double carrier_albedo = 0.7;
   bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};  ///< Body::touched
@@ -3080,7 +3074,9 @@ inline void validate(const FingerOptions& o) {
     require_in_range(
         "length of the LEDs' recesses", o.recess.length_y * 1e3, o.leds.length_y * 1e3, o.leds.pitch * 1e3 - 1.0, "mm");
   require_in_range("mesh edge on the carrier", o.mesh.support_edge * 1e3, 0.1, 30.0, "mm");
-  require_in_range("mesh edge at the carrier's edges", o.mesh.seam_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("mesh edge at a bonded stem's edges", o.mesh.seam_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("mesh edge at a free stem's edges", o.mesh.stem_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("radius of a free stem's edges", o.stem_edge_radius * 1e3, 0.0, 1.0, "mm");
   require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
   require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
   require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
@@ -3100,6 +3096,149 @@ inline void validate(const FingerOptions& o) {
 
 #endif
 
+// ---- lumo/morphology/stem_faces.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_STEM_FACES_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_STEM_FACES_HPP
+
+namespace lumo {
+
+/// A stretch along y of the top of a stem on which the silicone lies, between two recesses or the stem's ends [m].
+struct Ridge {
+  double low, high;
+};
+
+/// Stretches of the recesses' floors between ridges, low and high end along y [m].
+inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>& ridges) {
+  std::vector<std::array<double, 2>> floors;
+  for (std::size_t k = 0; k + 1 < ridges.size(); ++k) floors.push_back({ridges[k].high, ridges[k + 1].low});
+  return floors;
+}
+
+/// A stem on which silicone lies, with edges of one radius [m].
+struct FreeStem {
+  double half_width, half_length, height;
+  double floor;  ///< height of the floors between ridges
+  std::vector<Ridge> ridges;
+  double edge_radius;
+};
+
+namespace detail {
+
+/// Collects carrier faces; those without area are left out.
+struct FaceList {
+  std::vector<RigidFace>& faces;
+  SurfaceOptics optics;
+
+  void add(std::string name, std::vector<Vec3d> corners) const {
+    Vec3d area = Vec3d::Zero();
+    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
+      area += (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
+    if (area.norm() > 1e-12) faces.push_back({std::move(name), std::move(corners), optics});  // [m²]
+  }
+  /// The face and its image at negative x.
+  void add_pair(const std::string& name, std::vector<Vec3d> corners) const {
+    std::vector<Vec3d> image(corners);
+    std::reverse(image.begin() + 1, image.end());
+    for (Vec3d& p : image) p.x() = -p.x();
+    add(name + " +x", std::move(corners));
+    add(name + " -x", std::move(image));
+  }
+};
+
+// A rounded edge between two faces as chords: how far each point is from the sharp edge along the first face, and how
+// far behind that face. Chords lie inside the edge: silicone that rests on it does not cross them.
+inline std::array<std::array<double, 2>, 3> rounded_edge(double radius) {
+  const double middle = (1.0 - std::sqrt(0.5)) * radius;
+  return {{{radius, 0.0}, {middle, middle}, {0.0, radius}}};
+}
+
+// How far behind its sharp end a ridge meets a floor that lies `depth` below its top.
+inline double ridge_foot(double radius, double depth) {
+  const auto edge = rounded_edge(radius);
+  for (std::size_t k = 0; k + 1 < edge.size(); ++k)
+    if (edge[k + 1][1] > depth) {
+      const double t = (depth - edge[k][1]) / (edge[k + 1][1] - edge[k][1]);
+      return edge[k][0] + t * (edge[k + 1][0] - edge[k][0]);
+    }
+  return 0.0;
+}
+
+// One end of a ridge; `side`: −1 the low one, 1 the high one. An end of the stem goes down to its base, one at a recess
+// to the floor.
+inline void add_ridge_end(const FaceList& list, const FreeStem& stem, const Ridge& ridge, double side) {
+  const double r = stem.edge_radius, w = stem.half_width, inner = w - r, h = stem.height;
+  const double end = side < 0.0 ? ridge.low : ridge.high;
+  const bool outer = std::abs(end) >= stem.half_length - 1e-9;
+  const double bottom = outer ? 0.0 : stem.floor, side_bottom = outer ? 0.0 : stem.floor - r;
+  const auto edge = rounded_edge(r);
+  // Lit from outside: the order of corners that holds at the high end is turned round at the low one.
+  const auto turned = [&](std::vector<Vec3d> corners) {
+    if (side < 0.0) std::reverse(corners.begin() + 1, corners.end());
+    return corners;
+  };
+  const auto across = [&](const std::string& name, double y0, double z0, double y1, double z1) {
+    list.add(name, turned({{-inner, y0, z0}, {inner, y0, z0}, {inner, y1, z1}, {-inner, y1, z1}}));
+  };
+  for (std::size_t k = 0; k + 1 < edge.size(); ++k) {
+    const double z0 = h - edge[k][1], z1 = std::max(h - edge[k + 1][1], bottom);
+    if (z0 <= bottom) break;
+    const double y1 = h - edge[k + 1][1] < bottom ? ridge_foot(r, h - bottom) : edge[k + 1][0];
+    across(outer ? "stem edge" : "recess wall", end - side * edge[k][0], z0, end - side * y1, z1);
+  }
+  if (h - r > bottom) across(outer ? "stem end" : "recess wall", end, h - r, end, bottom);
+
+  // The corner: an eighth of a sphere, and the upright edge below it. Towards a recess half of that is in the floor.
+  const Vec3d middle(inner, end - side * r, h - r);
+  const auto at = [&](double x, double y, double z) { return Vec3d(middle + r * Vec3d(x, side * y, z).normalized()); };
+  const Vec3d top = at(0, 0, 1), right = at(1, 0, 0), front = at(0, 1, 0), top_right = at(1, 0, 1),
+              top_front = at(0, 1, 1), right_front = at(1, 1, 0);
+  const auto triangle = [&](const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    list.add_pair("stem corner", turned({a, b, c}));
+  };
+  triangle(top, top_right, top_front);
+  triangle(top_right, right, right_front);
+  triangle(top_right, right_front, top_front);
+  triangle(top_front, right_front, front);
+  const auto upright = [&](const Vec3d& a, const Vec3d& b) {
+    list.add_pair("stem edge", turned({{a.x(), a.y(), side_bottom}, {b.x(), b.y(), side_bottom}, b, a}));
+  };
+  upright(right, right_front);
+  if (outer) upright(right_front, front);
+}
+
+// Its ridges, the floors between them, and its sides; rounded edges as chords.
+inline void add_free_stem(const FaceList& list, const FreeStem& stem) {
+  const double r = stem.edge_radius, w = stem.half_width, inner = w - r, h = stem.height, l = stem.half_length - r;
+  const auto edge = rounded_edge(r);
+  const auto level = [&](const char* name, double y0, double y1, double z) {
+    list.add(name, {{-inner, y0, z}, {inner, y0, z}, {inner, y1, z}, {-inner, y1, z}});
+  };
+  const auto long_edge = [&](double y0, double y1, double z) {
+    for (std::size_t k = 0; k + 1 < edge.size(); ++k) {
+      const double x0 = w - edge[k][0], z0 = z - edge[k][1], x1 = w - edge[k + 1][0], z1 = z - edge[k + 1][1];
+      list.add_pair("stem edge", {{x1, y0, z1}, {x1, y1, z1}, {x0, y1, z0}, {x0, y0, z0}});
+    }
+  };
+  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, stem.floor - r}, {w, -l, stem.floor - r}});
+  for (const Ridge& ridge : stem.ridges) {
+    const double y0 = ridge.low + r, y1 = ridge.high - r;
+    level("ridge", y0, y1, h);
+    long_edge(y0, y1, h);
+    list.add_pair("ridge side", {{w, y0, stem.floor - r}, {w, y1, stem.floor - r}, {w, y1, h - r}, {w, y0, h - r}});
+    for (const double side : {-1.0, 1.0}) add_ridge_end(list, stem, ridge, side);
+  }
+  const double foot = ridge_foot(r, h - stem.floor);
+  for (const auto& [from, to] : recess_floors(stem.ridges)) {
+    level("recess floor", from - foot, to + foot, stem.floor);
+    long_edge(from - r, to + r, stem.floor);
+  }
+}
+
+}  // namespace detail
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/finger_carrier.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_CARRIER_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_CARRIER_HPP
@@ -3112,11 +3251,6 @@ inline std::vector<double> led_places(const FingerOptions::Leds& leds) {
   for (int k = 0; k < leds.count; ++k) y.push_back((k - 0.5 * (leds.count - 1)) * leds.pitch);
   return y;
 }
-
-/// A stretch along y of the top of a stem on which the silicone lies, between two recesses or the stem's ends [m].
-struct Ridge {
-  double low, high;
-};
 
 /// Ridges of a stem; one if it has no recesses.
 inline std::vector<Ridge> stem_ridges(const FingerOptions& o) {
@@ -3144,7 +3278,7 @@ struct StemLengths {
         floor(height - o.recess.depth) {}
 };
 
-/// The carrier's boxes.
+/// The carrier's boxes. Throws InvalidArgument where a stem's edges cannot be as round as asked for.
 inline std::vector<RigidBox> carrier_boxes(const HalfSection& s, const FingerOptions& o) {
   if (s.twin == Twin::unsupported_base || s.twin == Twin::held_top) return {};
   const StemLengths at(s, o);
@@ -3157,89 +3291,31 @@ inline std::vector<RigidBox> carrier_boxes(const HalfSection& s, const FingerOpt
   const double low = s.pad.stem == Stem::bonded ? 0.5 * back : back;  // inside the block
   if (s.pad.stem == Stem::bonded || o.recess.depth == 0.0) {
     boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.height));
-    return boxes;
+  } else {
+    boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.floor));
+    for (const Ridge& ridge : stem_ridges(o)) boxes.push_back(box(at.stem, ridge.low, ridge.high, low, at.height));
   }
-  boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.floor));
-  for (const Ridge& ridge : stem_ridges(o)) boxes.push_back(box(at.stem, ridge.low, ridge.high, low, at.height));
+  if (s.lies_on_stem())
+    for (std::size_t k = 1; k < boxes.size(); ++k) {
+      boxes[k].edge_radius = o.stem_edge_radius;
+      require_in_range(
+          "radius of a free stem's edges", o.stem_edge_radius * 1e3, 0.0, boxes[k].half.minCoeff() * 1e3, "mm");
+    }
   return boxes;
-}
-
-/// Stretches of the recesses' floors between ridges, low and high end along y [m].
-inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>& ridges) {
-  std::vector<std::array<double, 2>> floors;
-  for (std::size_t k = 0; k + 1 < ridges.size(); ++k) floors.push_back({ridges[k].high, ridges[k + 1].low});
-  return floors;
-}
-
-/// What the patches of a finger on a free stem rest on: the cavity's roof on the stem's top, its walls on the stem's
-/// sides, both on the block between them, and the cap's wall on the stem's end.
-inline std::vector<Support> carrier_supports(const HalfSection& s, const FingerOptions& o) {
-  if (!s.lies_on_stem()) return {};
-  const StemLengths at(s, o);
-  const double l = at.half_length, h = at.height;
-  std::vector<Support> supports;
-  const auto add = [&](const char* patch, const Vec3d& center, const Vec3d& half_u, const Vec3d& half_v) {
-    supports.push_back({patch, center, half_u, half_v});
-  };
-  const auto add_top = [&](double from, double to, double z) {
-    add("void_roof", {0, 0.5 * (from + to), z}, {at.stem, 0, 0}, {0, 0.5 * (to - from), 0});
-  };
-  const std::vector<Ridge> ridges = stem_ridges(o);
-  for (const Ridge& r : ridges) add_top(r.low, r.high, h);
-  for (const auto& [from, to] : recess_floors(ridges)) add_top(from, to, at.floor);
-  for (const double side : {1.0, -1.0}) {
-    add("void_wall", {side * at.stem, 0, 0.5 * h}, {0, side * l, 0}, {0, 0, 0.5 * h});
-    if (at.outer <= at.stem) continue;
-    for (const char* patch : {"void_roof", "void_wall"})
-      add(patch, {0.5 * side * (at.stem + at.outer), 0, 0}, {0.5 * (at.outer - at.stem), 0, 0}, {0, l, 0});
-  }
-  if (s.pad.cap_length > 0.0) add("cap_wall", {0, l, 0.5 * h}, {0, 0, 0.5 * h}, {at.stem, 0, 0});
-  return supports;
 }
 
 namespace detail {
 
-/// Collects carrier faces; those without area are left out.
-struct FaceList {
-  std::vector<RigidFace>& faces;
-  SurfaceOptics optics;
-
-  void add(std::string name, std::vector<Vec3d> corners) const {
-    Vec3d area = Vec3d::Zero();
-    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
-      area += (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
-    if (area.norm() > 1e-12) faces.push_back({std::move(name), std::move(corners), optics});  // [m²]
-  }
-  /// The face and its image at negative x.
-  void add_pair(const std::string& name, std::vector<Vec3d> corners) const {
-    std::vector<Vec3d> image(corners);
-    std::reverse(image.begin() + 1, image.end());
-    for (Vec3d& p : image) p.x() = -p.x();
-    add(name + " +x", std::move(corners));
-    add(name + " -x", std::move(image));
-  }
-};
-
-// Faces of a stem on which silicone lies: its ridges, and the floors between them.
-inline void add_free_stem(const FaceList& list, const StemLengths& at, const FingerOptions& o) {
-  const double w = at.stem, h = at.height, l = at.half_length, floor = at.floor;
-  const std::vector<Ridge> ridges = stem_ridges(o);
-  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, floor}, {w, -l, floor}});
-  for (const Ridge& r : ridges) {
-    list.add("ridge", {{-w, r.low, h}, {w, r.low, h}, {w, r.high, h}, {-w, r.high, h}});
-    list.add_pair("ridge side", {{w, r.low, floor}, {w, r.high, floor}, {w, r.high, h}, {w, r.low, h}});
-  }
-  for (const auto& [from, to] : recess_floors(ridges)) {
-    list.add("recess floor", {{-w, from, floor}, {w, from, floor}, {w, to, floor}, {-w, to, floor}});
-    list.add("recess wall", {{w, from, floor}, {-w, from, floor}, {-w, from, h}, {w, from, h}});
-    list.add("recess wall", {{-w, to, floor}, {w, to, floor}, {w, to, h}, {-w, to, h}});
-  }
+// Faces of a bonded stem beside voids.
+inline void add_bonded_stem(const FaceList& list, const StemLengths& at, bool capped) {
+  const double w = at.stem, l = at.half_length, h = at.height;
+  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, h}, {w, -l, h}});
+  if (capped) list.add("stem end", {{w, l, 0}, {-w, l, 0}, {-w, l, h}, {w, l, h}});
 }
 
-// Faces that a solid cap looks at: the ends of stem and block.
-inline void add_carrier_end(const FaceList& list, const StemLengths& at, double shoulder) {
-  const double w = at.stem, y = at.half_length, h = at.height;
-  list.add("stem end", {{w, y, 0}, {-w, y, 0}, {-w, y, h}, {w, y, h}});
+// The end of the block, at which a solid cap looks.
+inline void add_block_end(const FaceList& list, const StemLengths& at, double shoulder) {
+  const double y = at.half_length;
   list.add("block end", {{at.lip, y, shoulder}, {-at.lip, y, shoulder}, {-at.lip, y, 0}, {at.lip, y, 0}});
 }
 
@@ -3252,10 +3328,12 @@ inline std::vector<RigidFace> carrier_faces(const HalfSection& s, const FingerOp
   const detail::FaceList list{faces, Lambertian{o.carrier_albedo}};
   const double l = at.half_length;
   if (!has_stem(s.twin) || (!s.lies_on_stem() && s.design.w_v <= 0.0)) return faces;
-  if (s.lies_on_stem()) detail::add_free_stem(list, at, o);
-  else list.add_pair("stem", {{at.stem, -l, 0}, {at.stem, l, 0}, {at.stem, l, at.height}, {at.stem, -l, at.height}});
+  const bool capped = s.pad.cap_length > 0.0;
+  if (s.lies_on_stem())
+    detail::add_free_stem(list, {at.stem, l, at.height, at.floor, stem_ridges(o), o.stem_edge_radius});
+  else detail::add_bonded_stem(list, at, capped);
   list.add_pair("base", {{at.stem, -l, 0}, {at.outer, -l, 0}, {at.outer, l, 0}, {at.stem, l, 0}});
-  if (s.pad.cap_length > 0.0) detail::add_carrier_end(list, at, -1e-3 * s.pad.shoulder_height);
+  if (capped) detail::add_block_end(list, at, -1e-3 * s.pad.shoulder_height);
   return faces;
 }
 
@@ -3532,10 +3610,13 @@ inline Sizing finger_sizing(const Body& body, const HalfSection& s, const Finger
       return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
     };
   // What is high at the edges has to be resolved below the tool: pressure, or at the end of a bond stress.
-  sizing.edge_under_touch = [mesh, at, ridges](const Vec3d& p, const Vec3d& touch) {
-    const double growth_along = 0.25 * mesh.growth;  // the load spreads along the finger
+  // The load spreads along the finger. A rounded edge is smooth, and coarser elements are near enough.
+  const bool rounded = s.lies_on_stem();
+  const double edge = rounded ? mesh.stem_edge : mesh.seam_edge, growth = (rounded ? 1.5 : 1.0) * mesh.growth,
+               growth_along = (rounded ? 0.5 : 0.25) * mesh.growth;
+  sizing.edge_under_touch = [edge, growth, growth_along, at, ridges](const Vec3d& p, const Vec3d& touch) {
     const double along = std::max(0.0, std::abs(p.y() - touch.y()) - at.height);
-    return mesh.seam_edge + mesh.growth * distance_to_stem_edges(p, at, ridges) + growth_along * along;
+    return edge + growth * distance_to_stem_edges(p, at, ridges) + growth_along * along;
   };
   return sizing;
 }
@@ -3557,7 +3638,6 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   body.exact_volume_m3 = 4.0 * s.exact_area_m2() * (0.5e-3 * o.pad.length);
   body.pivot = {0, 0, o.pivot == TiltPivot::flat_top ? 1e-3 * s.design.h_fp : 0.0};
   body.carrier = carrier_boxes(s, o);
-  body.supports = carrier_supports(s, o);
   body.rigid_faces = carrier_faces(s, o);
   detail::add_light(body, s, silicone, o);
   if (capped) {
@@ -6354,87 +6434,28 @@ static_assert(ContactHandler<VertexContact>);
 
 namespace lumo {
 
-/// Signed distance to a union of rigid boxes. The origin of its frame is the finger's.
-struct BoxUnion {
+/// What a body rests on, as a signed distance: to the union of its rigid boxes, +infinity if there are none. The origin
+/// of its frame is the finger's.
+struct Carrier {
   std::vector<RigidBox> boxes;
 
   double distance(const Vec3d& p) const {
     double least = std::numeric_limits<double>::infinity();
-    for (const RigidBox& b : boxes) least = std::min(least, box_distance(b.half, p - b.center));
+    for (const RigidBox& b : boxes) least = std::min(least, box_distance(core(b), p - b.center) - b.edge_radius);
     return least;
   }
   DistanceSample sample(const Vec3d& p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
-    for (const RigidBox& b : boxes)
-      if (const DistanceSample d = distance_to_box(b.half, p - b.center); d.distance < nearest.distance) nearest = d;
+    for (const RigidBox& b : boxes) {
+      DistanceSample d = distance_to_box(core(b), p - b.center);
+      d.distance -= b.edge_radius;
+      if (d.distance < nearest.distance) nearest = d;
+    }
     return nearest;
-  }
-};
-
-/// A point of a body's surface: where it is while the body is undeformed [m], and the number of its patch.
-struct MaterialPoint {
-  Vec3d reference;
-  int patch;
-};
-
-/// What a body rests on, as a gap of its points: the signed distance to the union of its rigid boxes or, if it has
-/// supports, the height over the one that the point belongs to. The origin of its frame is the finger's.
-class Carrier {
- public:
-  explicit Carrier(const Body& body) : supported_(!body.supports.empty()), boxes_{body.carrier} {
-    rests_.resize(body.patches.size());
-    for (std::size_t k = 0; k < body.patches.size(); ++k)
-      for (const Support& s : body.supports)
-        if (s.patch == body.patches[k].name) rests_[k].push_back({s, s.half_u.cross(s.half_v).normalized()});
-  }
-
-  /// Gap of a point that is at p now [m]; infinite if it belongs to no support.
-  double distance(const Vec3d& p, const MaterialPoint& point) const {
-    if (!supported_) return boxes_.distance(p);
-    const Rest* rest = under(point);
-    return rest ? rest->height(p) : std::numeric_limits<double>::infinity();
-  }
-  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
-    if (!supported_) return boxes_.sample(p);
-    const Rest* rest = under(point);
-    return rest ? DistanceSample{rest->height(p), rest->normal, Mat3d::Zero()}
-                : DistanceSample{std::numeric_limits<double>::infinity(), Vec3d::Zero(), Mat3d::Zero()};
-  }
-  /// May points of a patch that are within `radius` of p be in contact?
-  bool reaches(const Vec3d& p, double radius, int patch) const {
-    if (!supported_) return boxes_.distance(p) <= radius;
-    const std::vector<Rest>& rests = rests_[std::size_t(patch)];
-    return std::any_of(rests.begin(), rests.end(), [&](const Rest& r) { return r.height(p) <= radius; });
   }
 
  private:
-  struct Rest {
-    Support support;
-    Vec3d normal;
-
-    double height(const Vec3d& p) const { return normal.dot(p - support.center); }
-    bool is_under(const Vec3d& p) const {
-      constexpr double slack = 1e-9;  // [m]
-      const Vec3d d = p - support.center;
-      const auto within = [&](const Vec3d& half) {
-        const double length = half.norm();
-        return std::abs(half.dot(d)) <= length * (length + slack);
-      };
-      return height(p) >= -slack && within(support.half_u) && within(support.half_v);
-    }
-  };
-  // The one that the undeformed point is nearest to of those that it lies over; null: none.
-  const Rest* under(const MaterialPoint& point) const {
-    const Rest* nearest = nullptr;
-    for (const Rest& r : rests_[std::size_t(point.patch)])
-      if (r.is_under(point.reference) && (!nearest || r.height(point.reference) < nearest->height(point.reference)))
-        nearest = &r;
-    return nearest;
-  }
-
-  bool supported_;
-  BoxUnion boxes_;
-  std::vector<std::vector<Rest>> rests_;  ///< per patch
+  static Vec3d core(const RigidBox& b) { return b.half - Vec3d::Constant(b.edge_radius); }  // the box without its rim
 };
 
 }  // namespace lumo
@@ -7165,12 +7186,6 @@ class ContactSurface {
   }
   std::size_t sub_triangles() const { return mesh_->order == 2 ? 4 : 1; }  ///< of each face
 
-  MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
-  /// The same at the face's node k.
-  MaterialPoint material(std::size_t f, std::size_t k) const {
-    return {mesh_->nodes[std::size_t(faces_[f].nodes[k])], faces_[f].patch};
-  }
-
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
   std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
     const auto& n = faces_[f].nodes;
@@ -7273,33 +7288,14 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   }
 }
 
-/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame,
-/// or, where they depend on the point of the body, with distance(p, point), sample(p, point) and reaches(p, radius,
-/// patch).
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
 template <class Tool> struct Moving {
   const Tool* tool;
   Vec3d origin;     ///< of the tool's frame, now [m]
   Vec3d direction;  ///< of its advance, unit
 
   double distance(const Vec3d& p) const { return tool->distance(p - origin); }
-  double distance(const Vec3d& p, const MaterialPoint& point) const {
-    if constexpr (by_point) return tool->distance(p - origin, point);
-    else return tool->distance(p - origin);
-  }
-  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
-    if constexpr (by_point) return tool->sample(p - origin, point);
-    else return tool->sample(p - origin);
-  }
-  /// May points of a patch that are within `radius` of p be in contact?
-  bool reaches(const Vec3d& p, double radius, int patch) const {
-    if constexpr (by_point) return tool->reaches(p - origin, radius, patch);
-    else return tool->distance(p - origin) <= radius;
-  }
-
- private:
-  static constexpr bool by_point = requires(const Tool& t, const Vec3d& p, const MaterialPoint& point) {
-    t.distance(p, point);
-  };
+  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
 };
 
 /// Gaps [m] at each surface point, face by face.
@@ -7324,7 +7320,7 @@ template <class Tool, class Visit> void for_contact_points(const ContactSurface&
     const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.reaches(middle, radius, surface.face(f).patch);
+    const bool near = rigid.distance(middle) <= radius;
     if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
       continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
@@ -7349,14 +7345,13 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const MaterialPoint point = surface.material(f, p);
-        const double gap = rigid.distance(at, point), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
+        const double gap = rigid.distance(at), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
         if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
         if (gamma >= 0.0) return;
         const ContactResponse<double> r = contact.respond(gamma);
         sums.energy += p.weight_m2 * r.energy;
         const double pressure = r.pressure + r.stiffness * (gamma - gap);
-        const Vec3d normal = rigid.sample(at, point).gradient;
+        const Vec3d normal = rigid.sample(at).gradient;
         Vec3d traction = p.weight_m2 * pressure * normal;
         if (history.friction)
           traction += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
@@ -7373,6 +7368,7 @@ struct TangentSums {
   const Equations& equations;
   double* values;                       ///< of the system's lower triangle
   Eigen::VectorXd* coupling = nullptr;  ///< ∂²energy/∂x∂advance, one per equation; nullptr: not wanted
+  bool curved = true;                   ///< with the rigid thing's curvature, which can make it indefinite
 };
 
 /// Adds the contact stiffness.
@@ -7395,17 +7391,17 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   };
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const MaterialPoint point = surface.material(f, p);
-        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at, point);
+        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at);
         if (gamma >= 0.0) return;
         if (f != open) {
           flush();
           open = f;
           K.setZero();
         }
-        const DistanceSample d = rigid.sample(at, point);
+        const DistanceSample d = rigid.sample(at);
         const ContactResponse<double> r = contact.respond(gamma);
-        Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+        Mat3d block = p.weight_m2 * r.stiffness * d.gradient * d.gradient.transpose();
+        if (tangent.curved) block -= p.weight_m2 * r.pressure * d.hessian;
         if (history.friction) {
           const double pressure = r.pressure + r.stiffness * (gamma - d.distance);
           block += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, d.gradient, pressure).stiffness;
@@ -7438,8 +7434,8 @@ template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, 
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x), surface.material(f, p)) +
-                        linear.rigid.sample(surface.position(f, p, linear.x), surface.material(f, p))
+      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
+                        linear.rigid.sample(surface.position(f, p, linear.x))
                             .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
   return gaps;
 }
@@ -8026,7 +8022,7 @@ template <ContactHandler Contact, class Tool> class StepContacts {
     if constexpr (frozen) {
       return {p.normal.dot(at - p.foot), p.normal};
     } else {
-      const DistanceSample d = rigid_.sample(at, surface_->material(p.face, surface_->points(p.face)[p.number]));
+      const DistanceSample d = rigid_.sample(at);
       return {d.distance, d.gradient};
     }
   }
@@ -8074,11 +8070,11 @@ template <ContactHandler Contact, class Tool> void StepContacts<Contact, Tool>::
   std::vector<std::vector<Corner>> of_node(std::size_t(start.cols()));
   for (std::size_t f = 0; f < surface_->size(); ++f) {
     const auto [middle, radius] = surface_->ball(f, start);
-    if (!rigid.reaches(middle, radius + reach_m, surface_->face(f).patch)) continue;
+    if (rigid.distance(middle) > radius + reach_m) continue;
     const std::vector<SurfacePoint>& points = surface_->points(f);
     for (std::size_t k = 0; k < points.size(); ++k) {
       const Vec3d at = surface_->position(f, points[k], start);
-      const DistanceSample d = rigid.sample(at, surface_->material(f, points[k]));
+      const DistanceSample d = rigid.sample(at);
       if (d.distance > reach_m) continue;
       for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
         if (points[k].shape[a] != 0.0)
@@ -8587,7 +8583,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
             sector.mesh, body, [](const Patch& p) { return p.contactable; }, contact),
         resting(
             sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, contact),
-        carrier(body),
+        carrier{body.carrier},
         mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)),
         moves(sector.mesh.nodes.size(), 1),
         resists_inversion(!std::isfinite(energy_density(physics.material, Mat3d(-Mat3d::Identity())))) {
@@ -9447,7 +9443,7 @@ struct FrictionHistory {
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const Vec3d at = surface.position(f, surface.points(f)[k], x);
-        const DistanceSample d = rigid.sample(at, surface.material(f, surface.points(f)[k]));
+        const DistanceSample d = rigid.sample(at);
         stretch[f][k] = d.distance < 0.0
                             ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
                             : Vec3d(Vec3d::Zero());
@@ -9467,7 +9463,7 @@ struct FrictionHistory {
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const SurfacePoint& p = surface.points(f)[k];
         const Vec3d at = surface.position(f, p, x);
-        const DistanceSample d = rigid.sample(at, surface.material(f, p));
+        const DistanceSample d = rigid.sample(at);
         if (d.distance >= 0.0) continue;
         const Vec3d force =
             p.weight_m2 * answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).traction;
@@ -9576,7 +9572,7 @@ template <class Contact, class Tool> void add_pressure(const ContactSurface& sur
     const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3d>& force, double* push) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const DistanceSample d = rigid.sample(surface.position(f, p, x), surface.material(f, p));
+      const DistanceSample d = rigid.sample(surface.position(f, p, x));
       const Vec3d traction = contact.respond(d.distance).pressure * d.gradient;
       if (push) *push += p.weight_m2 * traction.dot(rigid.direction);
       for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
@@ -9595,7 +9591,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + state.displacement[k];
   double push = state.friction.push_N;
   for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
-  const Carrier carrier(body);
+  const Carrier carrier{body.carrier};
   const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
   detail::add_pressure(
       surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force, &push);
@@ -9658,7 +9654,7 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
       number[std::size_t(node)] = int(s.size());
       s.mesh_node.push_back(node);
       const Vec3d at = x.col(node);
-      const DistanceSample d = rigid.sample(at, surface.material(f, k));
+      const DistanceSample d = rigid.sample(at);
       s.place.push_back(at);
       s.gap.push_back(d.distance);
       s.away.push_back(d.gradient);
@@ -10177,7 +10173,7 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
   double overlap = 0.0;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const double g = rigid.distance(surface.position(f, p, x), surface.material(f, p));
+      const double g = rigid.distance(surface.position(f, p, x));
       overlap = std::max(overlap, -g);
       const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
       for (std::size_t k = 0; k < 3; ++k)
@@ -10204,7 +10200,7 @@ template <class Tool> std::vector<ContactSlope> resting_slopes(
     for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
       const std::size_t node = std::size_t(surface.face(f).nodes[k]);
       if (std::exchange(seen[node], char(1))) continue;
-      const DistanceSample d = rigid.sample(x.col(Eigen::Index(node)), surface.material(f, k));
+      const DistanceSample d = rigid.sample(x.col(Eigen::Index(node)));
       if (d.distance < std::numeric_limits<double>::infinity())
         slopes[node] = {.normal = -d.gradient, .weight = d.distance <= 0.0 ? 1.0 : 0.0};
     }
@@ -10315,8 +10311,8 @@ inline double stretch(const TetMesh& mesh, const BoundaryFace& face, const Surfa
 
 template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMesh& mesh, const ContactSurface& surface,
     const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const std::vector<Vec3d>& friction_N) {
-  const auto force_at = [&](std::size_t f, const SurfacePoint& p, const Vec3d& at) -> Vec3d {
-    const DistanceSample d = rigid.sample(at, surface.material(f, p));
+  const auto force_at = [&](const SurfacePoint& p, const Vec3d& at) -> Vec3d {
+    const DistanceSample d = rigid.sample(at);
     return p.weight_m2 * contact.respond(d.distance).pressure * d.gradient;
   };
   const auto is_rubbed = [&](std::size_t n) { return !friction_N.empty() && !friction_N[n].isZero(0.0); };
@@ -10325,7 +10321,7 @@ template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMe
   detail::for_contact_points(
       surface, x, rigid, nullptr, [&](std::size_t f, std::size_t, const SurfacePoint& p, const Vec3d& at) {
         const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
-        const Vec3d force = force_at(f, p, at);
+        const Vec3d force = force_at(p, at);
         for (std::size_t k = 0; k < 3; ++k) all.on_nodes[std::size_t(node[k])] += p.hat[k] * force;
       });
   std::vector<double> area(mesh.nodes.size(), 0.0);
@@ -10343,7 +10339,7 @@ template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMe
       point.place_m = surface.position(f, p, x);
       point.area_m2 = p.area_m2 * detail::stretch(mesh, surface.face(f), p, x);
       for (std::size_t k = 0; k < 3; ++k) area[std::size_t(node[k])] += p.hat[k] * point.area_m2;
-      const Vec3d force = force_at(f, p, point.place_m);
+      const Vec3d force = force_at(p, point.place_m);
       if ((!rubbed && force.isZero(0.0)) || !(point.area_m2 > 0.0)) continue;
       point.traction_Pa = force / point.area_m2;
       point.pressure_Pa = point.traction_Pa.norm();
@@ -10403,7 +10399,7 @@ struct SectorModel {
             sector.mesh, b, [](const Patch& p) { return p.contactable; }, contact),
         resting(
             sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, contact),
-        carrier(b) {
+        carrier{b.carrier} {
     blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
@@ -10444,6 +10440,9 @@ template <class Model, Indenter Tool> struct PressSystem {
   struct LinearisationPoint {
     std::vector<double> ratios;
     SurfaceGaps touch, rest;
+    /// Is the carrier flat where it touches? What its rounded edges add to the tangent is negative, and large where
+    /// pressure is.
+    bool flat = false;
   };
   ContactHistory<FrictionHistory> touch_history(const LinearisationPoint* about) const {
     return {about ? &about->touch : nullptr, touch_friction};
@@ -10508,7 +10507,8 @@ template <class Model, Indenter Tool> struct PressSystem {
       const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x,
           {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, contact(), support(), x, {*systems[k], values[k]}, rest_history(about));
+      add_contact_tangent(model.resting, contact(), support(), x,
+          {*systems[k], values[k], nullptr, !about || !about->flat}, rest_history(about));
     }
   }
 
@@ -10569,7 +10569,7 @@ class SecantPairs {
 struct QuasiStaticConfig {
   double residual_tolerance = 1e-7;  ///< of the load
   int max_iterations = 200;          ///< factorisations per load
-  int stride_iterations = 40;        ///< factorisations before a stride is cut
+  int stride_iterations = 20;        ///< factorisations before a stride is cut
   double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
   /// By this one, when the residual is below 1 % of the load: a step costs a tenth of a factor.
   double late_contraction = 0.8;
@@ -10595,6 +10595,9 @@ struct QuasiStaticConfig {
 ///
 /// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so
 /// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
+///
+/// Rounded edges of the carrier are taken as flat where they touch until the residual is small: their curvature makes
+/// the tangent indefinite on the way.
 ///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's
 /// symmetry included; otherwise the status says so.
@@ -10635,9 +10638,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   Status solve(double load) {
     iterations = 0;
     if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
-    const typename System::Place start = now_;
-    const FrictionHistory touched_before = touched_, rested_before = rested_;
-    const double from = load_;
+    typename System::Place start = now_;
+    FrictionHistory touched_before = touched_, rested_before = rested_;
+    double from = load_;
     double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
@@ -10648,12 +10651,18 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         load_ = next;
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
+        if (tolerance > close) continue;
+        start = now_;
+        touched_before = touched_;
+        rested_before = rested_;
+        from = load_;
+        stride = std::min(config_.load_stride, std::pow(stride, 1.4));
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
                         s == Status::max_iterations;
       if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
-      now_ = start;  // what was reached loosely on the way may be what led astray
+      now_ = start;  // the last state reached closely: a loose one may be what led astray
       touched_ = touched_before;
       rested_ = rested_before;
       load_ = from;
@@ -10676,7 +10685,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   static constexpr double loose = 0.3, close = 1e-3;
   // Residual over load below which points seldom come and go, or change between sticking and sliding.
   static constexpr double settled = 1e-2;
-  static constexpr int most_cuts = 5;  // of the strides to one load
+  static constexpr int most_cuts = 8;  // of the strides to one load
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const {
@@ -10726,6 +10735,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(about.touch, area);
     Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
+    bool is_convex = true;   // near the end, with the carrier's curvature
     for (const int stop = iterations + config_.stride_iterations;;) {
       Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &about);
       const double unbalanced = r.norm();
@@ -10743,8 +10753,13 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
+        about.flat = !nearly_there || !is_convex;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &about);
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
+        if (f == FactorStatus::not_positive_definite && !about.flat) {
+          is_convex = false;
+          continue;
+        }
         if (f != FactorStatus::positive_definite)
           return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
         if (!schur_complement()) return Status::not_positive_definite;
@@ -10988,7 +11003,7 @@ class PreparedBody {
         *mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
     const ContactSurface resting(
         *mesh_, body_, [](const Patch& p) { return p.meets_carrier; }, maker_.contact);
-    const Carrier carrier(body_);
+    const Carrier carrier{body_.carrier};
     const Moving<Carrier> support{&carrier, Vec3d::Zero(), Vec3d::UnitZ()};
     for (MechanicalState& s : states) {
       s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);

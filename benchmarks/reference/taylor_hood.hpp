@@ -1,6 +1,5 @@
 #pragma once
 
-#include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mechanics/contact/scenario.hpp"
 #include "lumo/mechanics/indenters/indenter.hpp"
@@ -25,6 +24,28 @@ struct Constants {
   double lambda = 10.494e6;
   double penalty = 1e11;  ///< per reference area [N/m³]
 };
+
+/// Signed distance to a union of boxes with rounded edges: from the nearest point of each box without its rim.
+inline DistanceSample over_boxes(const std::vector<RigidBox>& boxes, const Vec3d& x) {
+  DistanceSample least{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
+  for (const RigidBox& box : boxes) {
+    const Vec3d rel = x - box.center, core = box.half.array() - box.edge_radius,
+                foot = rel.cwiseMin(core).cwiseMax(-core), off = rel - foot;
+    DistanceSample d;
+    if (const double length = off.norm(); length > 0.0) {
+      d = {length - box.edge_radius, off / length, Mat3d::Zero()};
+      Mat3d bends = Mat3d::Zero();
+      for (int k = 0; k < 3; ++k) bends(k, k) = off[k] != 0.0;
+      d.hessian = (bends - d.gradient * d.gradient.transpose()) / length;
+    } else {
+      Eigen::Index axis = 0;
+      const double in = (core - rel.cwiseAbs()).minCoeff(&axis);
+      d = {-in - box.edge_radius, Vec3d::Unit(axis) * (rel[axis] < 0.0 ? -1.0 : 1.0), Mat3d::Zero()};
+    }
+    if (d.distance < least.distance) least = d;
+  }
+  return least;
+}
 
 /// Equilibrium at one load, on the sector's nodes.
 struct Equilibrium {
@@ -72,7 +93,7 @@ class TaylorHood {
   using Contacts = std::array<std::vector<Touching>, 2>;  // with the indenter, with the carrier
 
   /// `planes`: symmetry planes that bound `mesh`. Faces of contactable patches meet the indenter, those that meet the
-  /// carrier its boxes or supports.
+  /// carrier its boxes.
   TaylorHood(const Body& body, const TetMesh& mesh, Symmetry planes, const Constants& constants);
 
   /// States at increasing loads (the sector's share of each is `share`), from first touch; ends at the first that does
@@ -99,8 +120,7 @@ class TaylorHood {
  private:
   struct Surface {
     std::vector<BoundaryFace> faces;
-    std::vector<double> area;             ///< per face and point [m²]
-    std::vector<MaterialPoint> material;  ///< likewise
+    std::vector<double> area;  ///< per face and point [m²]
   };
   using Gradients = Eigen::Matrix<double, 3, 10>;
 
@@ -139,11 +159,11 @@ class TaylorHood {
   void advance_to_load(Place& at, double load);
   /// Calls visit(face, point, position) at all points of the faces that may touch.
   template <class Visit> void near(std::size_t side, const Place& at, Visit&& visit) const;
-  DistanceSample sample(std::size_t side, const Vec3d& x, const MaterialPoint& point, double advance) const {
-    return side == 0 ? sphere_.sample(x - origin_ - advance * direction_) : carrier_.sample(x, point);
+  DistanceSample sample(std::size_t side, const Vec3d& x, double advance) const {
+    return side == 0 ? sphere_.sample(x - origin_ - advance * direction_) : over_boxes(carrier_, x);
   }
-  double distance(std::size_t side, const Vec3d& x, const MaterialPoint& point, double advance) const {
-    return side == 0 ? sphere_.distance(x - origin_ - advance * direction_) : carrier_.distance(x, point);
+  double distance(std::size_t side, const Vec3d& x, double advance) const {
+    return side == 0 ? sphere_.distance(x - origin_ - advance * direction_) : over_boxes(carrier_, x).distance;
   }
   Vec3d position(const BoundaryFace& f, std::size_t k, const Points& x) const {
     Vec3d at = Vec3d::Zero();
@@ -160,7 +180,7 @@ class TaylorHood {
 
   TetMesh mesh_;
   Constants constants_;
-  Carrier carrier_;
+  std::vector<RigidBox> carrier_;
   std::array<Surface, 2> surfaces_;
   std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradient_;
   std::vector<double> weight_;
@@ -181,7 +201,7 @@ class TaylorHood {
 };
 
 inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry planes, const Constants& constants)
-    : mesh_(mesh), constants_(constants), carrier_(body) {
+    : mesh_(mesh), constants_(constants), carrier_(body.carrier) {
   set_up_elements();
   set_up_faces();
   set_up_boundary(body, planes);
@@ -252,17 +272,15 @@ inline void TaylorHood::set_up_boundary(const Body& body, Symmetry planes) {
 }
 
 inline TaylorHood::Surface TaylorHood::surface(const std::vector<BoundaryFace>& faces) const {
-  Surface s{faces, {}, {}};
+  Surface s{faces, {}};
   for (const BoundaryFace& f : faces)
     for (std::size_t k = 0; k < std::size_t(face_points); ++k) {
-      Vec3d at = Vec3d::Zero(), by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
+      Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
       for (std::size_t a = 0; a < 6; ++a) {
-        at += shape_[k][a] * mesh_.nodes[std::size_t(f.nodes[a])];
         by_u += slope_[k][a][0] * mesh_.nodes[std::size_t(f.nodes[a])];
         by_v += slope_[k][a][1] * mesh_.nodes[std::size_t(f.nodes[a])];
       }
       s.area.push_back(by_u.cross(by_v).norm() / (2.0 * face_points));
-      s.material.push_back({at, f.patch});
     }
   return s;
 }
@@ -407,7 +425,7 @@ template <class Visit> void TaylorHood::near(std::size_t side, const Place& at, 
       reach = std::max(
           reach, (2.0 * at.x.col(n[3 + k]) - 0.5 * at.x.col(n[k]) - 0.5 * at.x.col(n[(k + 1) % 3]) - middle).norm());
     const bool far = side == 0 ? sphere_.distance(middle - origin_ - at.advance * direction_) > reach
-                               : !carrier_.reaches(middle, reach, surfaces_[side].faces[f].patch);
+                               : over_boxes(carrier_, middle).distance > reach;
     if (far) continue;
     for (std::size_t k = 0; k < std::size_t(face_points); ++k) visit(f, k, position(surfaces_[side].faces[f], k, at.x));
   }
@@ -436,8 +454,7 @@ inline void TaylorHood::add_contact(
   };
   const auto visit = [&](std::size_t f, std::size_t k, const Vec3d& x) {
     const std::size_t id = f * face_points + k;
-    const MaterialPoint& point = s.material[id];
-    const double gap = distance(side, x, point, at.advance);
+    const double gap = distance(side, x, at.advance);
     if (side == 0) overlap_ = std::max(overlap_, -gap);
     if (seen ? !(*seen)[side][id].active : gap >= 0.0) return;
     if (f != open) {
@@ -447,14 +464,16 @@ inline void TaylorHood::add_contact(
       force.setZero();
       toward.setZero();
     }
-    const DistanceSample d = sample(side, x, point, at.advance);
+    const DistanceSample d = sample(side, x, at.advance);
     const double area = s.area[id];
     const Vec3d pull = area * stiffness * gap * d.gradient;  // ∂energy/∂x
     if (side == 0) push_ -= pull.dot(direction_);
     for (int a = 0; a < 6; ++a) force.segment<3>(3 * a) += shape_[k][std::size_t(a)] * pull;
     if (!with_matrix) return;
     const double pressure = seen ? (*seen)[side][id].pressure : -stiffness * gap;
-    const Mat3d block = area * (stiffness * d.gradient * d.gradient.transpose() - pressure * d.hessian);
+    Mat3d block = area * stiffness * d.gradient * d.gradient.transpose();
+    // On the way a carrier's rounded edges are taken as flat: their curvature makes Newton's method cycle.
+    if (side == 0 || !seen) block -= area * pressure * d.hessian;
     if (side == 0) push_stiffness_ += direction_.dot(block * direction_);
     const Vec3d along = block * direction_;
     for (int a = 0; a < 6; ++a) {
@@ -490,7 +509,7 @@ inline void TaylorHood::join_overlapping(const Place& at) {
     near(side, at, [&](std::size_t f, std::size_t k, const Vec3d& x) {
       const std::size_t id = f * face_points + k;
       Touching& t = contacts_[side][id];
-      if (!t.active && distance(side, x, surfaces_[side].material[id], at.advance) < 0.0) t = {0.0, true};
+      if (!t.active && distance(side, x, at.advance) < 0.0) t = {0.0, true};
     });
 }
 
@@ -532,7 +551,7 @@ inline void TaylorHood::take(const Step& step, double t, Place& at) {
         Touching& c = contacts_[side][id];
         if (!c.active) continue;
         const BoundaryFace& face = surfaces_[side].faces[f];
-        const DistanceSample d = sample(side, position(face, k, at.x), surfaces_[side].material[id], at.advance);
+        const DistanceSample d = sample(side, position(face, k, at.x), at.advance);
         const double moved = d.gradient.dot(position(face, k, step.x) - (side == 0 ? step.advance : 0.0) * direction_);
         c.pressure += t * (-constants_.penalty * (d.distance + moved) - c.pressure);
         if (c.pressure <= 0.0) c = {};

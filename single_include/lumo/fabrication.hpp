@@ -1345,12 +1345,13 @@ struct FingerOptions {
     double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
     double support_edge = 2.5e-3;    ///< on the surface that lies free on the carrier
-    double seam_edge = 1.0e-3;       ///< at the carrier's edges, below a tool
+    double seam_edge = 1.0e-3;       ///< at the edges of a bonded stem, below a tool
+    double stem_edge = 0.4e-3;       ///< at the rounded edges of a stem on which silicone lies free, below a tool
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
-          factor * shortest_chord, factor * support_edge, factor * seam_edge};
+          factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -1396,6 +1397,9 @@ struct FingerOptions {
   Recess recess = {};
   Readout readout = {};
   TiltPivot pivot = TiltPivot::base;
+  /// Of the edges of a stem on which silicone lies free, its ridges' too; 0: sharp [m]. Ours: the drawings have sharp
+  /// edges, over which no equilibrium is certain.
+  double stem_edge_radius = 0.4e-3;
   double carrier_albedo = 0.7;
   bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};  ///< Body::touched
@@ -1466,7 +1470,9 @@ inline void validate(const FingerOptions& o) {
     require_in_range(
         "length of the LEDs' recesses", o.recess.length_y * 1e3, o.leds.length_y * 1e3, o.leds.pitch * 1e3 - 1.0, "mm");
   require_in_range("mesh edge on the carrier", o.mesh.support_edge * 1e3, 0.1, 30.0, "mm");
-  require_in_range("mesh edge at the carrier's edges", o.mesh.seam_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("mesh edge at a bonded stem's edges", o.mesh.seam_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("mesh edge at a free stem's edges", o.mesh.stem_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("radius of a free stem's edges", o.stem_edge_radius * 1e3, 0.0, 1.0, "mm");
   require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
   require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
   require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
@@ -1945,18 +1951,9 @@ struct Patch {
 struct RigidBox {
   Vec3d center{0.0, 0.0, 0.0};  ///< [m]
   Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
-};
-
-/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
-/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
-/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
-/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
-/// does.
-struct Support {
-  std::string patch;            ///< name of the patch that rests here; others pass through
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
+  /// Of all its edges and corners, inside the box; 0: sharp [m]. Where silicone slides over sharp edges, what becomes
+  /// of a press depends on the steps that lead to it.
+  double edge_radius = 0.0;
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
@@ -1982,8 +1979,7 @@ struct Body {
   Sizing sizing;
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
-  std::vector<Support> supports;  ///< what patches rest on
+  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on
   Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;        ///< inside
@@ -2016,6 +2012,149 @@ inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
 
 #endif
 
+// ---- lumo/morphology/stem_faces.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_STEM_FACES_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_STEM_FACES_HPP
+
+namespace lumo {
+
+/// A stretch along y of the top of a stem on which the silicone lies, between two recesses or the stem's ends [m].
+struct Ridge {
+  double low, high;
+};
+
+/// Stretches of the recesses' floors between ridges, low and high end along y [m].
+inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>& ridges) {
+  std::vector<std::array<double, 2>> floors;
+  for (std::size_t k = 0; k + 1 < ridges.size(); ++k) floors.push_back({ridges[k].high, ridges[k + 1].low});
+  return floors;
+}
+
+/// A stem on which silicone lies, with edges of one radius [m].
+struct FreeStem {
+  double half_width, half_length, height;
+  double floor;  ///< height of the floors between ridges
+  std::vector<Ridge> ridges;
+  double edge_radius;
+};
+
+namespace detail {
+
+/// Collects carrier faces; those without area are left out.
+struct FaceList {
+  std::vector<RigidFace>& faces;
+  SurfaceOptics optics;
+
+  void add(std::string name, std::vector<Vec3d> corners) const {
+    Vec3d area = Vec3d::Zero();
+    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
+      area += (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
+    if (area.norm() > 1e-12) faces.push_back({std::move(name), std::move(corners), optics});  // [m²]
+  }
+  /// The face and its image at negative x.
+  void add_pair(const std::string& name, std::vector<Vec3d> corners) const {
+    std::vector<Vec3d> image(corners);
+    std::reverse(image.begin() + 1, image.end());
+    for (Vec3d& p : image) p.x() = -p.x();
+    add(name + " +x", std::move(corners));
+    add(name + " -x", std::move(image));
+  }
+};
+
+// A rounded edge between two faces as chords: how far each point is from the sharp edge along the first face, and how
+// far behind that face. Chords lie inside the edge: silicone that rests on it does not cross them.
+inline std::array<std::array<double, 2>, 3> rounded_edge(double radius) {
+  const double middle = (1.0 - std::sqrt(0.5)) * radius;
+  return {{{radius, 0.0}, {middle, middle}, {0.0, radius}}};
+}
+
+// How far behind its sharp end a ridge meets a floor that lies `depth` below its top.
+inline double ridge_foot(double radius, double depth) {
+  const auto edge = rounded_edge(radius);
+  for (std::size_t k = 0; k + 1 < edge.size(); ++k)
+    if (edge[k + 1][1] > depth) {
+      const double t = (depth - edge[k][1]) / (edge[k + 1][1] - edge[k][1]);
+      return edge[k][0] + t * (edge[k + 1][0] - edge[k][0]);
+    }
+  return 0.0;
+}
+
+// One end of a ridge; `side`: −1 the low one, 1 the high one. An end of the stem goes down to its base, one at a recess
+// to the floor.
+inline void add_ridge_end(const FaceList& list, const FreeStem& stem, const Ridge& ridge, double side) {
+  const double r = stem.edge_radius, w = stem.half_width, inner = w - r, h = stem.height;
+  const double end = side < 0.0 ? ridge.low : ridge.high;
+  const bool outer = std::abs(end) >= stem.half_length - 1e-9;
+  const double bottom = outer ? 0.0 : stem.floor, side_bottom = outer ? 0.0 : stem.floor - r;
+  const auto edge = rounded_edge(r);
+  // Lit from outside: the order of corners that holds at the high end is turned round at the low one.
+  const auto turned = [&](std::vector<Vec3d> corners) {
+    if (side < 0.0) std::reverse(corners.begin() + 1, corners.end());
+    return corners;
+  };
+  const auto across = [&](const std::string& name, double y0, double z0, double y1, double z1) {
+    list.add(name, turned({{-inner, y0, z0}, {inner, y0, z0}, {inner, y1, z1}, {-inner, y1, z1}}));
+  };
+  for (std::size_t k = 0; k + 1 < edge.size(); ++k) {
+    const double z0 = h - edge[k][1], z1 = std::max(h - edge[k + 1][1], bottom);
+    if (z0 <= bottom) break;
+    const double y1 = h - edge[k + 1][1] < bottom ? ridge_foot(r, h - bottom) : edge[k + 1][0];
+    across(outer ? "stem edge" : "recess wall", end - side * edge[k][0], z0, end - side * y1, z1);
+  }
+  if (h - r > bottom) across(outer ? "stem end" : "recess wall", end, h - r, end, bottom);
+
+  // The corner: an eighth of a sphere, and the upright edge below it. Towards a recess half of that is in the floor.
+  const Vec3d middle(inner, end - side * r, h - r);
+  const auto at = [&](double x, double y, double z) { return Vec3d(middle + r * Vec3d(x, side * y, z).normalized()); };
+  const Vec3d top = at(0, 0, 1), right = at(1, 0, 0), front = at(0, 1, 0), top_right = at(1, 0, 1),
+              top_front = at(0, 1, 1), right_front = at(1, 1, 0);
+  const auto triangle = [&](const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    list.add_pair("stem corner", turned({a, b, c}));
+  };
+  triangle(top, top_right, top_front);
+  triangle(top_right, right, right_front);
+  triangle(top_right, right_front, top_front);
+  triangle(top_front, right_front, front);
+  const auto upright = [&](const Vec3d& a, const Vec3d& b) {
+    list.add_pair("stem edge", turned({{a.x(), a.y(), side_bottom}, {b.x(), b.y(), side_bottom}, b, a}));
+  };
+  upright(right, right_front);
+  if (outer) upright(right_front, front);
+}
+
+// Its ridges, the floors between them, and its sides; rounded edges as chords.
+inline void add_free_stem(const FaceList& list, const FreeStem& stem) {
+  const double r = stem.edge_radius, w = stem.half_width, inner = w - r, h = stem.height, l = stem.half_length - r;
+  const auto edge = rounded_edge(r);
+  const auto level = [&](const char* name, double y0, double y1, double z) {
+    list.add(name, {{-inner, y0, z}, {inner, y0, z}, {inner, y1, z}, {-inner, y1, z}});
+  };
+  const auto long_edge = [&](double y0, double y1, double z) {
+    for (std::size_t k = 0; k + 1 < edge.size(); ++k) {
+      const double x0 = w - edge[k][0], z0 = z - edge[k][1], x1 = w - edge[k + 1][0], z1 = z - edge[k + 1][1];
+      list.add_pair("stem edge", {{x1, y0, z1}, {x1, y1, z1}, {x0, y1, z0}, {x0, y0, z0}});
+    }
+  };
+  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, stem.floor - r}, {w, -l, stem.floor - r}});
+  for (const Ridge& ridge : stem.ridges) {
+    const double y0 = ridge.low + r, y1 = ridge.high - r;
+    level("ridge", y0, y1, h);
+    long_edge(y0, y1, h);
+    list.add_pair("ridge side", {{w, y0, stem.floor - r}, {w, y1, stem.floor - r}, {w, y1, h - r}, {w, y0, h - r}});
+    for (const double side : {-1.0, 1.0}) add_ridge_end(list, stem, ridge, side);
+  }
+  const double foot = ridge_foot(r, h - stem.floor);
+  for (const auto& [from, to] : recess_floors(stem.ridges)) {
+    level("recess floor", from - foot, to + foot, stem.floor);
+    long_edge(from - r, to + r, stem.floor);
+  }
+}
+
+}  // namespace detail
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/morphology/finger_carrier.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_CARRIER_HPP
 #define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_CARRIER_HPP
@@ -2028,11 +2167,6 @@ inline std::vector<double> led_places(const FingerOptions::Leds& leds) {
   for (int k = 0; k < leds.count; ++k) y.push_back((k - 0.5 * (leds.count - 1)) * leds.pitch);
   return y;
 }
-
-/// A stretch along y of the top of a stem on which the silicone lies, between two recesses or the stem's ends [m].
-struct Ridge {
-  double low, high;
-};
 
 /// Ridges of a stem; one if it has no recesses.
 inline std::vector<Ridge> stem_ridges(const FingerOptions& o) {
@@ -2060,7 +2194,7 @@ struct StemLengths {
         floor(height - o.recess.depth) {}
 };
 
-/// The carrier's boxes.
+/// The carrier's boxes. Throws InvalidArgument where a stem's edges cannot be as round as asked for.
 inline std::vector<RigidBox> carrier_boxes(const HalfSection& s, const FingerOptions& o) {
   if (s.twin == Twin::unsupported_base || s.twin == Twin::held_top) return {};
   const StemLengths at(s, o);
@@ -2073,89 +2207,31 @@ inline std::vector<RigidBox> carrier_boxes(const HalfSection& s, const FingerOpt
   const double low = s.pad.stem == Stem::bonded ? 0.5 * back : back;  // inside the block
   if (s.pad.stem == Stem::bonded || o.recess.depth == 0.0) {
     boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.height));
-    return boxes;
+  } else {
+    boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.floor));
+    for (const Ridge& ridge : stem_ridges(o)) boxes.push_back(box(at.stem, ridge.low, ridge.high, low, at.height));
   }
-  boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.floor));
-  for (const Ridge& ridge : stem_ridges(o)) boxes.push_back(box(at.stem, ridge.low, ridge.high, low, at.height));
+  if (s.lies_on_stem())
+    for (std::size_t k = 1; k < boxes.size(); ++k) {
+      boxes[k].edge_radius = o.stem_edge_radius;
+      require_in_range(
+          "radius of a free stem's edges", o.stem_edge_radius * 1e3, 0.0, boxes[k].half.minCoeff() * 1e3, "mm");
+    }
   return boxes;
-}
-
-/// Stretches of the recesses' floors between ridges, low and high end along y [m].
-inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>& ridges) {
-  std::vector<std::array<double, 2>> floors;
-  for (std::size_t k = 0; k + 1 < ridges.size(); ++k) floors.push_back({ridges[k].high, ridges[k + 1].low});
-  return floors;
-}
-
-/// What the patches of a finger on a free stem rest on: the cavity's roof on the stem's top, its walls on the stem's
-/// sides, both on the block between them, and the cap's wall on the stem's end.
-inline std::vector<Support> carrier_supports(const HalfSection& s, const FingerOptions& o) {
-  if (!s.lies_on_stem()) return {};
-  const StemLengths at(s, o);
-  const double l = at.half_length, h = at.height;
-  std::vector<Support> supports;
-  const auto add = [&](const char* patch, const Vec3d& center, const Vec3d& half_u, const Vec3d& half_v) {
-    supports.push_back({patch, center, half_u, half_v});
-  };
-  const auto add_top = [&](double from, double to, double z) {
-    add("void_roof", {0, 0.5 * (from + to), z}, {at.stem, 0, 0}, {0, 0.5 * (to - from), 0});
-  };
-  const std::vector<Ridge> ridges = stem_ridges(o);
-  for (const Ridge& r : ridges) add_top(r.low, r.high, h);
-  for (const auto& [from, to] : recess_floors(ridges)) add_top(from, to, at.floor);
-  for (const double side : {1.0, -1.0}) {
-    add("void_wall", {side * at.stem, 0, 0.5 * h}, {0, side * l, 0}, {0, 0, 0.5 * h});
-    if (at.outer <= at.stem) continue;
-    for (const char* patch : {"void_roof", "void_wall"})
-      add(patch, {0.5 * side * (at.stem + at.outer), 0, 0}, {0.5 * (at.outer - at.stem), 0, 0}, {0, l, 0});
-  }
-  if (s.pad.cap_length > 0.0) add("cap_wall", {0, l, 0.5 * h}, {0, 0, 0.5 * h}, {at.stem, 0, 0});
-  return supports;
 }
 
 namespace detail {
 
-/// Collects carrier faces; those without area are left out.
-struct FaceList {
-  std::vector<RigidFace>& faces;
-  SurfaceOptics optics;
-
-  void add(std::string name, std::vector<Vec3d> corners) const {
-    Vec3d area = Vec3d::Zero();
-    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
-      area += (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
-    if (area.norm() > 1e-12) faces.push_back({std::move(name), std::move(corners), optics});  // [m²]
-  }
-  /// The face and its image at negative x.
-  void add_pair(const std::string& name, std::vector<Vec3d> corners) const {
-    std::vector<Vec3d> image(corners);
-    std::reverse(image.begin() + 1, image.end());
-    for (Vec3d& p : image) p.x() = -p.x();
-    add(name + " +x", std::move(corners));
-    add(name + " -x", std::move(image));
-  }
-};
-
-// Faces of a stem on which silicone lies: its ridges, and the floors between them.
-inline void add_free_stem(const FaceList& list, const StemLengths& at, const FingerOptions& o) {
-  const double w = at.stem, h = at.height, l = at.half_length, floor = at.floor;
-  const std::vector<Ridge> ridges = stem_ridges(o);
-  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, floor}, {w, -l, floor}});
-  for (const Ridge& r : ridges) {
-    list.add("ridge", {{-w, r.low, h}, {w, r.low, h}, {w, r.high, h}, {-w, r.high, h}});
-    list.add_pair("ridge side", {{w, r.low, floor}, {w, r.high, floor}, {w, r.high, h}, {w, r.low, h}});
-  }
-  for (const auto& [from, to] : recess_floors(ridges)) {
-    list.add("recess floor", {{-w, from, floor}, {w, from, floor}, {w, to, floor}, {-w, to, floor}});
-    list.add("recess wall", {{w, from, floor}, {-w, from, floor}, {-w, from, h}, {w, from, h}});
-    list.add("recess wall", {{-w, to, floor}, {w, to, floor}, {w, to, h}, {-w, to, h}});
-  }
+// Faces of a bonded stem beside voids.
+inline void add_bonded_stem(const FaceList& list, const StemLengths& at, bool capped) {
+  const double w = at.stem, l = at.half_length, h = at.height;
+  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, h}, {w, -l, h}});
+  if (capped) list.add("stem end", {{w, l, 0}, {-w, l, 0}, {-w, l, h}, {w, l, h}});
 }
 
-// Faces that a solid cap looks at: the ends of stem and block.
-inline void add_carrier_end(const FaceList& list, const StemLengths& at, double shoulder) {
-  const double w = at.stem, y = at.half_length, h = at.height;
-  list.add("stem end", {{w, y, 0}, {-w, y, 0}, {-w, y, h}, {w, y, h}});
+// The end of the block, at which a solid cap looks.
+inline void add_block_end(const FaceList& list, const StemLengths& at, double shoulder) {
+  const double y = at.half_length;
   list.add("block end", {{at.lip, y, shoulder}, {-at.lip, y, shoulder}, {-at.lip, y, 0}, {at.lip, y, 0}});
 }
 
@@ -2168,10 +2244,12 @@ inline std::vector<RigidFace> carrier_faces(const HalfSection& s, const FingerOp
   const detail::FaceList list{faces, Lambertian{o.carrier_albedo}};
   const double l = at.half_length;
   if (!has_stem(s.twin) || (!s.lies_on_stem() && s.design.w_v <= 0.0)) return faces;
-  if (s.lies_on_stem()) detail::add_free_stem(list, at, o);
-  else list.add_pair("stem", {{at.stem, -l, 0}, {at.stem, l, 0}, {at.stem, l, at.height}, {at.stem, -l, at.height}});
+  const bool capped = s.pad.cap_length > 0.0;
+  if (s.lies_on_stem())
+    detail::add_free_stem(list, {at.stem, l, at.height, at.floor, stem_ridges(o), o.stem_edge_radius});
+  else detail::add_bonded_stem(list, at, capped);
   list.add_pair("base", {{at.stem, -l, 0}, {at.outer, -l, 0}, {at.outer, l, 0}, {at.stem, l, 0}});
-  if (s.pad.cap_length > 0.0) detail::add_carrier_end(list, at, -1e-3 * s.pad.shoulder_height);
+  if (capped) detail::add_block_end(list, at, -1e-3 * s.pad.shoulder_height);
   return faces;
 }
 

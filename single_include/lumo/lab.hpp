@@ -1486,18 +1486,9 @@ struct Patch {
 struct RigidBox {
   Vec3d center{0.0, 0.0, 0.0};  ///< [m]
   Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
-};
-
-/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
-/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
-/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
-/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
-/// does.
-struct Support {
-  std::string patch;            ///< name of the patch that rests here; others pass through
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
+  /// Of all its edges and corners, inside the box; 0: sharp [m]. Where silicone slides over sharp edges, what becomes
+  /// of a press depends on the steps that lead to it.
+  double edge_radius = 0.0;
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
@@ -1523,8 +1514,7 @@ struct Body {
   Sizing sizing;
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
-  std::vector<Support> supports;  ///< what patches rest on
+  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on
   Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;        ///< inside
@@ -4387,87 +4377,28 @@ static_assert(Indenter<Box>);
 
 namespace lumo {
 
-/// Signed distance to a union of rigid boxes. The origin of its frame is the finger's.
-struct BoxUnion {
+/// What a body rests on, as a signed distance: to the union of its rigid boxes, +infinity if there are none. The origin
+/// of its frame is the finger's.
+struct Carrier {
   std::vector<RigidBox> boxes;
 
   double distance(const Vec3d& p) const {
     double least = std::numeric_limits<double>::infinity();
-    for (const RigidBox& b : boxes) least = std::min(least, box_distance(b.half, p - b.center));
+    for (const RigidBox& b : boxes) least = std::min(least, box_distance(core(b), p - b.center) - b.edge_radius);
     return least;
   }
   DistanceSample sample(const Vec3d& p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
-    for (const RigidBox& b : boxes)
-      if (const DistanceSample d = distance_to_box(b.half, p - b.center); d.distance < nearest.distance) nearest = d;
+    for (const RigidBox& b : boxes) {
+      DistanceSample d = distance_to_box(core(b), p - b.center);
+      d.distance -= b.edge_radius;
+      if (d.distance < nearest.distance) nearest = d;
+    }
     return nearest;
-  }
-};
-
-/// A point of a body's surface: where it is while the body is undeformed [m], and the number of its patch.
-struct MaterialPoint {
-  Vec3d reference;
-  int patch;
-};
-
-/// What a body rests on, as a gap of its points: the signed distance to the union of its rigid boxes or, if it has
-/// supports, the height over the one that the point belongs to. The origin of its frame is the finger's.
-class Carrier {
- public:
-  explicit Carrier(const Body& body) : supported_(!body.supports.empty()), boxes_{body.carrier} {
-    rests_.resize(body.patches.size());
-    for (std::size_t k = 0; k < body.patches.size(); ++k)
-      for (const Support& s : body.supports)
-        if (s.patch == body.patches[k].name) rests_[k].push_back({s, s.half_u.cross(s.half_v).normalized()});
-  }
-
-  /// Gap of a point that is at p now [m]; infinite if it belongs to no support.
-  double distance(const Vec3d& p, const MaterialPoint& point) const {
-    if (!supported_) return boxes_.distance(p);
-    const Rest* rest = under(point);
-    return rest ? rest->height(p) : std::numeric_limits<double>::infinity();
-  }
-  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
-    if (!supported_) return boxes_.sample(p);
-    const Rest* rest = under(point);
-    return rest ? DistanceSample{rest->height(p), rest->normal, Mat3d::Zero()}
-                : DistanceSample{std::numeric_limits<double>::infinity(), Vec3d::Zero(), Mat3d::Zero()};
-  }
-  /// May points of a patch that are within `radius` of p be in contact?
-  bool reaches(const Vec3d& p, double radius, int patch) const {
-    if (!supported_) return boxes_.distance(p) <= radius;
-    const std::vector<Rest>& rests = rests_[std::size_t(patch)];
-    return std::any_of(rests.begin(), rests.end(), [&](const Rest& r) { return r.height(p) <= radius; });
   }
 
  private:
-  struct Rest {
-    Support support;
-    Vec3d normal;
-
-    double height(const Vec3d& p) const { return normal.dot(p - support.center); }
-    bool is_under(const Vec3d& p) const {
-      constexpr double slack = 1e-9;  // [m]
-      const Vec3d d = p - support.center;
-      const auto within = [&](const Vec3d& half) {
-        const double length = half.norm();
-        return std::abs(half.dot(d)) <= length * (length + slack);
-      };
-      return height(p) >= -slack && within(support.half_u) && within(support.half_v);
-    }
-  };
-  // The one that the undeformed point is nearest to of those that it lies over; null: none.
-  const Rest* under(const MaterialPoint& point) const {
-    const Rest* nearest = nullptr;
-    for (const Rest& r : rests_[std::size_t(point.patch)])
-      if (r.is_under(point.reference) && (!nearest || r.height(point.reference) < nearest->height(point.reference)))
-        nearest = &r;
-    return nearest;
-  }
-
-  bool supported_;
-  BoxUnion boxes_;
-  std::vector<std::vector<Rest>> rests_;  ///< per patch
+  static Vec3d core(const RigidBox& b) { return b.half - Vec3d::Constant(b.edge_radius); }  // the box without its rim
 };
 
 }  // namespace lumo
@@ -5497,12 +5428,6 @@ class ContactSurface {
   }
   std::size_t sub_triangles() const { return mesh_->order == 2 ? 4 : 1; }  ///< of each face
 
-  MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
-  /// The same at the face's node k.
-  MaterialPoint material(std::size_t f, std::size_t k) const {
-    return {mesh_->nodes[std::size_t(faces_[f].nodes[k])], faces_[f].patch};
-  }
-
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
   std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
     const auto& n = faces_[f].nodes;
@@ -5605,33 +5530,14 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   }
 }
 
-/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame,
-/// or, where they depend on the point of the body, with distance(p, point), sample(p, point) and reaches(p, radius,
-/// patch).
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
 template <class Tool> struct Moving {
   const Tool* tool;
   Vec3d origin;     ///< of the tool's frame, now [m]
   Vec3d direction;  ///< of its advance, unit
 
   double distance(const Vec3d& p) const { return tool->distance(p - origin); }
-  double distance(const Vec3d& p, const MaterialPoint& point) const {
-    if constexpr (by_point) return tool->distance(p - origin, point);
-    else return tool->distance(p - origin);
-  }
-  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
-    if constexpr (by_point) return tool->sample(p - origin, point);
-    else return tool->sample(p - origin);
-  }
-  /// May points of a patch that are within `radius` of p be in contact?
-  bool reaches(const Vec3d& p, double radius, int patch) const {
-    if constexpr (by_point) return tool->reaches(p - origin, radius, patch);
-    else return tool->distance(p - origin) <= radius;
-  }
-
- private:
-  static constexpr bool by_point = requires(const Tool& t, const Vec3d& p, const MaterialPoint& point) {
-    t.distance(p, point);
-  };
+  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
 };
 
 /// Gaps [m] at each surface point, face by face.
@@ -5656,7 +5562,7 @@ template <class Tool, class Visit> void for_contact_points(const ContactSurface&
     const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.reaches(middle, radius, surface.face(f).patch);
+    const bool near = rigid.distance(middle) <= radius;
     if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
       continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
@@ -5681,14 +5587,13 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const MaterialPoint point = surface.material(f, p);
-        const double gap = rigid.distance(at, point), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
+        const double gap = rigid.distance(at), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
         if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
         if (gamma >= 0.0) return;
         const ContactResponse<double> r = contact.respond(gamma);
         sums.energy += p.weight_m2 * r.energy;
         const double pressure = r.pressure + r.stiffness * (gamma - gap);
-        const Vec3d normal = rigid.sample(at, point).gradient;
+        const Vec3d normal = rigid.sample(at).gradient;
         Vec3d traction = p.weight_m2 * pressure * normal;
         if (history.friction)
           traction += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
@@ -5705,6 +5610,7 @@ struct TangentSums {
   const Equations& equations;
   double* values;                       ///< of the system's lower triangle
   Eigen::VectorXd* coupling = nullptr;  ///< ∂²energy/∂x∂advance, one per equation; nullptr: not wanted
+  bool curved = true;                   ///< with the rigid thing's curvature, which can make it indefinite
 };
 
 /// Adds the contact stiffness.
@@ -5727,17 +5633,17 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   };
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const MaterialPoint point = surface.material(f, p);
-        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at, point);
+        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at);
         if (gamma >= 0.0) return;
         if (f != open) {
           flush();
           open = f;
           K.setZero();
         }
-        const DistanceSample d = rigid.sample(at, point);
+        const DistanceSample d = rigid.sample(at);
         const ContactResponse<double> r = contact.respond(gamma);
-        Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+        Mat3d block = p.weight_m2 * r.stiffness * d.gradient * d.gradient.transpose();
+        if (tangent.curved) block -= p.weight_m2 * r.pressure * d.hessian;
         if (history.friction) {
           const double pressure = r.pressure + r.stiffness * (gamma - d.distance);
           block += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, d.gradient, pressure).stiffness;
@@ -5770,8 +5676,8 @@ template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, 
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x), surface.material(f, p)) +
-                        linear.rigid.sample(surface.position(f, p, linear.x), surface.material(f, p))
+      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
+                        linear.rigid.sample(surface.position(f, p, linear.x))
                             .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
   return gaps;
 }
@@ -5846,7 +5752,7 @@ struct FrictionHistory {
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const Vec3d at = surface.position(f, surface.points(f)[k], x);
-        const DistanceSample d = rigid.sample(at, surface.material(f, surface.points(f)[k]));
+        const DistanceSample d = rigid.sample(at);
         stretch[f][k] = d.distance < 0.0
                             ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
                             : Vec3d(Vec3d::Zero());
@@ -5866,7 +5772,7 @@ struct FrictionHistory {
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const SurfacePoint& p = surface.points(f)[k];
         const Vec3d at = surface.position(f, p, x);
-        const DistanceSample d = rigid.sample(at, surface.material(f, p));
+        const DistanceSample d = rigid.sample(at);
         if (d.distance >= 0.0) continue;
         const Vec3d force =
             p.weight_m2 * answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).traction;
@@ -6140,7 +6046,7 @@ template <class Contact, class Tool> void add_pressure(const ContactSurface& sur
     const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3d>& force, double* push) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const DistanceSample d = rigid.sample(surface.position(f, p, x), surface.material(f, p));
+      const DistanceSample d = rigid.sample(surface.position(f, p, x));
       const Vec3d traction = contact.respond(d.distance).pressure * d.gradient;
       if (push) *push += p.weight_m2 * traction.dot(rigid.direction);
       for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
@@ -6159,7 +6065,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + state.displacement[k];
   double push = state.friction.push_N;
   for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
-  const Carrier carrier(body);
+  const Carrier carrier{body.carrier};
   const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
   detail::add_pressure(
       surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force, &push);
@@ -6222,7 +6128,7 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
       number[std::size_t(node)] = int(s.size());
       s.mesh_node.push_back(node);
       const Vec3d at = x.col(node);
-      const DistanceSample d = rigid.sample(at, surface.material(f, k));
+      const DistanceSample d = rigid.sample(at);
       s.place.push_back(at);
       s.gap.push_back(d.distance);
       s.away.push_back(d.gradient);
@@ -6741,7 +6647,7 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
   double overlap = 0.0;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const double g = rigid.distance(surface.position(f, p, x), surface.material(f, p));
+      const double g = rigid.distance(surface.position(f, p, x));
       overlap = std::max(overlap, -g);
       const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
       for (std::size_t k = 0; k < 3; ++k)
@@ -6768,7 +6674,7 @@ template <class Tool> std::vector<ContactSlope> resting_slopes(
     for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
       const std::size_t node = std::size_t(surface.face(f).nodes[k]);
       if (std::exchange(seen[node], char(1))) continue;
-      const DistanceSample d = rigid.sample(x.col(Eigen::Index(node)), surface.material(f, k));
+      const DistanceSample d = rigid.sample(x.col(Eigen::Index(node)));
       if (d.distance < std::numeric_limits<double>::infinity())
         slopes[node] = {.normal = -d.gradient, .weight = d.distance <= 0.0 ? 1.0 : 0.0};
     }
@@ -6879,8 +6785,8 @@ inline double stretch(const TetMesh& mesh, const BoundaryFace& face, const Surfa
 
 template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMesh& mesh, const ContactSurface& surface,
     const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const std::vector<Vec3d>& friction_N) {
-  const auto force_at = [&](std::size_t f, const SurfacePoint& p, const Vec3d& at) -> Vec3d {
-    const DistanceSample d = rigid.sample(at, surface.material(f, p));
+  const auto force_at = [&](const SurfacePoint& p, const Vec3d& at) -> Vec3d {
+    const DistanceSample d = rigid.sample(at);
     return p.weight_m2 * contact.respond(d.distance).pressure * d.gradient;
   };
   const auto is_rubbed = [&](std::size_t n) { return !friction_N.empty() && !friction_N[n].isZero(0.0); };
@@ -6889,7 +6795,7 @@ template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMe
   detail::for_contact_points(
       surface, x, rigid, nullptr, [&](std::size_t f, std::size_t, const SurfacePoint& p, const Vec3d& at) {
         const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
-        const Vec3d force = force_at(f, p, at);
+        const Vec3d force = force_at(p, at);
         for (std::size_t k = 0; k < 3; ++k) all.on_nodes[std::size_t(node[k])] += p.hat[k] * force;
       });
   std::vector<double> area(mesh.nodes.size(), 0.0);
@@ -6907,7 +6813,7 @@ template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMe
       point.place_m = surface.position(f, p, x);
       point.area_m2 = p.area_m2 * detail::stretch(mesh, surface.face(f), p, x);
       for (std::size_t k = 0; k < 3; ++k) area[std::size_t(node[k])] += p.hat[k] * point.area_m2;
-      const Vec3d force = force_at(f, p, point.place_m);
+      const Vec3d force = force_at(p, point.place_m);
       if ((!rubbed && force.isZero(0.0)) || !(point.area_m2 > 0.0)) continue;
       point.traction_Pa = force / point.area_m2;
       point.pressure_Pa = point.traction_Pa.norm();
@@ -6967,7 +6873,7 @@ struct SectorModel {
             sector.mesh, b, [](const Patch& p) { return p.contactable; }, contact),
         resting(
             sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, contact),
-        carrier(b) {
+        carrier{b.carrier} {
     blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
@@ -7008,6 +6914,9 @@ template <class Model, Indenter Tool> struct PressSystem {
   struct LinearisationPoint {
     std::vector<double> ratios;
     SurfaceGaps touch, rest;
+    /// Is the carrier flat where it touches? What its rounded edges add to the tangent is negative, and large where
+    /// pressure is.
+    bool flat = false;
   };
   ContactHistory<FrictionHistory> touch_history(const LinearisationPoint* about) const {
     return {about ? &about->touch : nullptr, touch_friction};
@@ -7072,7 +6981,8 @@ template <class Model, Indenter Tool> struct PressSystem {
       const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x,
           {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, contact(), support(), x, {*systems[k], values[k]}, rest_history(about));
+      add_contact_tangent(model.resting, contact(), support(), x,
+          {*systems[k], values[k], nullptr, !about || !about->flat}, rest_history(about));
     }
   }
 
@@ -7133,7 +7043,7 @@ class SecantPairs {
 struct QuasiStaticConfig {
   double residual_tolerance = 1e-7;  ///< of the load
   int max_iterations = 200;          ///< factorisations per load
-  int stride_iterations = 40;        ///< factorisations before a stride is cut
+  int stride_iterations = 20;        ///< factorisations before a stride is cut
   double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
   /// By this one, when the residual is below 1 % of the load: a step costs a tenth of a factor.
   double late_contraction = 0.8;
@@ -7159,6 +7069,9 @@ struct QuasiStaticConfig {
 ///
 /// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so
 /// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
+///
+/// Rounded edges of the carrier are taken as flat where they touch until the residual is small: their curvature makes
+/// the tangent indefinite on the way.
 ///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's
 /// symmetry included; otherwise the status says so.
@@ -7199,9 +7112,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   Status solve(double load) {
     iterations = 0;
     if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
-    const typename System::Place start = now_;
-    const FrictionHistory touched_before = touched_, rested_before = rested_;
-    const double from = load_;
+    typename System::Place start = now_;
+    FrictionHistory touched_before = touched_, rested_before = rested_;
+    double from = load_;
     double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
@@ -7212,12 +7125,18 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         load_ = next;
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
+        if (tolerance > close) continue;
+        start = now_;
+        touched_before = touched_;
+        rested_before = rested_;
+        from = load_;
+        stride = std::min(config_.load_stride, std::pow(stride, 1.4));
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
                         s == Status::max_iterations;
       if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
-      now_ = start;  // what was reached loosely on the way may be what led astray
+      now_ = start;  // the last state reached closely: a loose one may be what led astray
       touched_ = touched_before;
       rested_ = rested_before;
       load_ = from;
@@ -7240,7 +7159,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   static constexpr double loose = 0.3, close = 1e-3;
   // Residual over load below which points seldom come and go, or change between sticking and sliding.
   static constexpr double settled = 1e-2;
-  static constexpr int most_cuts = 5;  // of the strides to one load
+  static constexpr int most_cuts = 8;  // of the strides to one load
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const {
@@ -7290,6 +7209,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(about.touch, area);
     Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
+    bool is_convex = true;   // near the end, with the carrier's curvature
     for (const int stop = iterations + config_.stride_iterations;;) {
       Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &about);
       const double unbalanced = r.norm();
@@ -7307,8 +7227,13 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
+        about.flat = !nearly_there || !is_convex;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &about);
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
+        if (f == FactorStatus::not_positive_definite && !about.flat) {
+          is_convex = false;
+          continue;
+        }
         if (f != FactorStatus::positive_definite)
           return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
         if (!schur_complement()) return Status::not_positive_definite;
@@ -7552,7 +7477,7 @@ class PreparedBody {
         *mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
     const ContactSurface resting(
         *mesh_, body_, [](const Patch& p) { return p.meets_carrier; }, maker_.contact);
-    const Carrier carrier(body_);
+    const Carrier carrier{body_.carrier};
     const Moving<Carrier> support{&carrier, Vec3d::Zero(), Vec3d::UnitZ()};
     for (MechanicalState& s : states) {
       s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);

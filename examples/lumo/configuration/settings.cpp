@@ -164,6 +164,9 @@ Settings finger_shape() {
           "finger.stem", code, Names<Stem>{{"bonded", Stem::bonded}, {"free", Stem::free}},
           "Does the silicone hold to the stem (bonded), or lie on it, which only pushes (free)?",
           [](auto& c) -> auto& { return c.pad.finger.pad.stem; }),
+      length(
+          "finger.stem_edge_radius_mm", lumo, {0, 1}, "Of the edges of a free stem and its ridges; 0: sharp",
+          [](auto& c) -> auto& { return c.pad.finger.stem_edge_radius; }),
       pad_length("finger.t_min_mm", paper, {0, 100}, "Smallest thickness of silicone", &P::t_min),
       choice(
           "finger.t_min_rule", code,
@@ -299,7 +302,8 @@ Settings meshes() {
       plain("mesh.largest_turn_rad", {0.01, 1.6}, "Of the profile along one edge", &M::max_turn_rad),
       edge("mesh.shortest_chord_mm", {0, 10}, "Of the profile", &M::shortest_chord),
       edge("mesh.support_edge_mm", {0.1, 30}, "Where silicone lies free on the carrier", &M::support_edge),
-      edge("mesh.seam_edge_mm", {0.05, 30}, "At the carrier's edges below a tool", &M::seam_edge),
+      edge("mesh.seam_edge_mm", {0.05, 30}, "At a bonded stem's edges below a tool", &M::seam_edge),
+      edge("mesh.stem_edge_mm", {0.05, 30}, "At a free stem's rounded edges below a tool", &M::stem_edge),
       length(
           "mesh.finest_edge_mm", lumo, {0.02, 30}, "Where a tool touches first",
           [](auto& c) -> auto& { return c.focus.finest; }),

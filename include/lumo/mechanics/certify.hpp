@@ -98,7 +98,7 @@ template <class Contact, class Tool> void add_pressure(const ContactSurface& sur
     const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3d>& force, double* push) {
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const DistanceSample d = rigid.sample(surface.position(f, p, x), surface.material(f, p));
+      const DistanceSample d = rigid.sample(surface.position(f, p, x));
       const Vec3d traction = contact.respond(d.distance).pressure * d.gradient;
       if (push) *push += p.weight_m2 * traction.dot(rigid.direction);
       for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
@@ -117,7 +117,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const PressPhysics<
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + state.displacement[k];
   double push = state.friction.push_N;
   for (std::size_t k = 0; k < state.friction.on_nodes.size(); ++k) force[k] -= state.friction.on_nodes[k];
-  const Carrier carrier(body);
+  const Carrier carrier{body.carrier};
   const auto surface = [&](auto chosen) { return ContactSurface(mesh, body, chosen, physics.contact); };
   detail::add_pressure(
       surface([](const Patch& p) { return p.contactable; }), physics.contact, indenter, x, force, &push);

@@ -77,7 +77,7 @@ class PreparedBody {
         *mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
     const ContactSurface resting(
         *mesh_, body_, [](const Patch& p) { return p.meets_carrier; }, maker_.contact);
-    const Carrier carrier(body_);
+    const Carrier carrier{body_.carrier};
     const Moving<Carrier> support{&carrier, Vec3d::Zero(), Vec3d::UnitZ()};
     for (MechanicalState& s : states) {
       s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);

@@ -28,18 +28,9 @@ struct Patch {
 struct RigidBox {
   Vec3d center{0.0, 0.0, 0.0};  ///< [m]
   Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
-};
-
-/// A flat rigid rectangle that one patch of a body may come to rest on. Points of the patch that lie over it, or on it,
-/// while the body is undeformed belong to its plane for good (small sliding): pressure has one direction, so that the
-/// energy is convex and an equilibrium does not depend on the steps that lead to it, as it does where points slide
-/// over a sharp edge. Right as long as points slide by little against its size. The body's facets should end where it
-/// does.
-struct Support {
-  std::string patch;            ///< name of the patch that rests here; others pass through
-  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m], at a right angle to half_u; the normal is half_u × half_v
+  /// Of all its edges and corners, inside the box; 0: sharp [m]. Where silicone slides over sharp edges, what becomes
+  /// of a press depends on the steps that lead to it.
+  double edge_radius = 0.0;
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
@@ -65,8 +56,7 @@ struct Body {
   Sizing sizing;
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on if there are no supports
-  std::vector<Support> supports;  ///< what patches rest on
+  std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on
   Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;        ///< inside

@@ -278,10 +278,13 @@ inline Sizing finger_sizing(const Body& body, const HalfSection& s, const Finger
       return std::min(below_the_dome(p), mesh.support_edge + mesh.growth * std::hypot(dx, dz));
     };
   // What is high at the edges has to be resolved below the tool: pressure, or at the end of a bond stress.
-  sizing.edge_under_touch = [mesh, at, ridges](const Vec3d& p, const Vec3d& touch) {
-    const double growth_along = 0.25 * mesh.growth;  // the load spreads along the finger
+  // The load spreads along the finger. A rounded edge is smooth, and coarser elements are near enough.
+  const bool rounded = s.lies_on_stem();
+  const double edge = rounded ? mesh.stem_edge : mesh.seam_edge, growth = (rounded ? 1.5 : 1.0) * mesh.growth,
+               growth_along = (rounded ? 0.5 : 0.25) * mesh.growth;
+  sizing.edge_under_touch = [edge, growth, growth_along, at, ridges](const Vec3d& p, const Vec3d& touch) {
     const double along = std::max(0.0, std::abs(p.y() - touch.y()) - at.height);
-    return mesh.seam_edge + mesh.growth * distance_to_stem_edges(p, at, ridges) + growth_along * along;
+    return edge + growth * distance_to_stem_edges(p, at, ridges) + growth_along * along;
   };
   return sizing;
 }
@@ -303,7 +306,6 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   body.exact_volume_m3 = 4.0 * s.exact_area_m2() * (0.5e-3 * o.pad.length);
   body.pivot = {0, 0, o.pivot == TiltPivot::flat_top ? 1e-3 * s.design.h_fp : 0.0};
   body.carrier = carrier_boxes(s, o);
-  body.supports = carrier_supports(s, o);
   body.rigid_faces = carrier_faces(s, o);
   detail::add_light(body, s, silicone, o);
   if (capped) {

@@ -3,11 +3,9 @@
 #include "lumo/morphology/body.hpp"
 #include "lumo/morphology/finger_options.hpp"
 #include "lumo/morphology/section.hpp"
+#include "lumo/morphology/stem_faces.hpp"
 
-#include <algorithm>
-#include <array>
 #include <cstddef>
-#include <string>
 #include <vector>
 
 namespace lumo {
@@ -18,11 +16,6 @@ inline std::vector<double> led_places(const FingerOptions::Leds& leds) {
   for (int k = 0; k < leds.count; ++k) y.push_back((k - 0.5 * (leds.count - 1)) * leds.pitch);
   return y;
 }
-
-/// A stretch along y of the top of a stem on which the silicone lies, between two recesses or the stem's ends [m].
-struct Ridge {
-  double low, high;
-};
 
 /// Ridges of a stem; one if it has no recesses.
 inline std::vector<Ridge> stem_ridges(const FingerOptions& o) {
@@ -50,7 +43,7 @@ struct StemLengths {
         floor(height - o.recess.depth) {}
 };
 
-/// The carrier's boxes.
+/// The carrier's boxes. Throws InvalidArgument where a stem's edges cannot be as round as asked for.
 inline std::vector<RigidBox> carrier_boxes(const HalfSection& s, const FingerOptions& o) {
   if (s.twin == Twin::unsupported_base || s.twin == Twin::held_top) return {};
   const StemLengths at(s, o);
@@ -63,89 +56,31 @@ inline std::vector<RigidBox> carrier_boxes(const HalfSection& s, const FingerOpt
   const double low = s.pad.stem == Stem::bonded ? 0.5 * back : back;  // inside the block
   if (s.pad.stem == Stem::bonded || o.recess.depth == 0.0) {
     boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.height));
-    return boxes;
+  } else {
+    boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.floor));
+    for (const Ridge& ridge : stem_ridges(o)) boxes.push_back(box(at.stem, ridge.low, ridge.high, low, at.height));
   }
-  boxes.push_back(box(at.stem, -at.half_length, at.half_length, low, at.floor));
-  for (const Ridge& ridge : stem_ridges(o)) boxes.push_back(box(at.stem, ridge.low, ridge.high, low, at.height));
+  if (s.lies_on_stem())
+    for (std::size_t k = 1; k < boxes.size(); ++k) {
+      boxes[k].edge_radius = o.stem_edge_radius;
+      require_in_range(
+          "radius of a free stem's edges", o.stem_edge_radius * 1e3, 0.0, boxes[k].half.minCoeff() * 1e3, "mm");
+    }
   return boxes;
-}
-
-/// Stretches of the recesses' floors between ridges, low and high end along y [m].
-inline std::vector<std::array<double, 2>> recess_floors(const std::vector<Ridge>& ridges) {
-  std::vector<std::array<double, 2>> floors;
-  for (std::size_t k = 0; k + 1 < ridges.size(); ++k) floors.push_back({ridges[k].high, ridges[k + 1].low});
-  return floors;
-}
-
-/// What the patches of a finger on a free stem rest on: the cavity's roof on the stem's top, its walls on the stem's
-/// sides, both on the block between them, and the cap's wall on the stem's end.
-inline std::vector<Support> carrier_supports(const HalfSection& s, const FingerOptions& o) {
-  if (!s.lies_on_stem()) return {};
-  const StemLengths at(s, o);
-  const double l = at.half_length, h = at.height;
-  std::vector<Support> supports;
-  const auto add = [&](const char* patch, const Vec3d& center, const Vec3d& half_u, const Vec3d& half_v) {
-    supports.push_back({patch, center, half_u, half_v});
-  };
-  const auto add_top = [&](double from, double to, double z) {
-    add("void_roof", {0, 0.5 * (from + to), z}, {at.stem, 0, 0}, {0, 0.5 * (to - from), 0});
-  };
-  const std::vector<Ridge> ridges = stem_ridges(o);
-  for (const Ridge& r : ridges) add_top(r.low, r.high, h);
-  for (const auto& [from, to] : recess_floors(ridges)) add_top(from, to, at.floor);
-  for (const double side : {1.0, -1.0}) {
-    add("void_wall", {side * at.stem, 0, 0.5 * h}, {0, side * l, 0}, {0, 0, 0.5 * h});
-    if (at.outer <= at.stem) continue;
-    for (const char* patch : {"void_roof", "void_wall"})
-      add(patch, {0.5 * side * (at.stem + at.outer), 0, 0}, {0.5 * (at.outer - at.stem), 0, 0}, {0, l, 0});
-  }
-  if (s.pad.cap_length > 0.0) add("cap_wall", {0, l, 0.5 * h}, {0, 0, 0.5 * h}, {at.stem, 0, 0});
-  return supports;
 }
 
 namespace detail {
 
-/// Collects carrier faces; those without area are left out.
-struct FaceList {
-  std::vector<RigidFace>& faces;
-  SurfaceOptics optics;
-
-  void add(std::string name, std::vector<Vec3d> corners) const {
-    Vec3d area = Vec3d::Zero();
-    for (std::size_t k = 1; k + 1 < corners.size(); ++k)
-      area += (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]);
-    if (area.norm() > 1e-12) faces.push_back({std::move(name), std::move(corners), optics});  // [m²]
-  }
-  /// The face and its image at negative x.
-  void add_pair(const std::string& name, std::vector<Vec3d> corners) const {
-    std::vector<Vec3d> image(corners);
-    std::reverse(image.begin() + 1, image.end());
-    for (Vec3d& p : image) p.x() = -p.x();
-    add(name + " +x", std::move(corners));
-    add(name + " -x", std::move(image));
-  }
-};
-
-// Faces of a stem on which silicone lies: its ridges, and the floors between them.
-inline void add_free_stem(const FaceList& list, const StemLengths& at, const FingerOptions& o) {
-  const double w = at.stem, h = at.height, l = at.half_length, floor = at.floor;
-  const std::vector<Ridge> ridges = stem_ridges(o);
-  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, floor}, {w, -l, floor}});
-  for (const Ridge& r : ridges) {
-    list.add("ridge", {{-w, r.low, h}, {w, r.low, h}, {w, r.high, h}, {-w, r.high, h}});
-    list.add_pair("ridge side", {{w, r.low, floor}, {w, r.high, floor}, {w, r.high, h}, {w, r.low, h}});
-  }
-  for (const auto& [from, to] : recess_floors(ridges)) {
-    list.add("recess floor", {{-w, from, floor}, {w, from, floor}, {w, to, floor}, {-w, to, floor}});
-    list.add("recess wall", {{w, from, floor}, {-w, from, floor}, {-w, from, h}, {w, from, h}});
-    list.add("recess wall", {{-w, to, floor}, {w, to, floor}, {w, to, h}, {-w, to, h}});
-  }
+// Faces of a bonded stem beside voids.
+inline void add_bonded_stem(const FaceList& list, const StemLengths& at, bool capped) {
+  const double w = at.stem, l = at.half_length, h = at.height;
+  list.add_pair("stem", {{w, -l, 0}, {w, l, 0}, {w, l, h}, {w, -l, h}});
+  if (capped) list.add("stem end", {{w, l, 0}, {-w, l, 0}, {-w, l, h}, {w, l, h}});
 }
 
-// Faces that a solid cap looks at: the ends of stem and block.
-inline void add_carrier_end(const FaceList& list, const StemLengths& at, double shoulder) {
-  const double w = at.stem, y = at.half_length, h = at.height;
-  list.add("stem end", {{w, y, 0}, {-w, y, 0}, {-w, y, h}, {w, y, h}});
+// The end of the block, at which a solid cap looks.
+inline void add_block_end(const FaceList& list, const StemLengths& at, double shoulder) {
+  const double y = at.half_length;
   list.add("block end", {{at.lip, y, shoulder}, {-at.lip, y, shoulder}, {-at.lip, y, 0}, {at.lip, y, 0}});
 }
 
@@ -158,10 +93,12 @@ inline std::vector<RigidFace> carrier_faces(const HalfSection& s, const FingerOp
   const detail::FaceList list{faces, Lambertian{o.carrier_albedo}};
   const double l = at.half_length;
   if (!has_stem(s.twin) || (!s.lies_on_stem() && s.design.w_v <= 0.0)) return faces;
-  if (s.lies_on_stem()) detail::add_free_stem(list, at, o);
-  else list.add_pair("stem", {{at.stem, -l, 0}, {at.stem, l, 0}, {at.stem, l, at.height}, {at.stem, -l, at.height}});
+  const bool capped = s.pad.cap_length > 0.0;
+  if (s.lies_on_stem())
+    detail::add_free_stem(list, {at.stem, l, at.height, at.floor, stem_ridges(o), o.stem_edge_radius});
+  else detail::add_bonded_stem(list, at, capped);
   list.add_pair("base", {{at.stem, -l, 0}, {at.outer, -l, 0}, {at.outer, l, 0}, {at.stem, l, 0}});
-  if (s.pad.cap_length > 0.0) detail::add_carrier_end(list, at, -1e-3 * s.pad.shoulder_height);
+  if (capped) detail::add_block_end(list, at, -1e-3 * s.pad.shoulder_height);
   return faces;
 }
 

@@ -30,12 +30,13 @@ struct FingerOptions {
     double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
     double support_edge = 2.5e-3;    ///< on the surface that lies free on the carrier
-    double seam_edge = 1.0e-3;       ///< at the carrier's edges, below a tool
+    double seam_edge = 1.0e-3;       ///< at the edges of a bonded stem, below a tool
+    double stem_edge = 0.4e-3;       ///< at the rounded edges of a stem on which silicone lies free, below a tool
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
-          factor * shortest_chord, factor * support_edge, factor * seam_edge};
+          factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -81,6 +82,9 @@ struct FingerOptions {
   Recess recess = {};
   Readout readout = {};
   TiltPivot pivot = TiltPivot::base;
+  /// Of the edges of a stem on which silicone lies free, its ridges' too; 0: sharp [m]. Ours: the drawings have sharp
+  /// edges, over which no equilibrium is certain.
+  double stem_edge_radius = 0.4e-3;
   double carrier_albedo = 0.7;
   bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};  ///< Body::touched
@@ -151,7 +155,9 @@ inline void validate(const FingerOptions& o) {
     require_in_range(
         "length of the LEDs' recesses", o.recess.length_y * 1e3, o.leds.length_y * 1e3, o.leds.pitch * 1e3 - 1.0, "mm");
   require_in_range("mesh edge on the carrier", o.mesh.support_edge * 1e3, 0.1, 30.0, "mm");
-  require_in_range("mesh edge at the carrier's edges", o.mesh.seam_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("mesh edge at a bonded stem's edges", o.mesh.seam_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("mesh edge at a free stem's edges", o.mesh.stem_edge * 1e3, 0.05, 30.0, "mm");
+  require_in_range("radius of a free stem's edges", o.stem_edge_radius * 1e3, 0.0, 1.0, "mm");
   require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
   require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
   require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");

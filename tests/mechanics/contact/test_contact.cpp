@@ -20,7 +20,8 @@ static_assert(!ContactHandler<double>);
 
 TEST_CASE("distance fields obey the laws of an indenter") {
   test::check_distance_laws(Sphere{10e-3}, 20e-3);
-  test::check_distance_laws(BoxUnion{{{{0, 0, -5e-3}, {15e-3, 30e-3, 5e-3}}, {{0, 0, 0}, {4e-3, 30e-3, 5e-3}}}}, 30e-3);
+  test::check_distance_laws(Carrier{{{{0, 0, -5e-3}, {15e-3, 30e-3, 5e-3}}, {{0, 0, 0}, {4e-3, 30e-3, 5e-3}}}}, 30e-3);
+  test::check_distance_laws(Carrier{{{{0, 0, 0}, {4e-3, 30e-3, 5e-3}, 0.4e-3}}}, 30e-3);
 }
 
 TEST_CASE("contact laws push, harder the deeper, as the derivatives of their energy, and nothing acts across a gap") {
@@ -100,7 +101,7 @@ TEST_CASE("contact forces and stiffness are the derivatives of the contact energ
   const Vec3d direction = Vec3d(-0.3, 0, -1).normalized();
   check_contact_derivatives(Sphere{10e-3}, Vec3d(3.7e-3, 4.2e-3, 4e-3) - 5e-3 * direction, direction, 0.6e-3);
   // The carrier from above: a plate, and a rib below it that goes deeper.
-  check_contact_derivatives(BoxUnion{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}},
+  check_contact_derivatives(Carrier{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}},
       Vec3d(4e-3, 4e-3, 4.2e-3), Vec3d(0, 0, -1), 0.3e-3);
 }
 

@@ -59,7 +59,7 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
       number[std::size_t(node)] = int(s.size());
       s.mesh_node.push_back(node);
       const Vec3d at = x.col(node);
-      const DistanceSample d = rigid.sample(at, surface.material(f, k));
+      const DistanceSample d = rigid.sample(at);
       s.place.push_back(at);
       s.gap.push_back(d.distance);
       s.away.push_back(d.gradient);

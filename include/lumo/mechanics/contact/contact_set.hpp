@@ -106,7 +106,7 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
   double overlap = 0.0;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const double g = rigid.distance(surface.position(f, p, x), surface.material(f, p));
+      const double g = rigid.distance(surface.position(f, p, x));
       overlap = std::max(overlap, -g);
       const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
       for (std::size_t k = 0; k < 3; ++k)
@@ -133,7 +133,7 @@ template <class Tool> std::vector<ContactSlope> resting_slopes(
     for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
       const std::size_t node = std::size_t(surface.face(f).nodes[k]);
       if (std::exchange(seen[node], char(1))) continue;
-      const DistanceSample d = rigid.sample(x.col(Eigen::Index(node)), surface.material(f, k));
+      const DistanceSample d = rigid.sample(x.col(Eigen::Index(node)));
       if (d.distance < std::numeric_limits<double>::infinity())
         slopes[node] = {.normal = -d.gradient, .weight = d.distance <= 0.0 ? 1.0 : 0.0};
     }

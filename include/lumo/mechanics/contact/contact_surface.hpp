@@ -1,6 +1,5 @@
 #pragma once
 
-#include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/elements/equations.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
@@ -80,12 +79,6 @@ class ContactSurface {
     return {nodes[std::size_t(corner[0])], nodes[std::size_t(corner[1])], nodes[std::size_t(corner[2])]};
   }
   std::size_t sub_triangles() const { return mesh_->order == 2 ? 4 : 1; }  ///< of each face
-
-  MaterialPoint material(std::size_t f, const SurfacePoint& p) const { return {p.reference, faces_[f].patch}; }
-  /// The same at the face's node k.
-  MaterialPoint material(std::size_t f, std::size_t k) const {
-    return {mesh_->nodes[std::size_t(faces_[f].nodes[k])], faces_[f].patch};
-  }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
   std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
@@ -189,33 +182,14 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   }
 }
 
-/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame,
-/// or, where they depend on the point of the body, with distance(p, point), sample(p, point) and reaches(p, radius,
-/// patch).
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
 template <class Tool> struct Moving {
   const Tool* tool;
   Vec3d origin;     ///< of the tool's frame, now [m]
   Vec3d direction;  ///< of its advance, unit
 
   double distance(const Vec3d& p) const { return tool->distance(p - origin); }
-  double distance(const Vec3d& p, const MaterialPoint& point) const {
-    if constexpr (by_point) return tool->distance(p - origin, point);
-    else return tool->distance(p - origin);
-  }
-  DistanceSample sample(const Vec3d& p, const MaterialPoint& point) const {
-    if constexpr (by_point) return tool->sample(p - origin, point);
-    else return tool->sample(p - origin);
-  }
-  /// May points of a patch that are within `radius` of p be in contact?
-  bool reaches(const Vec3d& p, double radius, int patch) const {
-    if constexpr (by_point) return tool->reaches(p - origin, radius, patch);
-    else return tool->distance(p - origin) <= radius;
-  }
-
- private:
-  static constexpr bool by_point = requires(const Tool& t, const Vec3d& p, const MaterialPoint& point) {
-    t.distance(p, point);
-  };
+  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
 };
 
 /// Gaps [m] at each surface point, face by face.
@@ -240,7 +214,7 @@ template <class Tool, class Visit> void for_contact_points(const ContactSurface&
     const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.reaches(middle, radius, surface.face(f).patch);
+    const bool near = rigid.distance(middle) <= radius;
     if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
       continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
@@ -265,14 +239,13 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const MaterialPoint point = surface.material(f, p);
-        const double gap = rigid.distance(at, point), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
+        const double gap = rigid.distance(at), gamma = history.gaps ? (*history.gaps)[f][k] : gap;
         if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
         if (gamma >= 0.0) return;
         const ContactResponse<double> r = contact.respond(gamma);
         sums.energy += p.weight_m2 * r.energy;
         const double pressure = r.pressure + r.stiffness * (gamma - gap);
-        const Vec3d normal = rigid.sample(at, point).gradient;
+        const Vec3d normal = rigid.sample(at).gradient;
         Vec3d traction = p.weight_m2 * pressure * normal;
         if (history.friction)
           traction += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
@@ -289,6 +262,7 @@ struct TangentSums {
   const Equations& equations;
   double* values;                       ///< of the system's lower triangle
   Eigen::VectorXd* coupling = nullptr;  ///< ∂²energy/∂x∂advance, one per equation; nullptr: not wanted
+  bool curved = true;                   ///< with the rigid thing's curvature, which can make it indefinite
 };
 
 /// Adds the contact stiffness.
@@ -311,17 +285,17 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   };
   detail::for_contact_points(
       surface, x, rigid, history.gaps, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-        const MaterialPoint point = surface.material(f, p);
-        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at, point);
+        const double gamma = history.gaps ? (*history.gaps)[f][k] : rigid.distance(at);
         if (gamma >= 0.0) return;
         if (f != open) {
           flush();
           open = f;
           K.setZero();
         }
-        const DistanceSample d = rigid.sample(at, point);
+        const DistanceSample d = rigid.sample(at);
         const ContactResponse<double> r = contact.respond(gamma);
-        Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+        Mat3d block = p.weight_m2 * r.stiffness * d.gradient * d.gradient.transpose();
+        if (tangent.curved) block -= p.weight_m2 * r.pressure * d.hessian;
         if (history.friction) {
           const double pressure = r.pressure + r.stiffness * (gamma - d.distance);
           block += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, d.gradient, pressure).stiffness;
@@ -354,8 +328,8 @@ template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, 
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x), surface.material(f, p)) +
-                        linear.rigid.sample(surface.position(f, p, linear.x), surface.material(f, p))
+      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
+                        linear.rigid.sample(surface.position(f, p, linear.x))
                             .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
   return gaps;
 }

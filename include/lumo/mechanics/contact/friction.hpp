@@ -67,7 +67,7 @@ struct FrictionHistory {
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const Vec3d at = surface.position(f, surface.points(f)[k], x);
-        const DistanceSample d = rigid.sample(at, surface.material(f, surface.points(f)[k]));
+        const DistanceSample d = rigid.sample(at);
         stretch[f][k] = d.distance < 0.0
                             ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
                             : Vec3d(Vec3d::Zero());
@@ -87,7 +87,7 @@ struct FrictionHistory {
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const SurfacePoint& p = surface.points(f)[k];
         const Vec3d at = surface.position(f, p, x);
-        const DistanceSample d = rigid.sample(at, surface.material(f, p));
+        const DistanceSample d = rigid.sample(at);
         if (d.distance >= 0.0) continue;
         const Vec3d force =
             p.weight_m2 * answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).traction;

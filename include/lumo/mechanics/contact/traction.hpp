@@ -36,8 +36,8 @@ inline double stretch(const TetMesh& mesh, const BoundaryFace& face, const Surfa
 
 template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMesh& mesh, const ContactSurface& surface,
     const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const std::vector<Vec3d>& friction_N) {
-  const auto force_at = [&](std::size_t f, const SurfacePoint& p, const Vec3d& at) -> Vec3d {
-    const DistanceSample d = rigid.sample(at, surface.material(f, p));
+  const auto force_at = [&](const SurfacePoint& p, const Vec3d& at) -> Vec3d {
+    const DistanceSample d = rigid.sample(at);
     return p.weight_m2 * contact.respond(d.distance).pressure * d.gradient;
   };
   const auto is_rubbed = [&](std::size_t n) { return !friction_N.empty() && !friction_N[n].isZero(0.0); };
@@ -46,7 +46,7 @@ template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMe
   detail::for_contact_points(
       surface, x, rigid, nullptr, [&](std::size_t f, std::size_t, const SurfacePoint& p, const Vec3d& at) {
         const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
-        const Vec3d force = force_at(f, p, at);
+        const Vec3d force = force_at(p, at);
         for (std::size_t k = 0; k < 3; ++k) all.on_nodes[std::size_t(node[k])] += p.hat[k] * force;
       });
   std::vector<double> area(mesh.nodes.size(), 0.0);
@@ -64,7 +64,7 @@ template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMe
       point.place_m = surface.position(f, p, x);
       point.area_m2 = p.area_m2 * detail::stretch(mesh, surface.face(f), p, x);
       for (std::size_t k = 0; k < 3; ++k) area[std::size_t(node[k])] += p.hat[k] * point.area_m2;
-      const Vec3d force = force_at(f, p, point.place_m);
+      const Vec3d force = force_at(p, point.place_m);
       if ((!rubbed && force.isZero(0.0)) || !(point.area_m2 > 0.0)) continue;
       point.traction_Pa = force / point.area_m2;
       point.pressure_Pa = point.traction_Pa.norm();

@@ -89,7 +89,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
             sector.mesh, body, [](const Patch& p) { return p.contactable; }, contact),
         resting(
             sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, contact),
-        carrier(body),
+        carrier{body.carrier},
         mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)),
         moves(sector.mesh.nodes.size(), 1),
         resists_inversion(!std::isfinite(energy_density(physics.material, Mat3d(-Mat3d::Identity())))) {

@@ -38,7 +38,7 @@ struct SectorModel {
             sector.mesh, b, [](const Patch& p) { return p.contactable; }, contact),
         resting(
             sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, contact),
-        carrier(b) {
+        carrier{b.carrier} {
     blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
@@ -79,6 +79,9 @@ template <class Model, Indenter Tool> struct PressSystem {
   struct LinearisationPoint {
     std::vector<double> ratios;
     SurfaceGaps touch, rest;
+    /// Is the carrier flat where it touches? What its rounded edges add to the tangent is negative, and large where
+    /// pressure is.
+    bool flat = false;
   };
   ContactHistory<FrictionHistory> touch_history(const LinearisationPoint* about) const {
     return {about ? &about->touch : nullptr, touch_friction};
@@ -143,7 +146,8 @@ template <class Model, Indenter Tool> struct PressSystem {
       const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x,
           {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, contact(), support(), x, {*systems[k], values[k]}, rest_history(about));
+      add_contact_tangent(model.resting, contact(), support(), x,
+          {*systems[k], values[k], nullptr, !about || !about->flat}, rest_history(about));
     }
   }
 

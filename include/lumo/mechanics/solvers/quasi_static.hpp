@@ -53,7 +53,7 @@ class SecantPairs {
 struct QuasiStaticConfig {
   double residual_tolerance = 1e-7;  ///< of the load
   int max_iterations = 200;          ///< factorisations per load
-  int stride_iterations = 40;        ///< factorisations before a stride is cut
+  int stride_iterations = 20;        ///< factorisations before a stride is cut
   double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
   /// By this one, when the residual is below 1 % of the load: a step costs a tenth of a factor.
   double late_contraction = 0.8;
@@ -79,6 +79,9 @@ struct QuasiStaticConfig {
 ///
 /// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so
 /// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
+///
+/// Rounded edges of the carrier are taken as flat where they touch until the residual is small: their curvature makes
+/// the tangent indefinite on the way.
 ///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's
 /// symmetry included; otherwise the status says so.
@@ -119,9 +122,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   Status solve(double load) {
     iterations = 0;
     if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
-    const typename System::Place start = now_;
-    const FrictionHistory touched_before = touched_, rested_before = rested_;
-    const double from = load_;
+    typename System::Place start = now_;
+    FrictionHistory touched_before = touched_, rested_before = rested_;
+    double from = load_;
     double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
@@ -132,12 +135,18 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         load_ = next;
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
+        if (tolerance > close) continue;
+        start = now_;
+        touched_before = touched_;
+        rested_before = rested_;
+        from = load_;
+        stride = std::min(config_.load_stride, std::pow(stride, 1.4));
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
                         s == Status::max_iterations;
       if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
-      now_ = start;  // what was reached loosely on the way may be what led astray
+      now_ = start;  // the last state reached closely: a loose one may be what led astray
       touched_ = touched_before;
       rested_ = rested_before;
       load_ = from;
@@ -160,7 +169,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   static constexpr double loose = 0.3, close = 1e-3;
   // Residual over load below which points seldom come and go, or change between sticking and sliding.
   static constexpr double settled = 1e-2;
-  static constexpr int most_cuts = 5;  // of the strides to one load
+  static constexpr int most_cuts = 8;  // of the strides to one load
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const {
@@ -210,6 +219,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(about.touch, area);
     Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
+    bool is_convex = true;   // near the end, with the carrier's curvature
     for (const int stop = iterations + config_.stride_iterations;;) {
       Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &about);
       const double unbalanced = r.norm();
@@ -227,8 +237,13 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
+        about.flat = !nearly_there || !is_convex;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &about);
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
+        if (f == FactorStatus::not_positive_definite && !about.flat) {
+          is_convex = false;
+          continue;
+        }
         if (f != FactorStatus::positive_definite)
           return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
         if (!schur_complement()) return Status::not_positive_definite;

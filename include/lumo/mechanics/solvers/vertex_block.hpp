@@ -183,7 +183,7 @@ template <ContactHandler Contact, class Tool> class StepContacts {
     if constexpr (frozen) {
       return {p.normal.dot(at - p.foot), p.normal};
     } else {
-      const DistanceSample d = rigid_.sample(at, surface_->material(p.face, surface_->points(p.face)[p.number]));
+      const DistanceSample d = rigid_.sample(at);
       return {d.distance, d.gradient};
     }
   }
@@ -231,11 +231,11 @@ template <ContactHandler Contact, class Tool> void StepContacts<Contact, Tool>::
   std::vector<std::vector<Corner>> of_node(std::size_t(start.cols()));
   for (std::size_t f = 0; f < surface_->size(); ++f) {
     const auto [middle, radius] = surface_->ball(f, start);
-    if (!rigid.reaches(middle, radius + reach_m, surface_->face(f).patch)) continue;
+    if (rigid.distance(middle) > radius + reach_m) continue;
     const std::vector<SurfacePoint>& points = surface_->points(f);
     for (std::size_t k = 0; k < points.size(); ++k) {
       const Vec3d at = surface_->position(f, points[k], start);
-      const DistanceSample d = rigid.sample(at, surface_->material(f, points[k]));
+      const DistanceSample d = rigid.sample(at);
       if (d.distance > reach_m) continue;
       for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
         if (points[k].shape[a] != 0.0)
