@@ -4337,6 +4337,16 @@ inline DistanceSample distance_to_box(const Vec3d& half, const Vec3d& p) {
   return {r, n, h};
 }
 
+/// Distances to a box of half edges `half` whose edges and corners are rounded, inside it, by `radius`.
+template <class S> S rounded_box_distance(const Vec3d& half, double radius, const Vec3<S>& p) {
+  return box_distance(Vec3d(half - Vec3d::Constant(radius)), p) - radius;
+}
+inline DistanceSample distance_to_rounded_box(const Vec3d& half, double radius, const Vec3d& p) {
+  DistanceSample d = distance_to_box(half - Vec3d::Constant(radius), p);
+  d.distance -= radius;
+  return d;
+}
+
 /// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress
 /// without limit: round them.
 struct Box {
@@ -4348,15 +4358,10 @@ struct Box {
   double radius_m() const { return 0.5 * size_m.norm(); }
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
   bool symmetric(int) const { return true; }
-  template <class S> S distance(const Vec3<S>& p) const { return box_distance(inner(), p) - edge_radius_m; }
-  DistanceSample sample(const Vec3d& p) const {
-    DistanceSample d = distance_to_box(inner(), p);
-    d.distance -= edge_radius_m;
-    return d;
+  template <class S> S distance(const Vec3<S>& p) const {
+    return rounded_box_distance(Vec3d(0.5 * size_m), edge_radius_m, p);
   }
-
- private:
-  Vec3d inner() const { return 0.5 * size_m - Vec3d::Constant(edge_radius_m); }  // half edges without the rounding
+  DistanceSample sample(const Vec3d& p) const { return distance_to_rounded_box(0.5 * size_m, edge_radius_m, p); }
 };
 
 inline void validate(const Box& b) {
@@ -4384,21 +4389,18 @@ struct Carrier {
 
   double distance(const Vec3d& p) const {
     double least = std::numeric_limits<double>::infinity();
-    for (const RigidBox& b : boxes) least = std::min(least, box_distance(core(b), p - b.center) - b.edge_radius);
+    for (const RigidBox& b : boxes)
+      least = std::min(least, rounded_box_distance(b.half, b.edge_radius, Vec3d(p - b.center)));
     return least;
   }
   DistanceSample sample(const Vec3d& p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
-    for (const RigidBox& b : boxes) {
-      DistanceSample d = distance_to_box(core(b), p - b.center);
-      d.distance -= b.edge_radius;
-      if (d.distance < nearest.distance) nearest = d;
-    }
+    for (const RigidBox& b : boxes)
+      if (const DistanceSample d = distance_to_rounded_box(b.half, b.edge_radius, p - b.center);
+          d.distance < nearest.distance)
+        nearest = d;
     return nearest;
   }
-
- private:
-  static Vec3d core(const RigidBox& b) { return b.half - Vec3d::Constant(b.edge_radius); }  // the box without its rim
 };
 
 }  // namespace lumo
@@ -7112,9 +7114,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   Status solve(double load) {
     iterations = 0;
     if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
-    typename System::Place start = now_;
-    FrictionHistory touched_before = touched_, rested_before = rested_;
-    double from = load_;
+    auto state = std::tie(now_, touched_, rested_, load_);
+    // The last one that was reached closely: a loose one may be what led astray.
+    std::tuple<typename System::Place, FrictionHistory, FrictionHistory, double> reached = state;
     double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
@@ -7126,20 +7128,14 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
         if (tolerance > close) continue;
-        start = now_;
-        touched_before = touched_;
-        rested_before = rested_;
-        from = load_;
+        reached = state;
         stride = std::min(config_.load_stride, std::pow(stride, 1.4));
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
                         s == Status::max_iterations;
       if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
-      now_ = start;  // the last state reached closely: a loose one may be what led astray
-      touched_ = touched_before;
-      rested_ = rested_before;
-      load_ = from;
+      state = reached;
       first /= 4.0;
       stride = std::sqrt(stride);
       on_the_way = close;

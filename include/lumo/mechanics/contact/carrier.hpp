@@ -16,21 +16,18 @@ struct Carrier {
 
   double distance(const Vec3d& p) const {
     double least = std::numeric_limits<double>::infinity();
-    for (const RigidBox& b : boxes) least = std::min(least, box_distance(core(b), p - b.center) - b.edge_radius);
+    for (const RigidBox& b : boxes)
+      least = std::min(least, rounded_box_distance(b.half, b.edge_radius, Vec3d(p - b.center)));
     return least;
   }
   DistanceSample sample(const Vec3d& p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
-    for (const RigidBox& b : boxes) {
-      DistanceSample d = distance_to_box(core(b), p - b.center);
-      d.distance -= b.edge_radius;
-      if (d.distance < nearest.distance) nearest = d;
-    }
+    for (const RigidBox& b : boxes)
+      if (const DistanceSample d = distance_to_rounded_box(b.half, b.edge_radius, p - b.center);
+          d.distance < nearest.distance)
+        nearest = d;
     return nearest;
   }
-
- private:
-  static Vec3d core(const RigidBox& b) { return b.half - Vec3d::Constant(b.edge_radius); }  // the box without its rim
 };
 
 }  // namespace lumo

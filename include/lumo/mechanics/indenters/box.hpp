@@ -46,6 +46,16 @@ inline DistanceSample distance_to_box(const Vec3d& half, const Vec3d& p) {
   return {r, n, h};
 }
 
+/// Distances to a box of half edges `half` whose edges and corners are rounded, inside it, by `radius`.
+template <class S> S rounded_box_distance(const Vec3d& half, double radius, const Vec3<S>& p) {
+  return box_distance(Vec3d(half - Vec3d::Constant(radius)), p) - radius;
+}
+inline DistanceSample distance_to_rounded_box(const Vec3d& half, double radius, const Vec3d& p) {
+  DistanceSample d = distance_to_box(half - Vec3d::Constant(radius), p);
+  d.distance -= radius;
+  return d;
+}
+
 /// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress
 /// without limit: round them.
 struct Box {
@@ -57,15 +67,10 @@ struct Box {
   double radius_m() const { return 0.5 * size_m.norm(); }
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
   bool symmetric(int) const { return true; }
-  template <class S> S distance(const Vec3<S>& p) const { return box_distance(inner(), p) - edge_radius_m; }
-  DistanceSample sample(const Vec3d& p) const {
-    DistanceSample d = distance_to_box(inner(), p);
-    d.distance -= edge_radius_m;
-    return d;
+  template <class S> S distance(const Vec3<S>& p) const {
+    return rounded_box_distance(Vec3d(0.5 * size_m), edge_radius_m, p);
   }
-
- private:
-  Vec3d inner() const { return 0.5 * size_m - Vec3d::Constant(edge_radius_m); }  // half edges without the rounding
+  DistanceSample sample(const Vec3d& p) const { return distance_to_rounded_box(0.5 * size_m, edge_radius_m, p); }
 };
 
 inline void validate(const Box& b) {

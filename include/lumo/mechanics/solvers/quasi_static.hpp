@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <memory>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -122,9 +123,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   Status solve(double load) {
     iterations = 0;
     if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
-    typename System::Place start = now_;
-    FrictionHistory touched_before = touched_, rested_before = rested_;
-    double from = load_;
+    auto state = std::tie(now_, touched_, rested_, load_);
+    // The last one that was reached closely: a loose one may be what led astray.
+    std::tuple<typename System::Place, FrictionHistory, FrictionHistory, double> reached = state;
     double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
@@ -136,20 +137,14 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
         if (tolerance > close) continue;
-        start = now_;
-        touched_before = touched_;
-        rested_before = rested_;
-        from = load_;
+        reached = state;
         stride = std::min(config_.load_stride, std::pow(stride, 1.4));
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
                         s == Status::max_iterations;
       if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
-      now_ = start;  // the last state reached closely: a loose one may be what led astray
-      touched_ = touched_before;
-      rested_ = rested_before;
-      load_ = from;
+      state = reached;
       first /= 4.0;
       stride = std::sqrt(stride);
       on_the_way = close;
