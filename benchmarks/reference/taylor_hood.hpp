@@ -191,6 +191,10 @@ class TaylorHood {
   QuasiDefinite factor_;
   Eigen::VectorXd coupling_;
   double push_ = 0.0, push_stiffness_ = 0.0, overlap_ = 0.0;
+  // On the way a carrier's rounded edges are taken as flat: their curvature makes Newton's method cycle. Without it
+  // convergence is linear.
+  static constexpr double settled = 1e-3;  // residual over load below which they are not
+  bool flat_ = true;
   Sphere sphere_;
   Vec3d origin_ = Vec3d::Zero(), direction_ = -Vec3d::UnitZ();
   Contacts contacts_;
@@ -472,8 +476,7 @@ inline void TaylorHood::add_contact(
     if (!with_matrix) return;
     const double pressure = seen ? (*seen)[side][id].pressure : -stiffness * gap;
     Mat3d block = area * stiffness * d.gradient * d.gradient.transpose();
-    // On the way a carrier's rounded edges are taken as flat: their curvature makes Newton's method cycle.
-    if (side == 0 || !seen) block -= area * pressure * d.hessian;
+    if (side == 0 || !flat_) block -= area * pressure * d.hessian;
     if (side == 0) push_stiffness_ += direction_.dot(block * direction_);
     const Vec3d along = block * direction_;
     for (int a = 0; a < 6; ++a) {
@@ -522,6 +525,7 @@ inline void TaylorHood::advance_to_load(Place& at, double load) {
 }
 
 inline std::optional<TaylorHood::Step> TaylorHood::newton_step(const Place& at, double load, Equilibrium& out) {
+  flat_ = out.residual_N > settled * load || !out.stable;
   const Eigen::VectorXd r = residual(at, &contacts_, true);
   const double push = push_ - load, push_stiffness = push_stiffness_;
   const int negative = factor_.factorize(matrix_);
@@ -566,7 +570,7 @@ inline Equilibrium TaylorHood::solve(Place& at, double load, double tolerance) {
   const int solid = count_ - pressures_;
   if (at.advance == 0.0) advance_to_load(at, load);
   double last_step = 1.0;
-  for (int iteration = 0; iteration < 60; ++iteration) {
+  for (int iteration = 0; iteration < 100; ++iteration) {
     const Eigen::VectorXd plain = residual(at, nullptr, false);
     out.residual_N = std::hypot(plain.head(solid).norm(), push_ - load);
     out.overlap_m = overlap_;
@@ -603,6 +607,7 @@ inline std::vector<Equilibrium> TaylorHood::press(
     }
     Equilibrium e = solve(at, share * load, 1e-8);
     if (e.converged) {  // the tangent of the state itself
+      flat_ = false;
       residual(at, nullptr, true);
       const int negative = factor_.factorize(matrix_);
       e.stable = negative == pressures_ && push_stiffness_ - coupling_.dot(factor_.solve(coupling_)) > 0.0;

@@ -80,13 +80,14 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 /// A state whose noise must fall, and by how much.
 struct Undecided {
   std::size_t state;
-  double excess;  ///< of its pair's error over the wanted one, > 1
+  double excess;  ///< of its pair's error over the wanted one, ≥ 1
 };
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
-/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
-/// Ascending; empty if done, or if no states can be compared. A pure function: a campaign that retraces these states
-/// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
+/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that. Wanted is
+/// the error that decides: the tolerance, or a third of what the pair lies above the least one. Ascending; empty if
+/// done, or if no states can be compared. A pure function: a campaign that retraces these states (Tracer::refined)
+/// stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
@@ -95,11 +96,12 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
       pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
   std::map<std::size_t, double> wanted;
   for (const Separation& p : pairs) {
-    const bool within_reach =
-        p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
+    const double above = p.distance.value - least->distance.value;
+    const bool within_reach = above <= 2.0 * std::hypot(p.distance.error, least->distance.error);
     if (!within_reach || !(p.distance.error > tolerance * p.distance.value)) continue;
     // A distance that its noise hides may be as large as that.
-    const double excess = p.distance.error / (tolerance * std::max(p.distance.value, p.distance.error));
+    const double known = tolerance * std::max(p.distance.value, p.distance.error),
+                 excess = std::max(1.0, p.distance.error / std::max(known, above / 3.0));
     for (const std::size_t state : {p.first, p.second}) wanted[state] = std::max(wanted[state], excess);
   }
   std::vector<Undecided> all;

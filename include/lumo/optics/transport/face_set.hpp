@@ -60,9 +60,11 @@ class FaceSet {
   FaceSet(const OpticalScene& scene, Symmetry symmetry, const Sampling& sampling, Predicate&& wanted)
       : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
     std::map<PlaceKey, int> known;  // folded by the symmetry → index
-    std::vector<Vec3d> centers;     // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
-    std::vector<double> shares;     // undeformed area [m²] × density
-    std::vector<int> images;        // faces folded onto each
+    // With x ≥ 0, and y ≥ 0 where mirror images have equally many samples; else y from the focus' side on, so that the
+    // samples about mirrored foci are mirror images.
+    std::vector<Vec3d> centers;
+    std::vector<double> shares;  // undeformed area [m²] × density
+    std::vector<int> images;     // faces folded onto each
     std::vector<bool> in_plane;
     const auto include = [&](int f, int triangle, const std::array<Vec3d, 3>& corner) {
       const Vec3d center = (corner[0] + corner[1] + corner[2]) / 3.0;
@@ -80,6 +82,7 @@ class FaceSet {
       if (fresh) {
         faces_.push_back(face);
         centers.push_back(folded(center, {true, sampling.focus.is_symmetric()}));
+        if (sampling.focus.y_m < 0.0 && !sampling.focus.is_symmetric()) centers.back().y() *= -1.0;
         const double density = sampling.density.empty() ? 1.0 : sampling.density[std::size_t(triangle)];
         shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() *
                          sampling.focus.density(center.y()) * density);
