@@ -6447,16 +6447,24 @@ struct Carrier {
   double distance(const Vec3d& p) const {
     double least = std::numeric_limits<double>::infinity();
     for (const RigidBox& b : boxes)
-      least = std::min(least, rounded_box_distance(b.half, b.edge_radius, Vec3d(p - b.center)));
+      if (may_be_nearer(b, p, least))
+        least = std::min(least, rounded_box_distance(b.half, b.edge_radius, Vec3d(p - b.center)));
     return least;
   }
   DistanceSample sample(const Vec3d& p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
-    for (const RigidBox& b : boxes)
-      if (const DistanceSample d = distance_to_rounded_box(b.half, b.edge_radius, p - b.center);
-          d.distance < nearest.distance)
-        nearest = d;
+    for (const RigidBox& b : boxes) {
+      if (!may_be_nearer(b, p, nearest.distance)) continue;
+      const DistanceSample d = distance_to_rounded_box(b.half, b.edge_radius, p - b.center);
+      if (d.distance < nearest.distance) nearest = d;
+    }
     return nearest;
+  }
+
+ private:
+  /// Most of a surface's points are far from most boxes: the distance along one axis decides, but for rounding.
+  static bool may_be_nearer(const RigidBox& b, const Vec3d& p, double distance) {
+    return ((p - b.center).cwiseAbs() - b.half).maxCoeff() < distance + 1e-12;
   }
 };
 
@@ -10798,7 +10806,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   }
 
   bool schur_complement() {
-    response_ = linear_.front().solve(tangent_.coupling);
+    response_ = roughly_solved(tangent_.coupling);
     schur_ = tangent_.stiffness - tangent_.coupling.dot(response_);
     return std::isfinite(schur_) && schur_ > 0.0;
   }
@@ -12768,9 +12776,11 @@ class FaceSet {
   FaceSet(const OpticalScene& scene, Symmetry symmetry, const Sampling& sampling, Predicate&& wanted)
       : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
     std::map<PlaceKey, int> known;  // folded by the symmetry → index
-    std::vector<Vec3d> centers;     // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
-    std::vector<double> shares;     // undeformed area [m²] × density
-    std::vector<int> images;        // faces folded onto each
+    // With x ≥ 0, and y ≥ 0 where mirror images have equally many samples; else y from the focus' side on, so that the
+    // samples about mirrored foci are mirror images.
+    std::vector<Vec3d> centers;
+    std::vector<double> shares;  // undeformed area [m²] × density
+    std::vector<int> images;     // faces folded onto each
     std::vector<bool> in_plane;
     const auto include = [&](int f, int triangle, const std::array<Vec3d, 3>& corner) {
       const Vec3d center = (corner[0] + corner[1] + corner[2]) / 3.0;
@@ -12788,6 +12798,7 @@ class FaceSet {
       if (fresh) {
         faces_.push_back(face);
         centers.push_back(folded(center, {true, sampling.focus.is_symmetric()}));
+        if (sampling.focus.y_m < 0.0 && !sampling.focus.is_symmetric()) centers.back().y() *= -1.0;
         const double density = sampling.density.empty() ? 1.0 : sampling.density[std::size_t(triangle)];
         shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() *
                          sampling.focus.density(center.y()) * density);
@@ -14645,13 +14656,14 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 /// A state whose noise must fall, and by how much.
 struct Undecided {
   std::size_t state;
-  double excess;  ///< of its pair's error over the wanted one, > 1
+  double excess;  ///< of its pair's error over the wanted one, ≥ 1
 };
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
-/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
-/// Ascending; empty if done, or if no states can be compared. A pure function: a campaign that retraces these states
-/// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
+/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that. Wanted is
+/// the error that decides: the tolerance, or a third of what the pair lies above the least one. Ascending; empty if
+/// done, or if no states can be compared. A pure function: a campaign that retraces these states (Tracer::refined)
+/// stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
@@ -14660,11 +14672,12 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
       pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
   std::map<std::size_t, double> wanted;
   for (const Separation& p : pairs) {
-    const bool within_reach =
-        p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
+    const double above = p.distance.value - least->distance.value;
+    const bool within_reach = above <= 2.0 * std::hypot(p.distance.error, least->distance.error);
     if (!within_reach || !(p.distance.error > tolerance * p.distance.value)) continue;
     // A distance that its noise hides may be as large as that.
-    const double excess = p.distance.error / (tolerance * std::max(p.distance.value, p.distance.error));
+    const double known = tolerance * std::max(p.distance.value, p.distance.error),
+                 excess = std::max(1.0, p.distance.error / std::max(known, above / 3.0));
     for (const std::size_t state : {p.first, p.second}) wanted[state] = std::max(wanted[state], excess);
   }
   std::vector<Undecided> all;
@@ -14935,12 +14948,13 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
 
 /// How the states that decide J_obs become known better than the others. First all states are lit with few rays. Then
 /// each round lights the states that undecided_states() names with as many as their noise asks for, in one pattern (and
-/// the unloaded bodies on their meshes, too), until there are none. The error covers those still undecided then.
+/// the unloaded bodies on their meshes, too), until there are none. The error covers those still undecided then. All
+/// rays are sent where contacts at their place change the light.
 struct RayRefinement {
   double tolerance = 0.02;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
   int rounds = 8;           ///< at most this many; 0: everything is lit once, with the tracer's rays
   double pilot = 0.25;     ///< share of the tracer's rays that all states are lit with if rounds follow; a power of two
-  double focus_m = 14e-3;  ///< the new rays' density falls by e over this distance from the contact's place
+  double focus_m = 14e-3;  ///< the rays' density falls by e over this distance from the contact's place
 
   static constexpr double most = 512.0;       ///< times the tracer's rays, in one pattern
   static constexpr double most_growth = 4.0;  ///< from one round to the next
@@ -14986,27 +15000,27 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     double rays;
   };
 
-  /// All states, for the first trace, which lights the unloaded body on all meshes, too, and sends its rays evenly.
+  /// All states, for the first trace, which lights the unloaded body on all meshes, too.
   std::vector<Wanted> all() const {
     std::vector<Wanted> wanted;
     for (const State& s : all_) wanted.push_back({s, pilot()});
     return wanted;
   }
 
-  /// Lights these states, and the unloaded body on their meshes with the same rays. After the first trace they are sent
-  /// to the contact's place. Patterns of different size are independent. `report(count)` is called after each of
-  /// `count` jobs.
+  /// Lights these states, and the unloaded body on their meshes with the same rays. Patterns of different size are
+  /// independent. `report(count)` is called after each of `count` jobs.
   template <Executor E, class Report>
   void trace(const std::vector<Wanted>& wanted, const E& executor, Report&& report) {
-    learn(wanted, executor);
+    if (guides_.empty()) learn(executor);
     const std::vector<Job> jobs = jobs_for(wanted);
     std::vector<Task> tasks;  // long ones first, so that threads end together
     for (std::size_t j = 0; j < jobs.size(); ++j) {
       const int parts = parts_of(jobs[j]);
       for (int part = 0; part < parts; ++part) tasks.push_back({j, part, parts});
     }
-    std::stable_sort(tasks.begin(), tasks.end(),
-        [&](const Task& a, const Task& b) { return jobs[a.job].rays / a.parts > jobs[b.job].rays / b.parts; });
+    std::stable_sort(tasks.begin(), tasks.end(), [&](const Task& a, const Task& b) {
+      return jobs[a.job].bare.rays / a.parts > jobs[b.job].bare.rays / b.parts;
+    });
     std::vector<Response> lit(tasks.size());
     std::vector<double> spent(tasks.size(), 0.0);
     executor.for_each(tasks.size(), [&](std::size_t i) {
@@ -15024,10 +15038,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   /// Records of the solved scenarios, with their changes.
   const std::vector<ScenarioRecord>& records() const { return records_; }
 
-  /// Responses of the undeformed body on each mesh.
+  /// Responses of the undeformed body on each mesh, with rays that are sent evenly.
   std::vector<Response> unloaded() const {
     std::vector<Response> each;
-    for (std::size_t place = 0; place < places_.size(); ++place) each.push_back(unloaded_.at({pilot(), place}));
+    for (std::size_t place = 0; place < places_.size(); ++place) each.push_back(unloaded_.at({place, pilot(), {}}));
     return each;
   }
 
@@ -15056,20 +15070,20 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   double seconds = 0.0;  ///< spent in tracing, summed over threads
 
  private:
-  using Bare = std::pair<double, std::size_t>;  // rays, place
-  struct Job {
+  // An undeformed body, as it is lit for a state.
+  struct Bare {
     std::size_t place;
     double rays;
+    std::optional<double> focus_m;  // y that more rays are sent to than elsewhere; with them goes the place's guide
+    auto operator<=>(const Bare&) const = default;
+  };
+  struct Job {
+    Bare bare;
     const State* state;  // null: unloaded
   };
   // What a state was lit with: rays of the last and finest pattern, and the weight of all.
   struct Had {
     double rays = 0.0, weight = 0.0;
-  };
-  // What is known of the light at a place, from these states.
-  struct Lesson {
-    std::set<State> states;
-    RayGuide guide;
   };
   struct Task {
     std::size_t job;
@@ -15081,82 +15095,65 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   // Long traces are divided by their replicates, so that all threads have work.
   int parts_of(const Job& job) const {
     int parts = 1;
-    while (parts < job.rays && 2 * parts <= light_.config().replicates) parts *= 2;
+    while (parts < job.bare.rays && 2 * parts <= light_.config().replicates) parts *= 2;
     return parts;
   }
 
-  // What is worth knowing before light is traced, place by place: of the undeformed body at first, then how the
-  // states differ from it that are to be lit better. It stays while it knows all of them.
-  template <Executor E> void learn(const std::vector<Wanted>& wanted, const E& executor) {
-    std::map<std::size_t, std::set<State>> at;
-    for (const Wanted& w : wanted) {
-      std::set<State>& states = at[plan_.solves[w.state.solve].place];
-      if (w.rays != pilot()) states.insert(w.state);
-    }
-    std::vector<std::size_t> fresh;
-    for (auto& [place, states] : at) {
-      const auto [lesson, is_first] = lessons_.try_emplace(place);
-      std::set<State>& known = lesson->second.states;
-      if (!is_first && std::includes(known.begin(), known.end(), states.begin(), states.end())) continue;
-      known.merge(states);
-      fresh.push_back(place);
-    }
-    std::vector<double> spent(fresh.size(), 0.0);
-    executor.for_each(fresh.size(), [&](std::size_t i) {
+  // What is worth knowing before light is traced, place by place: of the undeformed body, and how the states at the
+  // middle loads differ from it, which stand for the others there.
+  template <Executor E> void learn(const E& executor) {
+    std::vector<std::vector<State>> taught(places_.size());
+    for (const State& s : all_)
+      if (s.state == solved_[s.solve].states.size() / 2) taught[plan_.solves[s.solve].place].push_back(s);
+    guides_.resize(places_.size());
+    std::vector<double> spent(places_.size(), 0.0);
+    executor.for_each(places_.size(), [&](std::size_t place) {
       const Stopwatch watch;
-      Lesson& lesson = lessons_.at(fresh[i]);
-      const TetMesh& mesh = places_[fresh[i]]->mesh();
+      const TetMesh& mesh = places_[place]->mesh();
       Symmetry all = symmetry_of(body_, mesh);
       std::vector<const MechanicalState*> states;
-      for (const State& s : lesson.states) {
+      for (const State& s : taught[place]) {
         states.push_back(&solved_[s.solve].states[s.state]);
         const Symmetry one = symmetry_of(body_, mesh, plan_.solves[s.solve].scenario, states.back()->status);
         all = {all.x && one.x, all.y && one.y};
       }
-      lesson.guide = light_.guide(body_, mesh, states, all);
-      spent[i] = watch.seconds();
+      guides_[place] = light_.guide(body_, mesh, states, all);
+      spent[place] = watch.seconds();
     });
     seconds += std::accumulate(spent.begin(), spent.end(), 0.0);
-    // Light that was traced with another guide cannot be compared any more.
-    for (const std::size_t place : fresh)
-      if (!lessons_.at(place).guide.sent_W_m2.empty())
-        std::erase_if(unloaded_, [&](const auto& u) { return u.first.second == place && u.first.first != pilot(); });
   }
 
   std::vector<Job> jobs_for(const std::vector<Wanted>& wanted) {
     std::set<Bare> bare;
     std::vector<Job> jobs;
     for (const Wanted& w : wanted) {
-      jobs.push_back({plan_.solves[w.state.solve].place, w.rays, &w.state});
-      bare.insert({w.rays, jobs.back().place});
+      const auto& solve = plan_.solves[w.state.solve];
+      jobs.push_back({{solve.place, w.rays, solve.scenario.y_m}, &w.state});
+      bare.insert(jobs.back().bare);
     }
-    for (std::size_t place = 0; unloaded_.empty() && place < places_.size(); ++place) bare.insert({pilot(), place});
-    for (const auto& [rays, place] : bare)
-      if (!unloaded_.contains({rays, place})) jobs.push_back({place, rays, nullptr});
+    for (std::size_t place = 0; unloaded_.empty() && place < places_.size(); ++place) bare.insert({place, pilot(), {}});
+    for (const Bare& b : bare)
+      if (!unloaded_.contains(b)) jobs.push_back({b, nullptr});
     return jobs;
   }
 
   Response light(const Job& job, int part, int parts) const {
+    const auto& [place, rays, focus_m] = job.bare;
     const int count = light_.config().replicates / parts;
-    const Light refined =
-        light_.refined(job.rays, std::uint64_t(std::log2(job.rays / pilot()))).portion(part * count, count);
-    const TetMesh& mesh = places_[job.place]->mesh();
-    const auto lesson = lessons_.find(job.place);  // none where no state is to be lit
-    const RayGuide nothing;
-    const RayGuide& guide = lesson == lessons_.end() ? nothing : lesson->second.guide;
-    RayFocus focus;  // even, as the first trace serves all states, and as other tilts touch away from their place
-    const auto& p = plan_.places[job.place];
-    if (job.rays != pilot() && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) {
-      focus.y_m = p.y_m;
-      focus.length_m = rays_.focus_m;
-    }
+    const Light refined = light_.refined(rays, std::uint64_t(std::log2(rays / pilot()))).portion(part * count, count);
+    const TetMesh& mesh = places_[place]->mesh();
+    if (!focus_m) return refined.trace(body_, mesh);
+    const auto& p = plan_.places[place];
+    RayFocus focus{.y_m = *focus_m};
+    if (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz) focus.length_m = rays_.focus_m;  // others touch elsewhere
     if (job.state == nullptr) {
       const Symmetry unloaded = symmetry_of(body_, mesh);
-      return refined.trace(body_, mesh, SurfaceState{}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus, guide);
+      return refined.trace(
+          body_, mesh, SurfaceState{}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus, guides_[place]);
     }
     const MechanicalState& loaded = solved_[job.state->solve].states[job.state->state];
     const Symmetry symmetry = symmetry_of(body_, mesh, plan_.solves[job.state->solve].scenario, loaded.status);
-    return refined.trace(body_, mesh, loaded, symmetry, focus, guide);
+    return refined.trace(body_, mesh, loaded, symmetry, focus, guides_[place]);
   }
 
   void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
@@ -15164,19 +15161,19 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     for (const std::vector<Response>& p : parts) lit.push_back(Light::joined(p));
     for (std::size_t j = 0; j < jobs.size(); ++j) {
       if (ledger.emitted == 0.0 || lit[j].ledger.imbalance() >= ledger.imbalance()) ledger = lit[j].ledger;
-      if (jobs[j].state == nullptr) unloaded_[{jobs[j].rays, jobs[j].place}] = lit[j];
+      if (jobs[j].state == nullptr) unloaded_[jobs[j].bare] = lit[j];
     }
     for (std::size_t j = 0; j < jobs.size(); ++j) {
-      const auto& [place, rays, state] = jobs[j];
+      const auto& [bare, state] = jobs[j];
       if (state == nullptr) continue;
-      const Eigen::MatrixXd change = response_change(lit[j], unloaded_.at({rays, place}));
+      const Eigen::MatrixXd change = response_change(lit[j], unloaded_.at(bare));
       Eigen::MatrixXd& mean = records_[state->solve].states[state->state].change;
       // Patterns count by the inverse of their variance.
       Had& had = had_[*state];
-      const double weight = std::pow(rays, RayRefinement::rate), share = weight / (had.weight + weight);
+      const double weight = std::pow(bare.rays, RayRefinement::rate), share = weight / (had.weight + weight);
       mean = had.weight == 0.0 ? change : Eigen::MatrixXd((1.0 - share) * mean + share * change);
       had.weight += weight;
-      had.rays = rays;
+      had.rays = bare.rays;
     }
   }
 
@@ -15190,7 +15187,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   std::vector<State> all_;
   std::map<State, Had> had_;
   std::map<Bare, Response> unloaded_;
-  std::map<std::size_t, Lesson> lessons_;  // per place
+  std::vector<RayGuide> guides_;  // per place
 };
 
 }  // namespace lumo
