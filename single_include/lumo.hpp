@@ -8956,7 +8956,10 @@ class Svg {
   void line(Point a, Point b, const Paint& p) {
     body_ += "<line" + place("x1", "y1", a) + place("x2", "y2", b) + style(p) + "/>\n";
   }
-  void rect(Point corner, double w, double h, const Paint& p) { body_ += box(corner, w, h) + style(p) + "/>\n"; }
+  /// Corners are rounded by `radius`.
+  void rect(Point corner, double w, double h, const Paint& p, double radius = 0.0) {
+    body_ += box(corner, w, h) + (radius > 0.0 ? quoted("rx", n(radius)) : "") + style(p) + "/>\n";
+  }
   void circle(Point c, double r, const Paint& p) {
     body_ += "<circle" + place("cx", "cy", c) + quoted("r", n(r)) + style(p) + "/>\n";
   }
@@ -9362,8 +9365,8 @@ template <Indenter Tool> void write_press_svg(std::ostream& out, const Body& bod
   for (const RigidBox& box : body.carrier) {
     if (std::abs(y - box.center.y()) > box.half.y()) continue;
     const Vec3d low = 1e3 * (box.center - box.half), high = 1e3 * (box.center + box.half);
-    svg.rect(
-        {f.x(low.x()), f.y(high.z())}, f.x(high.x()) - f.x(low.x()), f.y(low.z()) - f.y(high.z()), {.fill = "#8c8c8c"});
+    svg.rect({f.x(low.x()), f.y(high.z())}, f.x(high.x()) - f.x(low.x()), f.y(low.z()) - f.y(high.z()),
+        {.fill = "#8c8c8c"}, f.x(1e3 * box.edge_radius) - f.x(0.0));
   }
   for (const auto& area : cut.areas) {
     double moved = 0.0;

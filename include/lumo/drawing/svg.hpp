@@ -71,7 +71,10 @@ class Svg {
   void line(Point a, Point b, const Paint& p) {
     body_ += "<line" + place("x1", "y1", a) + place("x2", "y2", b) + style(p) + "/>\n";
   }
-  void rect(Point corner, double w, double h, const Paint& p) { body_ += box(corner, w, h) + style(p) + "/>\n"; }
+  /// Corners are rounded by `radius`.
+  void rect(Point corner, double w, double h, const Paint& p, double radius = 0.0) {
+    body_ += box(corner, w, h) + (radius > 0.0 ? quoted("rx", n(radius)) : "") + style(p) + "/>\n";
+  }
   void circle(Point c, double r, const Paint& p) {
     body_ += "<circle" + place("cx", "cy", c) + quoted("r", n(r)) + style(p) + "/>\n";
   }

@@ -170,8 +170,8 @@ template <Indenter Tool> void write_press_svg(std::ostream& out, const Body& bod
   for (const RigidBox& box : body.carrier) {
     if (std::abs(y - box.center.y()) > box.half.y()) continue;
     const Vec3d low = 1e3 * (box.center - box.half), high = 1e3 * (box.center + box.half);
-    svg.rect(
-        {f.x(low.x()), f.y(high.z())}, f.x(high.x()) - f.x(low.x()), f.y(low.z()) - f.y(high.z()), {.fill = "#8c8c8c"});
+    svg.rect({f.x(low.x()), f.y(high.z())}, f.x(high.x()) - f.x(low.x()), f.y(low.z()) - f.y(high.z()),
+        {.fill = "#8c8c8c"}, f.x(1e3 * box.edge_radius) - f.x(0.0));
   }
   for (const auto& area : cut.areas) {
     double moved = 0.0;
