@@ -7075,7 +7075,7 @@ struct QuasiStaticConfig {
 /// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts
 /// from a good guess of it: the points with the smallest gaps on the area that Hertz's formula gives for the first
 /// load, and on the last area × (load/last)^0.6 after that. Where the tangent is lost on the way, the load is
-/// approached again from the last one, in smaller strides that end closer to equilibrium.
+/// approached again from the last state that was reached closely, in smaller strides that end closer to equilibrium.
 ///
 /// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so
 /// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
@@ -7135,9 +7135,10 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         load_ = next;
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
-        if (tolerance > close) continue;
-        reached = state;
-        stride = std::min(config_.load_stride, std::pow(stride, 1.4));
+        if (tolerance <= close) {
+          reached = state;
+          stride = std::min(config_.load_stride, std::pow(stride, 1.4));
+        }
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
@@ -11054,8 +11055,8 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
 
 /// How the states that decide J_obs become known better than the others. First all states are lit with few rays. Then
 /// each round lights the states that undecided_states() names with as many as their noise asks for, in one pattern (and
-/// the unloaded bodies on their meshes, too), until there are none. The error covers those still undecided then. All
-/// rays are sent where contacts at their place change the light.
+/// the unloaded bodies on their meshes, too), until there are none. The error covers those still undecided then. Rays
+/// of states are sent where contacts at their place change the light.
 struct RayRefinement {
   double tolerance = 0.02;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
   int rounds = 8;           ///< at most this many; 0: everything is lit once, with the tracer's rays

@@ -124,7 +124,7 @@ TEST_CASE(
       CHECK(p.meets_carrier == (p.name.starts_with("void") || p.name == "cap_wall"));
       CHECK(p.bonded == std::holds_alternative<Lambertian>(p.optics));
     }
-    // The mesh is held to the exact volume, and ends where the supports do.
+    // The mesh ends where the finger does, and faces of the roof end over the stem's sides.
     const TetMesh mesh = mesh_body(body, TetgenMesher{});
     Vec3d low = mesh.nodes[0], high = low;
     for (const Vec3d& p : mesh.nodes) {

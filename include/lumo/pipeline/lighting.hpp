@@ -42,8 +42,8 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
 
 /// How the states that decide J_obs become known better than the others. First all states are lit with few rays. Then
 /// each round lights the states that undecided_states() names with as many as their noise asks for, in one pattern (and
-/// the unloaded bodies on their meshes, too), until there are none. The error covers those still undecided then. All
-/// rays are sent where contacts at their place change the light.
+/// the unloaded bodies on their meshes, too), until there are none. The error covers those still undecided then. Rays
+/// of states are sent where contacts at their place change the light.
 struct RayRefinement {
   double tolerance = 0.02;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
   int rounds = 8;           ///< at most this many; 0: everything is lit once, with the tracer's rays

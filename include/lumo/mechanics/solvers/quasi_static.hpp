@@ -76,7 +76,7 @@ struct QuasiStaticConfig {
 /// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts
 /// from a good guess of it: the points with the smallest gaps on the area that Hertz's formula gives for the first
 /// load, and on the last area × (load/last)^0.6 after that. Where the tangent is lost on the way, the load is
-/// approached again from the last one, in smaller strides that end closer to equilibrium.
+/// approached again from the last state that was reached closely, in smaller strides that end closer to equilibrium.
 ///
 /// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so
 /// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
@@ -136,9 +136,10 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         load_ = next;
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
-        if (tolerance > close) continue;
-        reached = state;
-        stride = std::min(config_.load_stride, std::pow(stride, 1.4));
+        if (tolerance <= close) {
+          reached = state;
+          stride = std::min(config_.load_stride, std::pow(stride, 1.4));
+        }
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
