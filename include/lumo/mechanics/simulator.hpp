@@ -100,6 +100,7 @@ class PreparedBody {
       }
       s.contact_field = std::move(c.field);
       s.tool_slopes = std::move(c.slopes);
+      s.spots = std::move(c.spots);
       if (resting.size() > 0) s.carrier_slopes = resting_slopes(*mesh_, resting, support, x);
       s.pressure_Pa = std::move(c.pressure_Pa);
       if (x.allFinite()) {

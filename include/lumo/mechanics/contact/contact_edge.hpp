@@ -87,6 +87,31 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
   return s;
 }
 
+// What of a triangle lies inside the edge of contact, and the length of edge in it. `lone`: the corner that is not on
+// the side of the other two; 0 where there is none.
+struct RimCut {
+  double area = 0.0, rim = 0.0;
+  std::size_t lone = 0;
+};
+
+// `field` is > 0 inside, and linear.
+inline RimCut cut_at_rim(const std::array<Vec3d, 3>& place, const std::array<double, 3>& field) {
+  const auto inside = [&](std::size_t k) { return field[k] > 0.0; };
+  const int count = inside(0) + inside(1) + inside(2);
+  RimCut cut;
+  if (count == 0) return cut;
+  cut.lone = count == 3 || inside(0) == (count == 1) ? 0 : inside(1) == (count == 1) ? 1 : 2;
+  const std::size_t first = cut.lone, second = (first + 1) % 3, third = (first + 2) % 3;
+  const Vec3d b = place[second] - place[first], c = place[third] - place[first];
+  const double whole = 0.5 * b.cross(c).norm();
+  cut.area = whole;
+  if (count == 3) return cut;
+  const double u = field[first] / (field[first] - field[second]), v = field[first] / (field[first] - field[third]);
+  cut.area = whole * (count == 1 ? u * v : 1.0 - u * v);
+  cut.rim = (u * b - v * c).norm();
+  return cut;
+}
+
 // The edge of contact, found from the gap beside it. Raw overlaps are no measure of contact: they are a few µm and
 // perforated by the facets' sag. The gap of a smooth contact rises as the distance to its edge to the power 3/2, and
 // Hertz's law for round contacts (hertz_gap), turned about, makes of it Y = (r² − a²)/2a, which is a quadratic of the
@@ -109,8 +134,19 @@ class ContactEdge {
     fit_field();
   }
 
+  // Edge length of equilateral triangles that have as much area as a node [m].
+  double spacing(std::size_t k) const { return spacing_[k]; }
   // Signed distance [m] of each node to the edge, > 0 inside.
   const std::vector<double>& field() const { return field_; }
+
+  // How many separate contacts there are.
+  std::size_t parts() const { return parts_.size(); }
+  // The one that a triangle of nodes belongs to, of which `lone` is not on the side of the others; −1: none.
+  int part_of(const std::array<int, 3>& t, std::size_t lone) const {
+    const int part = part_[std::size_t(t[lone])];
+    return part >= 0 ? part : part_[std::size_t(t[(lone + 1) % 3])];
+  }
+  int part_of_node(std::size_t k) const { return part_[k]; }
 
   std::vector<ContactSlope> slopes() const {
     std::vector<ContactSlope> all(s_->size());
@@ -335,25 +371,18 @@ class ContactEdge {
 
   // Adds the part of a sub-triangle that is inside, and the length of the edge in it.
   template <class Sums> void measure(const std::array<int, 3>& t, Sums& sums) const {
-    std::array<std::size_t, 3> at;
-    for (std::size_t k = 0; k < 3; ++k) at[k] = std::size_t(t[k]);
-    const auto inside = [&](std::size_t k) { return field_[at[k]] > 0.0; };
-    const int count = inside(0) + inside(1) + inside(2);
-    if (count == 0) return;
-    const std::size_t first = count == 3 || inside(0) == (count == 1) ? 0 : inside(1) == (count == 1) ? 1 : 2;
-    const int part = part_[at[first]] >= 0 ? part_[at[first]] : part_[at[(first + 1) % 3]];
-    if (part < 0) return;
-    auto& sum = sums[std::size_t(part)];
-    const Vec3d &a = s_->place[at[first]], b = s_->place[at[(first + 1) % 3]], c = s_->place[at[(first + 2) % 3]];
-    const double whole = 0.5 * (b - a).cross(c - a).norm();
-    if (count == 3) {
-      sum.area += whole;
-      return;
+    std::array<double, 3> field;
+    std::array<Vec3d, 3> place;
+    for (std::size_t k = 0; k < 3; ++k) {
+      field[k] = field_[std::size_t(t[k])];
+      place[k] = s_->place[std::size_t(t[k])];
     }
-    const double fa = field_[at[first]], fb = field_[at[(first + 1) % 3]], fc = field_[at[(first + 2) % 3]];
-    const double u = fa / (fa - fb), v = fa / (fa - fc);
-    sum.area += whole * (count == 1 ? u * v : 1.0 - u * v);
-    sum.length += (u * (b - a) - v * (c - a)).norm();
+    const RimCut cut = cut_at_rim(place, field);
+    if (cut.area == 0.0) return;
+    const int part = part_of(t, cut.lone);
+    if (part < 0) return;
+    sums[std::size_t(part)].area += cut.area;
+    sums[std::size_t(part)].length += cut.rim;
   }
 
   // Fits at free nodes give points of the edge. To nodes that touch, a fit has to be carried on; where it comes out

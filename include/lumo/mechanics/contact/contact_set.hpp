@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/mechanics/contact/contact_edge.hpp"
+#include "lumo/mechanics/contact/contact_spots.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
 
 #include <algorithm>
@@ -17,6 +18,7 @@ struct ContactField {
   std::vector<double> field;  ///< > 0 in contact
   std::vector<double> pressure_Pa;
   std::vector<ContactSlope> slopes;
+  std::vector<ContactSpot> spots;  ///< those that press hardest first
 };
 
 /// Reference area of the intersection and of the union of two contact sets [m²].
@@ -102,15 +104,17 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
     const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0),
-      std::vector<ContactSlope>(n)};
+      std::vector<ContactSlope>(n), {}};
   double overlap = 0.0;
+  std::vector<detail::PressedPoint> pressed;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const double g = rigid.distance(surface.position(f, p, x));
+      const Vec3d at = surface.position(f, p, x);
+      const double g = rigid.distance(at), pressure = contact.respond(g).pressure;
       overlap = std::max(overlap, -g);
       const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
-      for (std::size_t k = 0; k < 3; ++k)
-        c.pressure_Pa[std::size_t(node[k])] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
+      for (std::size_t k = 0; k < 3; ++k) c.pressure_Pa[std::size_t(node[k])] += p.weight_m2 * p.hat[k] * pressure;
+      if (pressure > 0.0) pressed.push_back({f, &p, at, p.weight_m2 * pressure});
     }
   const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
@@ -122,6 +126,7 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
     c.field[node] = edge.field()[k];
     c.slopes[node] = slopes[k];
   }
+  c.spots = detail::contact_spots(surface, pressed, nodes, edge);
   return c;
 }
 

@@ -44,6 +44,19 @@ struct TractionPoint {
   Vec3d traction_Pa;  ///< on the body, per deformed area, with friction
 };
 
+/// One of the separate places where a tool touches, and how well the mesh resolves it.
+struct ContactSpot {
+  Vec3d place_m = Vec3d::Zero();  ///< deformed, the mean by pressure
+  double force_N = 0.0;           ///< sum of the normal forces
+  double area_m2 = 0.0;           ///< deformed
+  double rim_m = 0.0;             ///< length of its edge, deformed
+  double edge_m = 0.0;            ///< between neighbouring nodes of the surface along its edge, undeformed
+  double force_outside_N = 0.0;   ///< what of force_N acts outside the contact set: pressure and gap disagree there
+
+  /// Of the disc with as much area for its edge; the width of a strip.
+  double radius_m() const { return rim_m > 0.0 ? 2.0 * area_m2 / rim_m : 0.0; }
+};
+
 /// The pad at one load. Forces act on the indenter, along −direction; all in the finger frame, SI.
 struct MechanicalState {
   Status status = Status::non_finite;
@@ -70,6 +83,7 @@ struct MechanicalState {
   /// The same per mesh node, linear on the sub-facets of the deformed surface, on which it integrates to the same
   /// force.
   std::vector<Vec3d> traction_Pa;
+  std::vector<ContactSpot> spots;  ///< of contact with the indenter; empty without
   double contact_area_m2 = 0.0;    ///< A(C; X), deformed
   double reference_area_m2 = 0.0;  ///< A_0(C), undeformed
   /// Norm of the out-of-balance forces, from an independent routine
