@@ -1,8 +1,8 @@
 // Refinement study: both objectives and all their terms under finer meshes and more rays, for seeded feasible designs.
-// Setting `fine`: four times as many elements and rays. One line of JSON per (design, setting) is appended to the file;
-// lines that are there are not computed again.
-//   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine
-//       [--diameters 10,30] [--places -22,0,22]
+// Setting `fine`: four times as many elements and rays. `known`: half the usual error by rays. One line of JSON per
+// (design, setting) is appended to the file; lines that are there are not computed again.
+//   lumo_refinement FILE --finger built --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine
+//       [--first 0] [--diameters 10,30] [--places -22,0,22] [--loads 1,2,5,10]
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/pipeline/evaluate.hpp"
@@ -29,15 +29,18 @@ using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<M
 struct Setting {
   double mesh = 1.0;  // factor on all wanted edge lengths
   int rays = 1;       // factor on all ray counts
+  double tolerance = RayRefinement{}.tolerance;
 };
 
 const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1.4", {1.4, 1}}, {"mesh0.7", {0.7, 1}},
-    {"mesh0.5", {0.5, 1}}, {"rays4", {1.0, 4}}, {"rays64", {1.0, 64}}, {"fine", {0.63, 4}}, {"finest", {0.5, 16}}};
+    {"mesh0.5", {0.5, 1}}, {"rays4", {1.0, 4}}, {"rays64", {1.0, 64}}, {"fine", {0.63, 4}}, {"finest", {0.5, 16}},
+    {"known", {1.0, 1, 0.01}}, {"known0.9", {0.9, 1, 0.01}}, {"known1.1", {1.1, 1, 0.01}}, {"known1.4", {1.4, 1, 0.01}},
+    {"known0.7", {0.7, 1, 0.01}}};
 
 /// The references first, then seeded feasible lattice designs.
-std::vector<FingerDesign> designs(std::size_t count) {
-  std::vector<FingerDesign> list = plain_references();
-  const DesignSpace space = finger_space(plain_pad());
+std::vector<FingerDesign> designs(const FingerOptions& finger, std::size_t count) {
+  std::vector<FingerDesign> list = finger.pad.stem == Stem::free ? built_references() : plain_references();
+  const DesignSpace space = finger_space(finger.pad);
   std::mt19937 random(2026);
   while (list.size() < count) {
     std::array<double, 5> x;
@@ -93,6 +96,15 @@ void append(std::ofstream& out, const std::string& key, const Evaluation& e) {
   out.flush();
 }
 
+Evaluation evaluated(
+    Finger finger, const Ensemble& ensemble, const Setting& s, const TetgenMesher& mesher, int threads) {
+  finger.options.mesh = finger.options.mesh.scaled(s.mesh);
+  Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher,
+      {NeoHookean{finger.silicone.mu_Pa, finger.silicone.lambda_Pa}}, Light{}.refined(s.rays), Focus{}.scaled(s.mesh)};
+  pipeline.rays.tolerance = s.tolerance;
+  return evaluate(finger, ensemble, pipeline, TbbExecutor{threads});
+}
+
 /// Keys of the lines that a file of results holds.
 std::set<std::string> keys_of(const char* file) {
   std::set<std::string> done;
@@ -108,16 +120,20 @@ std::set<std::string> keys_of(const char* file) {
 int main(int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') {
     std::fprintf(stderr,
-        "usage: lumo_refinement FILE [--designs N] [--material DS|Sol] [--settings a,b,...] [--diameters "
-        "mm,mm,...] [--places mm,mm,...] [--threads N]\n");
+        "usage: lumo_refinement FILE [--finger built|plain] [--first N] [--designs N] [--material DS|Sol] [--settings "
+        "a,b,...] [--diameters mm,mm,...] [--places mm,mm,...] [--loads N,N,...] [--threads N]\n");
     return 2;
   }
-  std::size_t count = 5;
+  std::size_t first = 0, count = 5;
+  FingerOptions finger = plain_finger();
   std::string material = "DS", settings = "default,mesh0.7,mesh0.5";
   Ensemble ensemble = flat_ensemble();
   int threads = 2;
   for (int i = 2; i + 1 < argc; i += 2) {
     if (!std::strcmp(argv[i], "--designs")) count = std::size_t(std::atoi(argv[i + 1]));
+    if (!std::strcmp(argv[i], "--first")) first = std::size_t(std::atoi(argv[i + 1]));
+    if (!std::strcmp(argv[i], "--finger") && !std::strcmp(argv[i + 1], "built")) finger = built_finger();
+    if (!std::strcmp(argv[i], "--loads")) ensemble.loads_N = numbers(argv[i + 1], 1.0);
     if (!std::strcmp(argv[i], "--material")) material = argv[i + 1];
     if (!std::strcmp(argv[i], "--settings")) settings = argv[i + 1];
     if (!std::strcmp(argv[i], "--diameters")) ensemble.diameters_m = numbers(argv[i + 1], 1e-3);
@@ -135,7 +151,8 @@ int main(int argc, char** argv) {
 
   const std::set<std::string> done = keys_of(argv[1]);
   std::ofstream out(argv[1], std::ios::app);
-  const std::vector<FingerDesign> list = designs(count);
+  std::vector<FingerDesign> list = designs(finger, first + count);
+  list.erase(list.begin(), list.begin() + std::ptrdiff_t(first));
   for (std::size_t from = 0; from < settings.size();) {
     const std::size_t to = std::min(settings.find(',', from), settings.size());
     const std::string name = settings.substr(from, to - from);
@@ -146,14 +163,11 @@ int main(int argc, char** argv) {
     }
     const Setting s = kSettings.at(name);
     for (const FingerDesign& d : list) {
-      const std::string key =
-          message(name, " ", material, " ", contacts, " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
+      // Of the plain finger, as before the built one was known, the key says nothing.
+      const std::string key = message(name, " ", finger.pad.stem == Stem::free ? "built-" : "", material, " ", contacts,
+          " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
       if (done.count(key)) continue;
-      FingerOptions options = plain_finger();
-      options.mesh = options.mesh.scaled(s.mesh);
-      const Pipeline<TetgenMesher, Simulation, Light> pipeline{
-          mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), Focus{}.scaled(s.mesh)};
-      const Evaluation e = evaluate({d, card, options}, ensemble, pipeline, TbbExecutor{threads});
+      const Evaluation e = evaluated({d, card, finger}, ensemble, s, mesher, threads);
       append(out, key, e);
       std::fprintf(stderr, "%s: %.1f s\n", key.c_str(), e.observations.seconds.total);
     }

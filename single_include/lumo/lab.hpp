@@ -4243,30 +4243,49 @@ struct Focus {
   double finest = 0.4e-3;     ///< edge length at a place of touch [m]
   double growth = 0.12;       ///< edge length gained per distance from it
   double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
+  double of_tool = 0.2;       ///< edges at a place of touch are no longer than this part of the tool's contact radius
 
   /// All edges `factor` times as long.
-  constexpr Focus scaled(double factor) const { return {factor * finest, factor * growth, factor * depth_growth}; }
+  constexpr Focus scaled(double factor) const {
+    return {factor * finest, factor * growth, factor * depth_growth, of_tool};
+  }
   bool operator==(const Focus&) const = default;
 };
 
-/// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
-inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& focus = {}) {
-  require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
+/// A place of a body's surface, and the edge length that a mesh is to have there [m].
+struct FinePlace {
+  Vec3d place_m;
+  double finest_m;
+};
+
+/// The body with its mesh sizing refined about the given places and their mirror images; `focus` says how edges grow
+/// from there. Throws InvalidArgument.
+inline Body focused(Body body, std::vector<FinePlace> places, const Focus& focus = {}) {
+  for (const FinePlace& p : places) require_in_range("finest mesh edge", p.finest_m * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
-  const Symmetry symmetry = body.symmetry;
-  body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, points, focus, symmetry](
-                         const Vec3d& p) {
+  require_in_range("mesh edge over the tool's contact radius", focus.of_tool, 0.001, 1000.0, "");
+  for (FinePlace& p : places) {
+    if (body.symmetry.x) p.place_m.x() = std::abs(p.place_m.x());
+    if (body.symmetry.y) p.place_m.y() = std::abs(p.place_m.y());
+  }
+  body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, places = std::move(places),
+                         focus](const Vec3d& p) {
     double edge = coarse(p);
-    for (Vec3d at : points) {
-      if (symmetry.x) at.x() = std::abs(at.x());
-      if (symmetry.y) at.y() = std::abs(at.y());
-      const double depth = std::max(0.0, (at - p).z());
-      edge = std::min(edge, focus.finest + focus.growth * (p - at).norm() + focus.depth_growth * depth);
-      if (under_touch) edge = std::min(edge, under_touch(p, at));
+    for (const FinePlace& f : places) {
+      const double depth = std::max(0.0, (f.place_m - p).z());
+      edge = std::min(edge, f.finest_m + focus.growth * (p - f.place_m).norm() + focus.depth_growth * depth);
+      if (under_touch) edge = std::min(edge, under_touch(p, f.place_m));
     }
     return edge;
   };
   return body;
+}
+
+/// The same about points, with the focus's own finest edge.
+inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& focus = {}) {
+  std::vector<FinePlace> places;
+  for (const Vec3d& p : points) places.push_back({p, focus.finest});
+  return focused(std::move(body), std::move(places), focus);
 }
 
 }  // namespace lumo
@@ -4279,14 +4298,70 @@ inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& fo
 
 namespace lumo {
 
-/// A mesh of the body that is fine where the scenarios' indenters first touch it, and in the mirror images of those
-/// places. `coarse` is any mesh of the body. Throws InvalidArgument when an indenter passes by, MeshError when the body
-/// cannot be meshed.
+namespace detail {
+
+// Nearer than this part of the tool's contact radius, a surface counts as touched with it; places nearer to each other
+// than the next one are one. A ball that touches a plane has one, whatever its size.
+inline constexpr double near_part = 0.01, apart_part = 0.25;
+
+// Calls visit(point of the exact surface) on a lattice over a face, at most `spacing` apart.
+template <class Visit>
+void for_points_on(const BoundaryFace& f, const TetMesh& mesh, const Shape& shape, double spacing, Visit&& visit) {
+  constexpr int most_cuts = 40;
+  const Vec3d a = mesh.nodes[std::size_t(f.nodes[0])], b = mesh.nodes[std::size_t(f.nodes[1])] - a,
+              c = mesh.nodes[std::size_t(f.nodes[2])] - a;
+  const double longest = std::max({b.norm(), c.norm(), (c - b).norm()});
+  const int cuts = int(std::clamp(std::ceil(longest / spacing), 1.0, double(most_cuts)));
+  for (int i = 0; i <= cuts; ++i)
+    for (int j = 0; i + j <= cuts; ++j) visit(closest_point(shape, a + (double(i) * b + double(j) * c) / cuts));
+}
+
+}  // namespace detail
+
+/// Places where the surface is as good as touched when the indenter first touches it: the place of first touch, and
+/// others that stand for what lies farther along a line, on a face, or under a second part of the tool. Throws
+/// InvalidArgument when the indenter passes by.
+template <Indenter Tool>
+std::vector<Vec3d> touched_places(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
+  const Touch touch = first_touch(body, mesh, scenario);
+  const double radius = contact_radius(scenario.indenter), apart = detail::apart_part * radius,
+               near = detail::near_part * radius;
+  std::vector<Vec3d> places = {touch.point};
+  for (const BoundaryFace& f : mesh.faces) {
+    const Patch& patch = body.patches[std::size_t(f.patch)];
+    if (!patch.contactable) continue;
+    const Vec3d corner = mesh.nodes[std::size_t(f.nodes[0])];
+    const double size = std::max(
+        (mesh.nodes[std::size_t(f.nodes[1])] - corner).norm(), (mesh.nodes[std::size_t(f.nodes[2])] - corner).norm());
+    if (scenario.indenter.distance(corner - touch.origin) > 2.0 * size + near) continue;
+    detail::for_points_on(f, mesh, patch.shape, 0.5 * apart, [&](const Vec3d& p) {
+      if (scenario.indenter.distance(p - touch.origin) > near) return;
+      for (const Vec3d& known : places)
+        if ((p - known).norm() < apart) return;
+      places.push_back(p);
+    });
+  }
+  return places;
+}
+
+/// The body with its mesh sizing refined where the scenarios' indenters first touch it (touched_places), and in the
+/// mirror images of those places. `coarse` is any mesh of the body. Throws InvalidArgument when an indenter passes by.
+template <Indenter Tool> Body focused_on_contact(
+    const Body& body, const TetMesh& coarse, const std::vector<Scenario<Tool>>& scenarios, const Focus& focus = {}) {
+  std::vector<Vec3d> touches;
+  Focus fine = focus;
+  for (const Scenario<Tool>& s : scenarios) {
+    const std::vector<Vec3d> touched = touched_places(body, coarse, s);
+    touches.insert(touches.end(), touched.begin(), touched.end());
+    fine.finest = std::min(fine.finest, focus.of_tool * contact_radius(s.indenter));
+  }
+  return focused(body, touches, fine);
+}
+
+/// A mesh of that body. Throws MeshError when it cannot be meshed.
 template <Mesher M, Indenter Tool> TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse,
     const std::vector<Scenario<Tool>>& scenarios, const M& mesher, const Focus& focus = {}, int order = 2) {
-  std::vector<Vec3d> touches;
-  for (const Scenario<Tool>& s : scenarios) touches.push_back(first_touch(body, coarse, s).point);
-  return mesh_body(focused(body, touches, focus), mesher, order);
+  return mesh_body(focused_on_contact(body, coarse, scenarios, focus), mesher, order);
 }
 
 }  // namespace lumo
@@ -4979,15 +5054,16 @@ template <int Nodes, class S> Eigen::Matrix<S, 3, Nodes> shape_gradients(const V
 }
 
 /// A tetrahedral finite element: gradients of its shape functions by λ₁, λ₂, λ₃ at its quadrature points, 3 × nodes in
-/// the node order of TetMesh, on the reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, and how its mass is
-/// shared. `order` is the mesh's. Laws: gradients sum to zero and reproduce linear fields, weights sum to 1/6, shares
-/// of the mass to 1.
+/// the node order of TetMesh, on the reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, where those points are,
+/// and how its mass is shared. `order` is the mesh's. Laws: gradients sum to zero and reproduce linear fields, weights
+/// sum to 1/6, shares of the mass to 1.
 template <class E>
 concept TetElement = requires(const E& element) {
   requires E::order == 1 || E::order == 2;
   requires E::nodes == (E::order == 1 ? 4 : 10);
   requires E::points >= 1;
   { E::gradients(0) } -> std::same_as<Eigen::Matrix<double, 3, E::nodes>>;
+  { E::place(0) } -> std::convertible_to<Vec3d>;
   { E::weight(0) } -> std::convertible_to<double>;
   { E::mass_share(0) } -> std::convertible_to<double>;
   { element.mean_dilatation } -> std::convertible_to<bool>;
@@ -5001,10 +5077,11 @@ struct QuadraticTet {
   static constexpr int points = 4;
   bool mean_dilatation = true;
 
-  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+  static Vec3d place(int q) {
     constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
-    return shape_gradients<nodes>(Vec3d(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
+    return Vec3d(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b);
   }
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) { return shape_gradients<nodes>(place(q)); }
   static double weight(int) { return 1.0 / 24.0; }
   /// In proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be
   /// negative.
@@ -5019,7 +5096,8 @@ struct LinearTet {
   static constexpr int points = 1;
   bool mean_dilatation = false;
 
-  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes>(Vec3d(0.25, 0.25, 0.25)); }
+  static Vec3d place(int) { return Vec3d(0.25, 0.25, 0.25); }
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) { return shape_gradients<nodes>(place(q)); }
   static double weight(int) { return 1.0 / 6.0; }
   static double mass_share(int) { return 0.25; }
 };
@@ -5033,13 +5111,18 @@ struct LinearPatchTet {
   static constexpr int points = 8;
   bool mean_dilatation = true;
 
+  static Vec3d place(int q) {
+    Vec3d middle = Vec3d::Zero();
+    for (int k : parts[q]) middle += 0.25 * Vec3d(corner[k][0], corner[k][1], corner[k][2]);
+    return middle;
+  }
   static Eigen::Matrix<double, 3, nodes> gradients(int q) {
     using Gradients = Eigen::Matrix<double, 3, nodes>;
     Gradients g = Gradients::Zero();
     const auto& part = parts[q];
     const auto edge = [&](int k) {
-      return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1],
-          place[part[k]][2] - place[part[0]][2]);
+      return Vec3d(corner[part[k]][0] - corner[part[0]][0], corner[part[k]][1] - corner[part[0]][1],
+          corner[part[k]][2] - corner[part[0]][2]);
     };
     for (int k = 1; k < 4; ++k) {
       const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1),
@@ -5065,7 +5148,7 @@ struct LinearPatchTet {
       {0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
 
  private:
-  static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0},
+  static constexpr double corner[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0},
       {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
 };
 
@@ -5866,7 +5949,8 @@ enum class Status {
   inverted,               ///< an element is turned inside out
   not_positive_definite,  ///< equilibrium, but unstable: the body would buckle away from it
   non_finite,             ///< NaN or infinity in the state or in a factor
-  time_limit              ///< stopped by the caller's time limit
+  time_limit,             ///< stopped by the caller's time limit
+  unresolved              ///< equilibria, but the mesh is too coarse for a contact: its area is not known
 };
 
 /// Whether objectives may rest on a state that ended so. `accept_held`: the problem says that it is about held states
@@ -5876,8 +5960,8 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
 }
 
 constexpr std::string_view to_string(Status s) {
-  constexpr std::array<std::string_view, 8> names{"converged", "held", "max_iterations", "line_search", "inverted",
-      "not_positive_definite", "non_finite", "time_limit"};
+  constexpr std::array<std::string_view, 9> names{"converged", "held", "max_iterations", "line_search", "inverted",
+      "not_positive_definite", "non_finite", "time_limit", "unresolved"};
   return names[std::size_t(s)];
 }
 
@@ -5887,6 +5971,20 @@ struct TractionPoint {
   double area_m2 = 0.0;        ///< of the deformed surface that it stands for
   double pressure_Pa = 0.0;
   Vec3d traction_Pa;  ///< on the body, per deformed area, with friction
+};
+
+/// One of the separate places where a tool touches, and how well the mesh resolves it.
+struct ContactSpot {
+  Vec3d reference_m = Vec3d::Zero();  ///< its place on the undeformed surface, the mean by force
+  double force_N = 0.0;               ///< sum of the normal forces
+  double area_m2 = 0.0;               ///< deformed
+  double rim_m = 0.0;                 ///< length of its edge, deformed
+  /// Between neighbouring nodes of the undeformed surface along its edge; where it has none, between those that bear.
+  double edge_m = 0.0;
+  double force_outside_N = 0.0;  ///< what of force_N acts outside the contact set: pressure and gap disagree there
+
+  /// Of the disc with as much area for its edge; the width of a strip.
+  double radius_m() const { return rim_m > 0.0 ? 2.0 * area_m2 / rim_m : 0.0; }
 };
 
 /// The pad at one load. Forces act on the indenter, along −direction; all in the finger frame, SI.
@@ -5915,10 +6013,12 @@ struct MechanicalState {
   /// The same per mesh node, linear on the sub-facets of the deformed surface, on which it integrates to the same
   /// force.
   std::vector<Vec3d> traction_Pa;
+  std::vector<ContactSpot> spots;  ///< of contact with the indenter; empty without
   double contact_area_m2 = 0.0;    ///< A(C; X), deformed
   double reference_area_m2 = 0.0;  ///< A_0(C), undeformed
   /// Norm of the out-of-balance forces, from an independent routine
   double residual_N = std::numeric_limits<double>::infinity();
+  double energy_error = 0.0;   ///< how far the mesh is from resolving the stresses, see EnergyError
   double penetration_m = 0.0;  ///< largest overlap of surface and indenter
   int iterations = 0;          ///< Newton steps, or sweeps, spent on this load
 };
@@ -6112,6 +6212,16 @@ struct SurfaceNodes {
   std::vector<int> first, neighbour;          // along edges of sub-triangles: neighbour[first[k]] …
 
   std::size_t size() const { return mesh_node.size(); }
+  // Of the mesh's nodes here, up to the last one that is.
+  std::vector<std::size_t> numbers() const {
+    std::vector<std::size_t> number;
+    for (std::size_t k = 0; k < size(); ++k) {
+      const std::size_t node = std::size_t(mesh_node[k]);
+      if (node >= number.size()) number.resize(node + 1);
+      number[node] = k;
+    }
+    return number;
+  }
   std::span<const int> around(std::size_t k) const {
     return {neighbour.data() + first[k], std::size_t(first[k + 1] - first[k])};
   }
@@ -6166,6 +6276,31 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
   return s;
 }
 
+// What of a triangle lies inside the edge of contact, and the length of edge in it. `lone`: the corner that is not on
+// the side of the other two; 0 where there is none.
+struct RimCut {
+  double area = 0.0, rim = 0.0;
+  std::size_t lone = 0;
+};
+
+// `field` is > 0 inside, and linear.
+inline RimCut cut_at_rim(const std::array<Vec3d, 3>& place, const std::array<double, 3>& field) {
+  const auto inside = [&](std::size_t k) { return field[k] > 0.0; };
+  const int count = inside(0) + inside(1) + inside(2);
+  RimCut cut;
+  if (count == 0) return cut;
+  cut.lone = count == 3 || inside(0) == (count == 1) ? 0 : inside(1) == (count == 1) ? 1 : 2;
+  const std::size_t first = cut.lone, second = (first + 1) % 3, third = (first + 2) % 3;
+  const Vec3d b = place[second] - place[first], c = place[third] - place[first];
+  const double whole = 0.5 * b.cross(c).norm();
+  cut.area = whole;
+  if (count == 3) return cut;
+  const double u = field[first] / (field[first] - field[second]), v = field[first] / (field[first] - field[third]);
+  cut.area = whole * (count == 1 ? u * v : 1.0 - u * v);
+  cut.rim = (u * b - v * c).norm();
+  return cut;
+}
+
 // The edge of contact, found from the gap beside it. Raw overlaps are no measure of contact: they are a few µm and
 // perforated by the facets' sag. The gap of a smooth contact rises as the distance to its edge to the power 3/2, and
 // Hertz's law for round contacts (hertz_gap), turned about, makes of it Y = (r² − a²)/2a, which is a quadratic of the
@@ -6174,10 +6309,11 @@ SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rig
 // stiffness of the law are each contact's own, found so that slope 1 holds in the mean.
 class ContactEdge {
  public:
-  // Nodes that are nearer than `tolerance` [m] are taken to touch at first.
-  ContactEdge(const SurfaceNodes& nodes, double tolerance) : s_(&nodes) {
+  // Nodes that are nearer than `tolerance` [m], and those that bear on most of their area, are taken to touch at first.
+  // `bears`: the part of each node's area that presses.
+  ContactEdge(const SurfaceNodes& nodes, const std::vector<double>& bears, double tolerance) : s_(&nodes) {
     for (std::size_t k = 0; k < s_->size(); ++k) spacing_.push_back(std::sqrt(lattice * s_->area[k]));
-    find_parts(tolerance);
+    find_parts(bears, tolerance);
     if (parts_.empty()) return;
     spread();
     mark_rings();
@@ -6188,8 +6324,19 @@ class ContactEdge {
     fit_field();
   }
 
+  // Edge length of equilateral triangles that have as much area as a node [m].
+  double spacing(std::size_t k) const { return spacing_[k]; }
   // Signed distance [m] of each node to the edge, > 0 inside.
   const std::vector<double>& field() const { return field_; }
+
+  // How many separate contacts there are.
+  std::size_t parts() const { return parts_.size(); }
+  // The one that a triangle of nodes belongs to, of which `lone` is not on the side of the others; −1: none.
+  int part_of(const std::array<int, 3>& t, std::size_t lone) const {
+    const int part = part_[std::size_t(t[lone])];
+    return part >= 0 ? part : part_[std::size_t(t[(lone + 1) % 3])];
+  }
+  int part_of_node(std::size_t k) const { return part_[k]; }
 
   std::vector<ContactSlope> slopes() const {
     std::vector<ContactSlope> all(s_->size());
@@ -6215,6 +6362,7 @@ class ContactEdge {
   static constexpr double least_reach = 3.0;      // the same
   static constexpr double most_of_radius = 0.75;  // beyond, the gap is no quadratic under Hertz's law
   static constexpr double way_looked_at = 2.0;    // of the reach: what a fit at the reach's end needs
+  static constexpr double most_of_area = 0.5;     // of a node
   static constexpr int rings = 2;                 // nodes this near to the edge, in edges, are placed by the fit
   static constexpr int most_passes = 20;
   static constexpr double least_change = 0.7;    // of radius and scale in a pass
@@ -6256,15 +6404,16 @@ class ContactEdge {
         std::min(wanted_reach * spacing_[k], most_of_radius * part_of(k).radius), least_reach * spacing_[k]);
   }
 
-  // Connected nodes that touch.
-  void find_parts(double tolerance) {
+  // Nodes that touch and are connected, if only by nodes that bear: coarse facets may hang free between places that
+  // are pressed.
+  void find_parts(const std::vector<double>& bears, double tolerance) {
     const std::size_t n = s_->size();
     touches_.assign(n, 0);
     part_.assign(n, -1);
     way_.assign(n, std::numeric_limits<double>::infinity());
     ring_.assign(n, 0);
     field_.resize(n);
-    for (std::size_t k = 0; k < n; ++k) touches_[k] = s_->gap[k] <= tolerance;
+    for (std::size_t k = 0; k < n; ++k) touches_[k] = s_->gap[k] <= tolerance || bears[k] > most_of_area;
     if (tolerance > 0.0 && std::none_of(touches_.begin(), touches_.end(), [](char t) { return t != 0; }))
       touches_[std::size_t(std::min_element(s_->gap.begin(), s_->gap.end()) - s_->gap.begin())] = 1;
     std::vector<std::size_t> open;
@@ -6278,12 +6427,13 @@ class ContactEdge {
       while (!open.empty()) {
         const std::size_t at = open.back();
         open.pop_back();
-        area += s_->area[at];
-        for (const int other : s_->around(at))
-          if (touches_[std::size_t(other)] && part_[std::size_t(other)] < 0) {
-            part_[std::size_t(other)] = number;
-            open.push_back(std::size_t(other));
-          }
+        if (touches_[at]) area += s_->area[at];
+        for (const int other : s_->around(at)) {
+          const std::size_t o = std::size_t(other);
+          if (part_[o] >= 0 || !(touches_[o] || bears[o] > 0.0)) continue;
+          part_[o] = number;
+          open.push_back(o);
+        }
       }
       parts_.push_back({std::sqrt(area / pi), 0.0});
     }
@@ -6414,25 +6564,18 @@ class ContactEdge {
 
   // Adds the part of a sub-triangle that is inside, and the length of the edge in it.
   template <class Sums> void measure(const std::array<int, 3>& t, Sums& sums) const {
-    std::array<std::size_t, 3> at;
-    for (std::size_t k = 0; k < 3; ++k) at[k] = std::size_t(t[k]);
-    const auto inside = [&](std::size_t k) { return field_[at[k]] > 0.0; };
-    const int count = inside(0) + inside(1) + inside(2);
-    if (count == 0) return;
-    const std::size_t first = count == 3 || inside(0) == (count == 1) ? 0 : inside(1) == (count == 1) ? 1 : 2;
-    const int part = part_[at[first]] >= 0 ? part_[at[first]] : part_[at[(first + 1) % 3]];
-    if (part < 0) return;
-    auto& sum = sums[std::size_t(part)];
-    const Vec3d &a = s_->place[at[first]], b = s_->place[at[(first + 1) % 3]], c = s_->place[at[(first + 2) % 3]];
-    const double whole = 0.5 * (b - a).cross(c - a).norm();
-    if (count == 3) {
-      sum.area += whole;
-      return;
+    std::array<double, 3> field;
+    std::array<Vec3d, 3> place;
+    for (std::size_t k = 0; k < 3; ++k) {
+      field[k] = field_[std::size_t(t[k])];
+      place[k] = s_->place[std::size_t(t[k])];
     }
-    const double fa = field_[at[first]], fb = field_[at[(first + 1) % 3]], fc = field_[at[(first + 2) % 3]];
-    const double u = fa / (fa - fb), v = fa / (fa - fc);
-    sum.area += whole * (count == 1 ? u * v : 1.0 - u * v);
-    sum.length += (u * (b - a) - v * (c - a)).norm();
+    const RimCut cut = cut_at_rim(place, field);
+    if (cut.area == 0.0) return;
+    const int part = part_of(t, cut.lone);
+    if (part < 0) return;
+    sums[std::size_t(part)].area += cut.area;
+    sums[std::size_t(part)].length += cut.rim;
   }
 
   // Fits at free nodes give points of the edge. To nodes that touch, a fit has to be carried on; where it comes out
@@ -6557,6 +6700,95 @@ class ContactEdge {
 
 #endif
 
+// ---- lumo/mechanics/contact/contact_spots.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SPOTS_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SPOTS_HPP
+
+namespace lumo::detail {
+
+// A point of a surface that something presses on.
+struct PressedPoint {
+  std::size_t face;
+  const SurfacePoint* point;
+  Vec3d reference;  // undeformed
+  double force_N;   // along the normal
+};
+
+// Part of each node's area that presses.
+inline std::vector<double> bearing(
+    const ContactSurface& surface, const std::vector<PressedPoint>& pressed, const SurfaceNodes& nodes) {
+  std::vector<double> part(nodes.size(), 0.0);
+  const std::vector<std::size_t> number = nodes.numbers();
+  for (const PressedPoint& p : pressed) {
+    const std::array<int, 3> node = surface.sub_triangle(p.face, std::size_t(p.point->part));
+    for (std::size_t k = 0; k < 3; ++k) part[number[std::size_t(node[k])]] += p.point->area_m2 * p.point->hat[k];
+  }
+  for (std::size_t k = 0; k < part.size(); ++k)
+    if (part[k] > 0.0) part[k] /= nodes.area[k];
+  return part;
+}
+
+// Adds area, rim and the nodes' spacing along it.
+inline void measure_spots(const SurfaceNodes& nodes, const ContactEdge& edge, std::vector<ContactSpot>& spots) {
+  for (const std::array<int, 3>& t : nodes.triangles) {
+    std::array<Vec3d, 3> place;
+    std::array<double, 3> field;
+    double spacing = 0.0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::size_t node = std::size_t(t[k]);
+      place[k] = nodes.place[node];
+      field[k] = edge.field()[node];
+      spacing += edge.spacing(node) / 3.0;
+    }
+    const RimCut cut = cut_at_rim(place, field);
+    const int part = cut.area > 0.0 ? edge.part_of(t, cut.lone) : -1;
+    if (part < 0) continue;
+    ContactSpot& spot = spots[std::size_t(part)];
+    spot.area_m2 += cut.area;
+    spot.rim_m += cut.rim;
+    spot.edge_m += cut.rim * spacing;
+  }
+}
+
+// The separate contacts of an edge, those that press hardest first; what presses beside all of them is one, too.
+inline std::vector<ContactSpot> contact_spots(const ContactSurface& surface, const std::vector<PressedPoint>& pressed,
+    const SurfaceNodes& nodes, const ContactEdge& edge) {
+  std::vector<ContactSpot> spots(edge.parts() + 1);
+  measure_spots(nodes, edge, spots);
+  const std::vector<std::size_t> number = nodes.numbers();
+  std::vector<double> bearing_edge(spots.size(), 0.0);
+  for (const PressedPoint& p : pressed) {
+    const std::array<int, 3> node = surface.sub_triangle(p.face, std::size_t(p.point->part));
+    double field = 0.0;
+    std::size_t nearest = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      field += p.point->hat[k] * edge.field()[number[std::size_t(node[k])]];
+      if (p.point->hat[k] > p.point->hat[nearest]) nearest = k;
+    }
+    const std::size_t at = number[std::size_t(node[nearest])];
+    const std::size_t part = edge.part_of_node(at) >= 0 ? std::size_t(edge.part_of_node(at)) : edge.parts();
+    ContactSpot& spot = spots[part];
+    spot.force_N += p.force_N;
+    spot.reference_m += p.force_N * p.reference;
+    bearing_edge[part] += p.force_N * edge.spacing(at);
+    if (!(field > 0.0)) spot.force_outside_N += p.force_N;
+  }
+  for (std::size_t k = 0; k < spots.size(); ++k) {
+    ContactSpot& s = spots[k];
+    if (!(s.force_N > 0.0)) continue;
+    s.reference_m /= s.force_N;
+    s.edge_m = s.rim_m > 0.0 ? s.edge_m / s.rim_m : bearing_edge[k] / s.force_N;
+  }
+  std::erase_if(spots, [](const ContactSpot& s) { return !(s.force_N > 0.0); });
+  std::stable_sort(
+      spots.begin(), spots.end(), [](const ContactSpot& a, const ContactSpot& b) { return a.force_N > b.force_N; });
+  return spots;
+}
+
+}  // namespace lumo::detail
+
+#endif
+
 // ---- lumo/mechanics/contact/contact_set.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SET_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_CONTACT_SET_HPP
@@ -6568,6 +6800,7 @@ struct ContactField {
   std::vector<double> field;  ///< > 0 in contact
   std::vector<double> pressure_Pa;
   std::vector<ContactSlope> slopes;
+  std::vector<ContactSpot> spots;  ///< those that press hardest first
 };
 
 /// Reference area of the intersection and of the union of two contact sets [m²].
@@ -6653,19 +6886,22 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
     const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0),
-      std::vector<ContactSlope>(n)};
+      std::vector<ContactSlope>(n), {}};
   double overlap = 0.0;
+  const Positions undeformed = positions_of(mesh);
+  std::vector<detail::PressedPoint> pressed;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
-      const double g = rigid.distance(surface.position(f, p, x));
+      const Vec3d at = surface.position(f, p, x);
+      const double g = rigid.distance(at), pressure = contact.respond(g).pressure;
       overlap = std::max(overlap, -g);
       const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
-      for (std::size_t k = 0; k < 3; ++k)
-        c.pressure_Pa[std::size_t(node[k])] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
+      for (std::size_t k = 0; k < 3; ++k) c.pressure_Pa[std::size_t(node[k])] += p.weight_m2 * p.hat[k] * pressure;
+      if (pressure > 0.0) pressed.push_back({f, &p, surface.position(f, p, undeformed), p.weight_m2 * pressure});
     }
   const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
-  const detail::ContactEdge edge(nodes, 2.0 * overlap);
+  const detail::ContactEdge edge(nodes, detail::bearing(surface, pressed, nodes), 2.0 * overlap);
   const std::vector<ContactSlope> slopes = edge.slopes();
   for (std::size_t k = 0; k < nodes.size(); ++k) {
     const std::size_t node = std::size_t(nodes.mesh_node[k]);
@@ -6673,6 +6909,7 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
     c.field[node] = edge.field()[k];
     c.slopes[node] = slopes[k];
   }
+  c.spots = detail::contact_spots(surface, pressed, nodes, edge);
   return c;
 }
 
@@ -6843,6 +7080,120 @@ template <ContactHandler Contact, class Tool> Tractions tractions_of(const TetMe
     }
   return all;
 }
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mechanics/elements/energy_error.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ENERGY_ERROR_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ENERGY_ERROR_HPP
+
+namespace lumo {
+
+/// How far a mesh is from resolving the stresses on it: in an element they are polynomials, and jump to the next one's.
+/// Stresses of distortion are carried to the nodes, averaged there, and compared with themselves. Their difference, as
+/// a part of their energy, is the part of the energy, and of a depth or stiffness, that a finer mesh would change.
+/// Source: Zienkiewicz, Zhu 1987, doi:10.1002/nme.1620240206.
+template <HyperelasticMaterial Material, TetElement Element> class EnergyError {
+ public:
+  /// Throws InvalidArgument where the mesh is not of the element's order.
+  EnergyError(const TetMesh& mesh, const Material& material) : mesh_(&mesh), material_(material), points_(mesh) {}
+
+  /// Relative; +∞ where the state is not finite or an element is inverted.
+  double operator()(const Positions& x) const {
+    const std::size_t tets = mesh_->tets.size(), n = mesh_->nodes.size();
+    std::vector<std::array<Mat3d, points>> stress(tets);
+    std::vector<Mat3d> mean(n, Mat3d::Zero());
+    std::vector<double> volume(n, 0.0);
+    for (std::size_t e = 0; e < tets; ++e) {
+      double whole = 0.0;
+      for (std::size_t q = 0; q < points; ++q) {
+        stress[e][q] = material_.distortion_stress(deformation(e, q, x));
+        whole += points_.weight(e, int(q));
+      }
+      for (std::size_t a = 0; a < nodes; ++a) {
+        const std::size_t node = std::size_t(mesh_->tets[e][a]);
+        for (std::size_t q = 0; q < points; ++q)
+          mean[node] += whole * to_nodes_(Eigen::Index(a), Eigen::Index(q)) * stress[e][q];
+        volume[node] += whole;
+      }
+    }
+    for (std::size_t k = 0; k < n; ++k)
+      if (volume[k] > 0.0) mean[k] /= volume[k];
+    const double rounding = std::pow(1e-12 * material_.shear_modulus(), 2);
+    double jumps = 0.0, all = 0.0, rest = 0.0;
+    for (std::size_t e = 0; e < tets; ++e)
+      for (std::size_t q = 0; q < points; ++q) {
+        Mat3d smooth = Mat3d::Zero();
+        for (std::size_t a = 0; a < nodes; ++a)
+          smooth += from_nodes_(Eigen::Index(q), Eigen::Index(a)) * mean[std::size_t(mesh_->tets[e][a])];
+        jumps += points_.weight(e, int(q)) * (smooth - stress[e][q]).squaredNorm();
+        all += points_.weight(e, int(q)) * stress[e][q].squaredNorm();
+        rest += points_.weight(e, int(q)) * rounding;
+      }
+    if (all <= rest) return 0.0;
+    return std::isfinite(jumps / all) ? jumps / all : std::numeric_limits<double>::infinity();
+  }
+
+ private:
+  static constexpr std::size_t nodes = std::size_t(Element::nodes), points = std::size_t(Element::points);
+  using ToNodes = Eigen::Matrix<double, Element::nodes, Element::points>;
+  using FromNodes = Eigen::Matrix<double, Element::points, Element::nodes>;
+
+  // Barycentric coordinates of a quadrature point, or of a node.
+  static std::array<double, 4> corners_of_point(int q) {
+    const Vec3d p = Element::place(q);
+    return {1.0 - p.sum(), p.x(), p.y(), p.z()};
+  }
+  static std::array<double, 4> corners_of_node(int a) {
+    std::array<double, 4> l = {};
+    if (a < 4) l[std::size_t(a)] = 1.0;
+    else
+      for (const int k : tet_edges[a - 4]) l[std::size_t(k)] = 0.5;
+    return l;
+  }
+  // The element's own polynomial at its nodes: constant by one point, linear through (or among) more.
+  static ToNodes to_nodes() {
+    if constexpr (Element::points == 1) return ToNodes::Ones();
+    Eigen::Matrix<double, Element::points, 4> at;
+    for (int q = 0; q < Element::points; ++q)
+      for (int k = 0; k < 4; ++k) at(q, k) = corners_of_point(q)[std::size_t(k)];
+    const Eigen::Matrix<double, 4, 4> normal = at.transpose() * at;
+    const Eigen::Matrix<double, 4, Element::points> corner = normal.inverse() * at.transpose();
+    ToNodes all = ToNodes::Zero();
+    for (int a = 0; a < Element::nodes; ++a)
+      for (int k = 0; k < 4; ++k) all.row(a) += corners_of_node(a)[std::size_t(k)] * corner.row(k);
+    return all;
+  }
+  // Lagrange's shape functions at the quadrature points.
+  static FromNodes from_nodes() {
+    FromNodes all;
+    for (int q = 0; q < Element::points; ++q) {
+      const std::array<double, 4> l = corners_of_point(q);
+      for (int a = 0; a < Element::nodes; ++a) {
+        if (a >= 4) all(q, a) = 4.0 * l[std::size_t(tet_edges[a - 4][0])] * l[std::size_t(tet_edges[a - 4][1])];
+        else all(q, a) = l[std::size_t(a)] * (Element::nodes == 4 ? 1.0 : 2.0 * l[std::size_t(a)] - 1.0);
+      }
+    }
+    return all;
+  }
+
+  Mat3d deformation(std::size_t e, std::size_t q, const Positions& x) const {
+    const auto& g = points_.gradient(e, int(q));
+    Mat3d F = Mat3d::Zero();
+    for (std::size_t a = 0; a < nodes; ++a)
+      for (int j = 0; j < 3; ++j)
+        for (int i = 0; i < 3; ++i) F(i, j) += x(i, mesh_->tets[e][a]) * g(j, Eigen::Index(a));
+    return F;
+  }
+
+  const TetMesh* mesh_;
+  Material material_;
+  ElementPoints<Element> points_;
+  ToNodes to_nodes_ = to_nodes();
+  FromNodes from_nodes_ = from_nodes();
+};
 
 }  // namespace lumo
 
@@ -7484,6 +7835,7 @@ class PreparedBody {
         *mesh_, body_, [](const Patch& p) { return p.meets_carrier; }, maker_.contact);
     const Carrier carrier{body_.carrier};
     const Moving<Carrier> support{&carrier, Vec3d::Zero(), Vec3d::UnitZ()};
+    const EnergyError<Material, Element> energy_error(*mesh_, maker_.material);
     for (MechanicalState& s : states) {
       s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
       if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
@@ -7505,6 +7857,8 @@ class PreparedBody {
       }
       s.contact_field = std::move(c.field);
       s.tool_slopes = std::move(c.slopes);
+      s.spots = std::move(c.spots);
+      s.energy_error = energy_error(x);
       if (resting.size() > 0) s.carrier_slopes = resting_slopes(*mesh_, resting, support, x);
       s.pressure_Pa = std::move(c.pressure_Pa);
       if (x.allFinite()) {
@@ -10695,8 +11049,15 @@ struct Estimate {
   double error = 0.0;
 };
 
+/// A contact too small for its mesh: its area is not known.
+struct Unresolved {
+  double load_N = 0.0;
+  double radius_m = 0.0;  ///< of the contact
+  double edge_m = 0.0;    ///< between the mesh's nodes along its edge
+};
+
 /// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). A term is empty if the loads do
-/// not define it.
+/// not define it, or if a contact that it needs is unresolved.
 struct ContactTerms {
   std::optional<Estimate> form;    ///< q_form: patch radius at 2 N over indenter radius
   std::optional<Estimate> stable;  ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
@@ -10705,12 +11066,31 @@ struct ContactTerms {
   std::optional<Estimate> score() const;
 };
 
-/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study
+/// How far areas, overlaps and stiffness are from those of a fine mesh, by what their own mesh says: the distance of
+/// its nodes along the edge of contact, pressure that acts outside of the contact set, and EnergyError. The numbers
+/// cover nine of ten differences on meshes of 0.7 to 5.6 times the default's edges
 /// (benchmarks/refinement/results.md).
 struct MechanicalError {
-  double area = 0.03;        ///< relative, of A
-  double overlap = 0.015;    ///< absolute, of an intersection over union
-  double stiffness = 0.008;  ///< relative, of a secant stiffness
+  double area = 0.42;       ///< of an area, where the nodes are as far apart as the contact's radius is long
+  double area_power = 1.6;  ///< of that ratio
+  double outside = 0.75;    ///< of an area, times the outside part of the force to the power 2/3
+  double unresolved = 0.4;  ///< of an area: beyond that it is not known
+  double stiffness = 0.9;   ///< of a secant stiffness, times the energy's error
+
+  /// Relative, of one contact.
+  double of_area(const ContactSpot& spot) const {
+    if (!(spot.area_m2 > 0.0)) return 1.0;
+    return std::min(1.0, area * std::pow(spot.edge_m / spot.radius_m(), area_power) +
+                             outside * std::pow(spot.force_outside_N / spot.force_N, 2.0 / 3.0));
+  }
+  /// Relative, of a state's whole contact area.
+  double of_area(const MechanicalState& state) const;
+  /// The contact that is resolved worst, if one that bears a hundredth of the load is not. States that are only held
+  /// are not judged.
+  std::optional<Unresolved> unresolved_in(const MechanicalState& state) const;
+  /// Edge length that a contact wants where its own does not resolve it; else its own.
+  double wanted_edge(const ContactSpot& spot) const;
+  double of_stiffness(const MechanicalState& state) const { return stiffness * state.energy_error; }
 };
 
 /// The paper's loads that enter the terms [N].
@@ -10750,6 +11130,35 @@ inline Estimate clipped(const Estimate& e) {
 
 }  // namespace detail
 
+inline double MechanicalError::of_area(const MechanicalState& state) const {
+  double all = 0.0, wrong = 0.0;
+  for (const ContactSpot& s : state.spots) {
+    all += s.force_N;
+    wrong += s.force_N * of_area(s);
+  }
+  return all > 0.0 ? wrong / all : 0.0;
+}
+
+inline double MechanicalError::wanted_edge(const ContactSpot& spot) const {
+  constexpr double of_radius = 0.25, of_edge = 0.15;  // the latter where the contact has no radius that means something
+  if (!(of_area(spot) > unresolved)) return spot.edge_m;
+  const double trusted = spot.radius_m() > of_radius * spot.edge_m ? of_radius * spot.radius_m() : 0.0;
+  return std::max(trusted, of_edge * spot.edge_m);
+}
+
+inline std::optional<Unresolved> MechanicalError::unresolved_in(const MechanicalState& state) const {
+  constexpr double least_part = 0.01;  // of the load
+  std::optional<Unresolved> worst;
+  if (state.status == Status::held) return worst;
+  double largest = unresolved;
+  for (const ContactSpot& s : state.spots)
+    if (s.force_N >= least_part * state.load_N && of_area(s) > largest) {
+      largest = of_area(s);
+      worst = Unresolved{state.load_N, s.radius_m(), s.edge_m};
+    }
+  return worst;
+}
+
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
@@ -10778,17 +11187,20 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third),
                         *four = at(loads.fourth);
   ContactTerms q;
-  if (two) {
+  const auto known = [&](const MechanicalState* s) { return s != nullptr && !error.unresolved_in(*s); };
+  if (known(two)) {
     const double form = std::sqrt(two->contact_area_m2 / (pi * radius_m * radius_m));
-    q.form = detail::clipped({form, 0.5 * error.area * form});
+    q.form = detail::clipped({form, 0.5 * error.of_area(*two) * form});
   }
-  if (two && four) {
+  if (known(two) && known(four)) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
     const Positions undeformed = positions_of(mesh);
     const SetOverlap overlap = two->recorded.empty() || four->recorded.empty()
                                    ? contact_overlap(surface, two->contact_field, four->contact_field, undeformed)
                                    : recorded_overlap(surface, two->recorded, four->recorded, undeformed);
-    q.stable = Estimate{overlap.ratio(), error.overlap};
+    // One set lies in the other, or nearly so.
+    q.stable =
+        detail::clipped({overlap.ratio(), overlap.ratio() * std::hypot(error.of_area(*two), error.of_area(*four))});
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
@@ -10797,7 +11209,8 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     // A held indenter's force may pass the next load before it moves on: no advance, no stiffness.
     const bool advanced = two->depth_m > one->depth_m && four->depth_m > three->depth_m;
     if (advanced && late > 0.0)
-      q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
+      q.stiff = detail::clipped(
+          {1.0 - ratio, std::abs(ratio) * std::hypot(error.of_stiffness(*two), error.of_stiffness(*four))});
   }
   return q;
 }
@@ -10936,6 +11349,7 @@ struct StateRecord {
   Status status = Status::non_finite;
   double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0,
          penetration_m = 0.0;
+  double depth_error_m = 0.0, contact_area_error_m2 = 0.0;  ///< by the mesh, see MechanicalError
   /// Per emitted power and channel: Observations::unloaded_response + mean change; empty without light.
   std::vector<double> response;
   /// (r − r_0)/P_emit, replicates × channels, both traced on the scenario's own mesh.
@@ -10946,7 +11360,9 @@ struct StateRecord {
 /// One scenario of an ensemble.
 struct ScenarioRecord {
   double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
-  Status status = Status::non_finite;                   ///< of the last state that was tried
+  /// Of the last state that was tried; unresolved where all converged, and one has such a contact.
+  Status status = Status::non_finite;
+  std::optional<Unresolved> unresolved;
   ContactTerms terms;
   std::vector<StateRecord> states;
   TiltPlane tilt = TiltPlane::xz;
@@ -10989,7 +11405,11 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
     kept.reference_area_m2 = s.reference_area_m2;
     kept.residual_N = s.residual_N;
     kept.penetration_m = s.penetration_m;
+    kept.depth_error_m = error.of_stiffness(s) * s.depth_m;
+    kept.contact_area_error_m2 = error.of_area(s) * s.contact_area_m2;
+    if (const auto spot = error.unresolved_in(s); spot && !record.unresolved) record.unresolved = spot;
   }
+  if (record.unresolved && is_scored(record.status, true)) record.status = Status::unresolved;
   return record;
 }
 
@@ -11318,6 +11738,7 @@ template <Mesher M, class Simulation, class Light> struct Pipeline {
   bool mirror_once = true;  ///< solve mirror images once
   RayRefinement rays = {};
   int mesh_order = 2;        ///< of the simulator's elements
+  bool refine_once = true;   ///< mesh a place again, and finer, where a contact was not resolved
   bool accept_held = false;  ///< score states that a solver in time holds, too, not equilibria only
 };
 
@@ -11452,8 +11873,99 @@ class StageReport {
 
 }  // namespace detail
 
-/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
-/// that fails is a status in its record.
+namespace detail {
+
+/// Meshes places of a plan and presses there.
+template <class P, Indenter Tool> struct PlacePresses {
+  const Body& body;
+  const P& pipeline;
+  TetMesh coarse;
+  Pressed<PadOf<P>, Tool>& out;
+  std::vector<std::vector<FinePlace>> more = std::vector<std::vector<FinePlace>>(out.plan.places.size());
+
+  template <Executor E> void run(const std::vector<std::size_t>& places, const E& executor,
+      const ProgressReport& progress, const std::string& how) {
+    out.places.resize(out.plan.places.size());
+    out.solved.resize(out.plan.solves.size());
+    StageReport meshing(progress, "mesh" + how);
+    meshing.begin(places.size());
+    std::vector<double> spent(places.size());
+    executor.for_each(places.size(), [&](std::size_t k) {
+      const Stopwatch watch;
+      mesh(places[k]);
+      spent[k] = watch.seconds();
+      meshing.step(places.size());
+    });
+    std::vector<std::size_t> order;
+    for (const std::size_t k : longest_first(out.plan))
+      if (std::find(places.begin(), places.end(), out.plan.solves[k].place) != places.end()) order.push_back(k);
+    StageReport pressing(progress, "press" + how);
+    pressing.begin(order.size());
+    executor.for_each(order.size(), [&](std::size_t i) {
+      const auto& s = out.plan.solves[order[i]];
+      out.solved[order[i]] = solve_scenario(body, s.scenario, pipeline, *out.places[s.place]);
+      pressing.step(order.size());
+    });
+    out.seconds.mesh += std::accumulate(spent.begin(), spent.end(), 0.0);
+  }
+
+  /// Places with a contact that is not resolved; their next mesh will be finer there.
+  std::vector<std::size_t> unresolved() {
+    std::vector<std::size_t> places;
+    for (std::size_t k = 0; k < out.solved.size(); ++k) {
+      if (!out.solved[k].record.unresolved) continue;
+      const std::size_t place = out.plan.solves[k].place;
+      for (const MechanicalState& s : out.solved[k].states) add_places(s, more[place]);
+      if (places.empty() || places.back() != place) places.push_back(place);
+    }
+    std::sort(places.begin(), places.end());
+    places.erase(std::unique(places.begin(), places.end()), places.end());
+    return places;
+  }
+
+ private:
+  static constexpr double finest_wanted = 20e-6;  // [m]
+
+  // Covers where the tool presses, if a contact wants a finer mesh.
+  void add_places(const MechanicalState& state, std::vector<FinePlace>& all) const {
+    double edge = std::numeric_limits<double>::infinity(), apart = edge;
+    for (const ContactSpot& spot : state.spots)
+      if (const double wanted = pipeline.mechanical_error.wanted_edge(spot); wanted < spot.edge_m) {
+        edge = std::min(edge, std::max(wanted, finest_wanted));
+        apart = std::min(apart, std::max(spot.radius_m(), spot.edge_m));
+      }
+    if (!std::isfinite(edge)) return;
+    for (const TractionPoint& p : state.tractions)
+      if (std::none_of(all.begin(), all.end(), [&](const FinePlace& known) {
+            return known.finest_m <= edge && (known.place_m - p.reference_m).norm() < apart;
+          }))
+        all.push_back({p.reference_m, edge});
+  }
+
+  // Scenarios at one place and angle share a mesh. One that cannot be made finer stays.
+  void mesh(std::size_t place) const {
+    std::vector<Scenario<Tool>> here;
+    for (const std::size_t s : out.plan.places[place].solves) here.push_back(out.plan.solves[s].scenario);
+    Body wanted = focused_on_contact(body, coarse, here, pipeline.focus);
+    if (!more[place].empty()) {
+      Focus about = pipeline.focus;
+      about.growth = std::min(about.growth, Focus{}.growth);
+      wanted = focused(wanted, more[place], about);
+    }
+    try {
+      out.places[place] = std::make_unique<PadOf<P>>(
+          pipeline.simulator.prepare(body, mesh_body(wanted, pipeline.mesher, pipeline.mesh_order)));
+    } catch (const MeshError&) {
+      if (more[place].empty()) throw;
+    }
+  }
+};
+
+}  // namespace detail
+
+/// Presses a body in every scenario. Where a mesh turns out to be too coarse for a contact, its place is meshed and
+/// pressed once more (Pipeline::refine_once). Bit-identical for every executor. Throws InvalidArgument and MeshError; a
+/// solve that fails is a status in its record.
 template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(const Body& body,
     const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
     const ProgressReport& progress = {}) {
@@ -11463,37 +11975,14 @@ template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(cons
   out.scenarios = scenarios;
   out.plan =
       plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
-  const ContactPlan<Tool>& plan = out.plan;
 
-  // Meshes: scenarios at one place and angle share one.
-  const std::size_t places = plan.places.size();
-  detail::StageReport meshing(progress, "mesh");
-  meshing.begin(places);
-  const TetMesh coarse = mesh_body(body, pipeline.mesher);
-  out.places.resize(places);
-  std::vector<double> spent(places);
-  executor.for_each(places, [&](std::size_t k) {
-    const Stopwatch watch;
-    std::vector<Scenario<Tool>> here;
-    for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
-    out.places[k] = std::make_unique<PadOf<P>>(pipeline.simulator.prepare(
-        body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
-    spent[k] = watch.seconds();
-    meshing.step(places);
-  });
-
-  // Equilibria.
-  const std::vector<std::size_t> order = detail::longest_first(plan);
-  out.solved.resize(order.size());
-  detail::StageReport pressing(progress, "press");
-  pressing.begin(order.size());
-  executor.for_each(order.size(), [&](std::size_t i) {
-    const auto& s = plan.solves[order[i]];
-    out.solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *out.places[s.place]);
-    pressing.step(order.size());
-  });
-
-  out.seconds.mesh = std::accumulate(spent.begin(), spent.end(), 0.0);
+  detail::PlacePresses<P, Tool> presses{body, pipeline, mesh_body(body, pipeline.mesher), out};
+  std::vector<std::size_t> places(out.plan.places.size());
+  std::iota(places.begin(), places.end(), std::size_t(0));
+  presses.run(places, executor, progress, "");
+  if (pipeline.refine_once)
+    if (const auto again = presses.unresolved(); !again.empty())
+      presses.run(again, executor, progress, " again, finer");
   for (const auto& s : out.solved) out.seconds.mechanics += s.seconds;
   out.seconds.total = clock.seconds();
   return out;

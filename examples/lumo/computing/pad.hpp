@@ -20,7 +20,10 @@ inline FingerOptions finger_options(const Configuration& o) {
 }
 inline Focus focus_of(const Configuration& o) {
   Focus focus = o.focus;
-  if (const double mm = o.mechanics.size_mm; mm > 0.0) focus.finest = 1e-3 * mm;
+  if (const double mm = o.mechanics.size_mm; mm > 0.0) {
+    focus.finest = 1e-3 * mm;
+    focus.of_tool = 1e3;  // who asked for one edge length gets it
+  }
   return focus;
 }
 

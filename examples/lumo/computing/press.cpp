@@ -28,22 +28,18 @@ std::vector<double> per_power(const Response& r, const std::vector<double>& watt
   return out;
 }
 
-/// The part of a press that a trace shares.
-template <class P>
-PressResult pressed(const Configuration& o, const Body& body, const P& pipeline, Progress& progress) {
+/// The part of a press that a trace shares. `pipeline` solves each contact where it is, not its mirror image.
+template <class P> PressResult pressed(const Configuration& o, const Body& body, P pipeline, Progress& progress) {
+  pipeline.mirror_once = false;
+  auto done = press(body, std::vector{scenario_of(o.touch)}, pipeline, Serial{}, shown_in(progress));
   PressResult result;
   Observations& seen = result.seen;
-  seen.seconds = {undefined, undefined, undefined, undefined};
-  result.mesh = mesh_of(o, body, pipeline, progress, seen.seconds.mesh);
+  result.mesh = done.places.front()->mesh();
+  result.states = std::move(done.solved.front().states);
+  seen.scenarios = {std::move(done.solved.front().record)};
+  seen.seconds = {done.seconds.mesh, done.seconds.mechanics, undefined, undefined};
   seen.nodes = result.mesh.nodes.size();
   seen.elements = result.mesh.tets.size();
-  const Stopwatch watch;
-  progress.stage("press");
-  const Scenario<Sphere> scenario = scenario_of(o.touch);
-  result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
-  seen.scenarios = {record_of(body, result.mesh, scenario, result.states, pipeline.mechanical_error)};
-  seen.seconds.mechanics = watch.seconds();
-  if (is_scored(result.scenario().status, true)) progress.step();  // else it is not done
   return result;
 }
 

@@ -33,6 +33,7 @@ auto pipeline_for(const Configuration& o, std::optional<Light<Readout>> light = 
       TetgenMesher{}, simulation(m, o.pad.silicone), light ? *std::move(light) : Light<Readout>(rays)};
   p.focus = focus_of(o);
   p.mesh_order = m.mesh_order();
+  p.refine_once = m.size_mm == 0.0;
   p.accept_held = m.holds();
   p.rays.tolerance = o.light.ray_error_percent / 100.0;
   p.rays.rounds = o.light.rounds;

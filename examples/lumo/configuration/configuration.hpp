@@ -28,9 +28,9 @@ struct Pad {
   bool operator==(const Pad&) const = default;
 };
 
-/// "built", "plain", or "own" for another.
+/// "built", "plain", or "own" for another, whatever their meshes.
 inline std::string name(const FingerOptions& finger) {
-  return finger == built_finger() ? "built" : finger == plain_finger() ? "plain" : "own";
+  return finger == built_finger(finger.mesh) ? "built" : finger == plain_finger(finger.mesh) ? "plain" : "own";
 }
 
 /// A sphere that is pressed on the pad.

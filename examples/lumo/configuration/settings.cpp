@@ -312,7 +312,11 @@ Settings meshes() {
           [](auto& c) -> auto& { return c.focus.growth; }),
       number(
           "mesh.growth_below_touch", lumo, {{0, 10}}, "And per depth below it",
-          [](auto& c) -> auto& { return c.focus.depth_growth; })};
+          [](auto& c) -> auto& { return c.focus.depth_growth; }),
+      number(
+          "mesh.finest_of_tool", lumo, {{0.001, 1000}},
+          "Edges where a tool touches are at most this part of its contact radius",
+          [](auto& c) -> auto& { return c.focus.of_tool; })};
 }
 
 /// What --mode paper decides may be said once more, not otherwise.

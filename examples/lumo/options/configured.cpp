@@ -33,6 +33,9 @@ void Configured::declare_configuration(CLI::App& app) {
       });
   add_layers(app, "--assume", "NAME", "Another assumption, over the file; may be repeated. lumo config lists them",
       [this](const std::string& typed) { effective.assume(typed, "--assume " + typed); });
+  app.add_flag_callback(
+      "--quick", [this] { effective.assume("quick", "--quick"); },
+      "A look in a fifth of the time, with larger errors: coarser meshes, fewer rays");
   add_layers(app, "--set", "PATH=VALUE", "One value of the configuration, over those; may be repeated",
       [this](const std::string& typed) { effective.set(typed); });
   add_flag(app, "--dump-config", dump_only, "Print the whole configuration, each value with where it is from, and end");

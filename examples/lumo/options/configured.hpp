@@ -8,8 +8,8 @@
 
 namespace lumo::program {
 
-/// A command whose computation has a configuration: --config, --finger, --assume and --set, one over the other, and
-/// over them the command's own options.
+/// A command whose computation has a configuration: --config, --finger, --assume, --quick and --set, one over the
+/// other, and over them the command's own options.
 struct Configured : Common {
   Effective effective;
   bool dump_only = false;

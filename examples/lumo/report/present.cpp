@@ -29,10 +29,11 @@ std::string dump(const Json& j) { return j.dump(2) + "\n"; }
 std::string how(const Mechanics& m) { return m == Mechanics{} ? "" : mechanics_text(m) + "\n"; }
 
 std::string state_table(const ScenarioRecord& s) {
-  std::string t = "load [N]  force [N]  depth [mm]  contact area [mm²]  residual [N]\n";
+  std::string t = "load [N]  force [N]      depth [mm]       contact area [mm²]  residual [N]\n";
   for (const StateRecord& k : reported(s))
-    t += cell(k.load_N, 2, 8) + cell(k.force_N, 4, 11) + cell(1e3 * k.depth_m, 4, 12) +
-         cell(1e6 * k.contact_area_m2, 2, 20) + "  " + scientific(k.residual_N, 1) + "\n";
+    t += cell(k.load_N, 2, 8) + cell(k.force_N, 4, 11) + cell(1e3 * k.depth_m, 4, 9) + " ± " +
+         cell(1e3 * k.depth_error_m, 4) + cell(1e6 * k.contact_area_m2, 2, 12) + " ± " +
+         cell(1e6 * k.contact_area_error_m2, 2, 5) + "  " + scientific(k.residual_N, 1) + "\n";
   return t + "status: " + std::string(to_string(s.status)) + "\n";
 }
 

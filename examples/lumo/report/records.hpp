@@ -19,7 +19,8 @@ inline std::vector<StateRecord> reported(const ScenarioRecord& scenario) {
   std::vector<StateRecord> states = scenario.states;
   for (StateRecord& s : states)
     if (!is_scored(s.status, true))
-      s = {s.status, s.load_N, undefined, undefined, undefined, undefined, undefined, undefined, {}, {}, {}};
+      s = {s.status, s.load_N, undefined, undefined, undefined, undefined, undefined, undefined, undefined, undefined,
+          {}, {}, {}};
   return states;
 }
 
@@ -61,14 +62,16 @@ struct StateQuantity {
   const char* name;
   double (*of)(const StateRecord&);
 };
-inline constexpr std::array<StateQuantity, 7> state_quantities = {
+inline constexpr std::array<StateQuantity, 9> state_quantities = {
     {{"load_N", [](const StateRecord& s) { return s.load_N; }},
         {"force_N", [](const StateRecord& s) { return s.force_N; }},
         {"depth_mm", [](const StateRecord& s) { return 1e3 * s.depth_m; }},
         {"contact_area_mm2", [](const StateRecord& s) { return 1e6 * s.contact_area_m2; }},
         {"reference_area_mm2", [](const StateRecord& s) { return 1e6 * s.reference_area_m2; }},
         {"residual_N", [](const StateRecord& s) { return s.residual_N; }},
-        {"penetration_mm", [](const StateRecord& s) { return 1e3 * s.penetration_m; }}}};
+        {"penetration_mm", [](const StateRecord& s) { return 1e3 * s.penetration_m; }},
+        {"depth_err_mm", [](const StateRecord& s) { return 1e3 * s.depth_error_m; }},
+        {"contact_area_err_mm2", [](const StateRecord& s) { return 1e6 * s.contact_area_error_m2; }}}};
 
 inline Json json(const StateRecord& s) {
   Json j;
@@ -84,8 +87,11 @@ inline Json place(const ScenarioRecord& s) {
 }
 
 inline Json json(const ContactTerms& t) {
-  return {{"q_form", number(value_of(t.form))}, {"q_stable", number(value_of(t.stable))},
-      {"q_stiff", number(value_of(t.stiff))}};
+  Json j;
+  put(j, "q_form", t.form);
+  put(j, "q_stable", t.stable);
+  put(j, "q_stiff", t.stiff);
+  return j;
 }
 
 inline Json json(const ScenarioRecord& s) {

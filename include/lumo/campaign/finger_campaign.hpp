@@ -4,6 +4,7 @@
 #include "lumo/pipeline/evaluate.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -27,12 +28,25 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1, con
   return p;
 }
 
+/// Where a scenario presses, in words.
+inline std::string contact_words(const ScenarioRecord& s) {
+  return message(
+      "sphere of ", 1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi, " deg, y = ", 1e3 * s.y_m, " mm");
+}
+
+/// Why a scenario has no score though it has equilibria.
+inline std::string unresolved_contact(const ScenarioRecord& s) {
+  const Unresolved& u = *s.unresolved;
+  return message("the contact is not resolved at ", u.load_N, " N: radius ", 1e-2 * std::round(1e5 * u.radius_m),
+      " mm, edges ", 1e-2 * std::round(1e5 * u.edge_m), " mm, ", contact_words(s));
+}
+
 /// The first scenario that failed, and how; empty if all converged, or were held where that is accepted.
 inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bool accept_held = false) {
   for (const ScenarioRecord& s : scenarios)
-    if (!is_scored(s.status, accept_held))
-      return message("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ",
-          1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi, " deg, y = ", 1e3 * s.y_m, " mm");
+    if (s.unresolved && !is_scored(s.status, accept_held)) return "press: " + unresolved_contact(s);
+    else if (!is_scored(s.status, accept_held))
+      return message("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, ", contact_words(s));
   return "";
 }
 

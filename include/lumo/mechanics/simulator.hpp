@@ -3,6 +3,7 @@
 #include "lumo/mechanics/certify.hpp"
 #include "lumo/mechanics/contact/contact_set.hpp"
 #include "lumo/mechanics/contact/traction.hpp"
+#include "lumo/mechanics/elements/energy_error.hpp"
 #include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mechanics/solvers/quasi_static.hpp"
 
@@ -79,6 +80,7 @@ class PreparedBody {
         *mesh_, body_, [](const Patch& p) { return p.meets_carrier; }, maker_.contact);
     const Carrier carrier{body_.carrier};
     const Moving<Carrier> support{&carrier, Vec3d::Zero(), Vec3d::UnitZ()};
+    const EnergyError<Material, Element> energy_error(*mesh_, maker_.material);
     for (MechanicalState& s : states) {
       s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
       if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
@@ -101,6 +103,7 @@ class PreparedBody {
       s.contact_field = std::move(c.field);
       s.tool_slopes = std::move(c.slopes);
       s.spots = std::move(c.spots);
+      s.energy_error = energy_error(x);
       if (resting.size() > 0) s.carrier_slopes = resting_slopes(*mesh_, resting, support, x);
       s.pressure_Pa = std::move(c.pressure_Pa);
       if (x.allFinite()) {

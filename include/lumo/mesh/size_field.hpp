@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -123,30 +124,49 @@ struct Focus {
   double finest = 0.4e-3;     ///< edge length at a place of touch [m]
   double growth = 0.12;       ///< edge length gained per distance from it
   double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
+  double of_tool = 0.2;       ///< edges at a place of touch are no longer than this part of the tool's contact radius
 
   /// All edges `factor` times as long.
-  constexpr Focus scaled(double factor) const { return {factor * finest, factor * growth, factor * depth_growth}; }
+  constexpr Focus scaled(double factor) const {
+    return {factor * finest, factor * growth, factor * depth_growth, of_tool};
+  }
   bool operator==(const Focus&) const = default;
 };
 
-/// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
-inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& focus = {}) {
-  require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
+/// A place of a body's surface, and the edge length that a mesh is to have there [m].
+struct FinePlace {
+  Vec3d place_m;
+  double finest_m;
+};
+
+/// The body with its mesh sizing refined about the given places and their mirror images; `focus` says how edges grow
+/// from there. Throws InvalidArgument.
+inline Body focused(Body body, std::vector<FinePlace> places, const Focus& focus = {}) {
+  for (const FinePlace& p : places) require_in_range("finest mesh edge", p.finest_m * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
-  const Symmetry symmetry = body.symmetry;
-  body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, points, focus, symmetry](
-                         const Vec3d& p) {
+  require_in_range("mesh edge over the tool's contact radius", focus.of_tool, 0.001, 1000.0, "");
+  for (FinePlace& p : places) {
+    if (body.symmetry.x) p.place_m.x() = std::abs(p.place_m.x());
+    if (body.symmetry.y) p.place_m.y() = std::abs(p.place_m.y());
+  }
+  body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, places = std::move(places),
+                         focus](const Vec3d& p) {
     double edge = coarse(p);
-    for (Vec3d at : points) {
-      if (symmetry.x) at.x() = std::abs(at.x());
-      if (symmetry.y) at.y() = std::abs(at.y());
-      const double depth = std::max(0.0, (at - p).z());
-      edge = std::min(edge, focus.finest + focus.growth * (p - at).norm() + focus.depth_growth * depth);
-      if (under_touch) edge = std::min(edge, under_touch(p, at));
+    for (const FinePlace& f : places) {
+      const double depth = std::max(0.0, (f.place_m - p).z());
+      edge = std::min(edge, f.finest_m + focus.growth * (p - f.place_m).norm() + focus.depth_growth * depth);
+      if (under_touch) edge = std::min(edge, under_touch(p, f.place_m));
     }
     return edge;
   };
   return body;
+}
+
+/// The same about points, with the focus's own finest edge.
+inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& focus = {}) {
+  std::vector<FinePlace> places;
+  for (const Vec3d& p : points) places.push_back({p, focus.finest});
+  return focused(std::move(body), std::move(places), focus);
 }
 
 }  // namespace lumo

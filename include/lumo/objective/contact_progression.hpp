@@ -21,8 +21,15 @@ struct Estimate {
   double error = 0.0;
 };
 
+/// A contact too small for its mesh: its area is not known.
+struct Unresolved {
+  double load_N = 0.0;
+  double radius_m = 0.0;  ///< of the contact
+  double edge_m = 0.0;    ///< between the mesh's nodes along its edge
+};
+
 /// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). A term is empty if the loads do
-/// not define it.
+/// not define it, or if a contact that it needs is unresolved.
 struct ContactTerms {
   std::optional<Estimate> form;    ///< q_form: patch radius at 2 N over indenter radius
   std::optional<Estimate> stable;  ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
@@ -31,12 +38,31 @@ struct ContactTerms {
   std::optional<Estimate> score() const;
 };
 
-/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study
+/// How far areas, overlaps and stiffness are from those of a fine mesh, by what their own mesh says: the distance of
+/// its nodes along the edge of contact, pressure that acts outside of the contact set, and EnergyError. The numbers
+/// cover nine of ten differences on meshes of 0.7 to 5.6 times the default's edges
 /// (benchmarks/refinement/results.md).
 struct MechanicalError {
-  double area = 0.03;        ///< relative, of A
-  double overlap = 0.015;    ///< absolute, of an intersection over union
-  double stiffness = 0.008;  ///< relative, of a secant stiffness
+  double area = 0.42;       ///< of an area, where the nodes are as far apart as the contact's radius is long
+  double area_power = 1.6;  ///< of that ratio
+  double outside = 0.75;    ///< of an area, times the outside part of the force to the power 2/3
+  double unresolved = 0.4;  ///< of an area: beyond that it is not known
+  double stiffness = 0.9;   ///< of a secant stiffness, times the energy's error
+
+  /// Relative, of one contact.
+  double of_area(const ContactSpot& spot) const {
+    if (!(spot.area_m2 > 0.0)) return 1.0;
+    return std::min(1.0, area * std::pow(spot.edge_m / spot.radius_m(), area_power) +
+                             outside * std::pow(spot.force_outside_N / spot.force_N, 2.0 / 3.0));
+  }
+  /// Relative, of a state's whole contact area.
+  double of_area(const MechanicalState& state) const;
+  /// The contact that is resolved worst, if one that bears a hundredth of the load is not. States that are only held
+  /// are not judged.
+  std::optional<Unresolved> unresolved_in(const MechanicalState& state) const;
+  /// Edge length that a contact wants where its own does not resolve it; else its own.
+  double wanted_edge(const ContactSpot& spot) const;
+  double of_stiffness(const MechanicalState& state) const { return stiffness * state.energy_error; }
 };
 
 /// The paper's loads that enter the terms [N].
@@ -76,6 +102,35 @@ inline Estimate clipped(const Estimate& e) {
 
 }  // namespace detail
 
+inline double MechanicalError::of_area(const MechanicalState& state) const {
+  double all = 0.0, wrong = 0.0;
+  for (const ContactSpot& s : state.spots) {
+    all += s.force_N;
+    wrong += s.force_N * of_area(s);
+  }
+  return all > 0.0 ? wrong / all : 0.0;
+}
+
+inline double MechanicalError::wanted_edge(const ContactSpot& spot) const {
+  constexpr double of_radius = 0.25, of_edge = 0.15;  // the latter where the contact has no radius that means something
+  if (!(of_area(spot) > unresolved)) return spot.edge_m;
+  const double trusted = spot.radius_m() > of_radius * spot.edge_m ? of_radius * spot.radius_m() : 0.0;
+  return std::max(trusted, of_edge * spot.edge_m);
+}
+
+inline std::optional<Unresolved> MechanicalError::unresolved_in(const MechanicalState& state) const {
+  constexpr double least_part = 0.01;  // of the load
+  std::optional<Unresolved> worst;
+  if (state.status == Status::held) return worst;
+  double largest = unresolved;
+  for (const ContactSpot& s : state.spots)
+    if (s.force_N >= least_part * state.load_N && of_area(s) > largest) {
+      largest = of_area(s);
+      worst = Unresolved{state.load_N, s.radius_m(), s.edge_m};
+    }
+  return worst;
+}
+
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
@@ -104,17 +159,20 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third),
                         *four = at(loads.fourth);
   ContactTerms q;
-  if (two) {
+  const auto known = [&](const MechanicalState* s) { return s != nullptr && !error.unresolved_in(*s); };
+  if (known(two)) {
     const double form = std::sqrt(two->contact_area_m2 / (pi * radius_m * radius_m));
-    q.form = detail::clipped({form, 0.5 * error.area * form});
+    q.form = detail::clipped({form, 0.5 * error.of_area(*two) * form});
   }
-  if (two && four) {
+  if (known(two) && known(four)) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
     const Positions undeformed = positions_of(mesh);
     const SetOverlap overlap = two->recorded.empty() || four->recorded.empty()
                                    ? contact_overlap(surface, two->contact_field, four->contact_field, undeformed)
                                    : recorded_overlap(surface, two->recorded, four->recorded, undeformed);
-    q.stable = Estimate{overlap.ratio(), error.overlap};
+    // One set lies in the other, or nearly so.
+    q.stable =
+        detail::clipped({overlap.ratio(), overlap.ratio() * std::hypot(error.of_area(*two), error.of_area(*four))});
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
@@ -123,7 +181,8 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     // A held indenter's force may pass the next load before it moves on: no advance, no stiffness.
     const bool advanced = two->depth_m > one->depth_m && four->depth_m > three->depth_m;
     if (advanced && late > 0.0)
-      q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
+      q.stiff = detail::clipped(
+          {1.0 - ratio, std::abs(ratio) * std::hypot(error.of_stiffness(*two), error.of_stiffness(*four))});
   }
   return q;
 }

@@ -21,6 +21,7 @@ struct StateRecord {
   Status status = Status::non_finite;
   double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0,
          penetration_m = 0.0;
+  double depth_error_m = 0.0, contact_area_error_m2 = 0.0;  ///< by the mesh, see MechanicalError
   /// Per emitted power and channel: Observations::unloaded_response + mean change; empty without light.
   std::vector<double> response;
   /// (r − r_0)/P_emit, replicates × channels, both traced on the scenario's own mesh.
@@ -31,7 +32,9 @@ struct StateRecord {
 /// One scenario of an ensemble.
 struct ScenarioRecord {
   double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
-  Status status = Status::non_finite;                   ///< of the last state that was tried
+  /// Of the last state that was tried; unresolved where all converged, and one has such a contact.
+  Status status = Status::non_finite;
+  std::optional<Unresolved> unresolved;
   ContactTerms terms;
   std::vector<StateRecord> states;
   TiltPlane tilt = TiltPlane::xz;
@@ -74,7 +77,11 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
     kept.reference_area_m2 = s.reference_area_m2;
     kept.residual_N = s.residual_N;
     kept.penetration_m = s.penetration_m;
+    kept.depth_error_m = error.of_stiffness(s) * s.depth_m;
+    kept.contact_area_error_m2 = error.of_area(s) * s.contact_area_m2;
+    if (const auto spot = error.unresolved_in(s); spot && !record.unresolved) record.unresolved = spot;
   }
+  if (record.unresolved && is_scored(record.status, true)) record.status = Status::unresolved;
   return record;
 }
 

@@ -9,7 +9,9 @@
 #include "lumo/pipeline/observations.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <numeric>
@@ -30,6 +32,7 @@ template <Mesher M, class Simulation, class Light> struct Pipeline {
   bool mirror_once = true;  ///< solve mirror images once
   RayRefinement rays = {};
   int mesh_order = 2;        ///< of the simulator's elements
+  bool refine_once = true;   ///< mesh a place again, and finer, where a contact was not resolved
   bool accept_held = false;  ///< score states that a solver in time holds, too, not equilibria only
 };
 
@@ -164,8 +167,99 @@ class StageReport {
 
 }  // namespace detail
 
-/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
-/// that fails is a status in its record.
+namespace detail {
+
+/// Meshes places of a plan and presses there.
+template <class P, Indenter Tool> struct PlacePresses {
+  const Body& body;
+  const P& pipeline;
+  TetMesh coarse;
+  Pressed<PadOf<P>, Tool>& out;
+  std::vector<std::vector<FinePlace>> more = std::vector<std::vector<FinePlace>>(out.plan.places.size());
+
+  template <Executor E> void run(const std::vector<std::size_t>& places, const E& executor,
+      const ProgressReport& progress, const std::string& how) {
+    out.places.resize(out.plan.places.size());
+    out.solved.resize(out.plan.solves.size());
+    StageReport meshing(progress, "mesh" + how);
+    meshing.begin(places.size());
+    std::vector<double> spent(places.size());
+    executor.for_each(places.size(), [&](std::size_t k) {
+      const Stopwatch watch;
+      mesh(places[k]);
+      spent[k] = watch.seconds();
+      meshing.step(places.size());
+    });
+    std::vector<std::size_t> order;
+    for (const std::size_t k : longest_first(out.plan))
+      if (std::find(places.begin(), places.end(), out.plan.solves[k].place) != places.end()) order.push_back(k);
+    StageReport pressing(progress, "press" + how);
+    pressing.begin(order.size());
+    executor.for_each(order.size(), [&](std::size_t i) {
+      const auto& s = out.plan.solves[order[i]];
+      out.solved[order[i]] = solve_scenario(body, s.scenario, pipeline, *out.places[s.place]);
+      pressing.step(order.size());
+    });
+    out.seconds.mesh += std::accumulate(spent.begin(), spent.end(), 0.0);
+  }
+
+  /// Places with a contact that is not resolved; their next mesh will be finer there.
+  std::vector<std::size_t> unresolved() {
+    std::vector<std::size_t> places;
+    for (std::size_t k = 0; k < out.solved.size(); ++k) {
+      if (!out.solved[k].record.unresolved) continue;
+      const std::size_t place = out.plan.solves[k].place;
+      for (const MechanicalState& s : out.solved[k].states) add_places(s, more[place]);
+      if (places.empty() || places.back() != place) places.push_back(place);
+    }
+    std::sort(places.begin(), places.end());
+    places.erase(std::unique(places.begin(), places.end()), places.end());
+    return places;
+  }
+
+ private:
+  static constexpr double finest_wanted = 20e-6;  // [m]
+
+  // Covers where the tool presses, if a contact wants a finer mesh.
+  void add_places(const MechanicalState& state, std::vector<FinePlace>& all) const {
+    double edge = std::numeric_limits<double>::infinity(), apart = edge;
+    for (const ContactSpot& spot : state.spots)
+      if (const double wanted = pipeline.mechanical_error.wanted_edge(spot); wanted < spot.edge_m) {
+        edge = std::min(edge, std::max(wanted, finest_wanted));
+        apart = std::min(apart, std::max(spot.radius_m(), spot.edge_m));
+      }
+    if (!std::isfinite(edge)) return;
+    for (const TractionPoint& p : state.tractions)
+      if (std::none_of(all.begin(), all.end(), [&](const FinePlace& known) {
+            return known.finest_m <= edge && (known.place_m - p.reference_m).norm() < apart;
+          }))
+        all.push_back({p.reference_m, edge});
+  }
+
+  // Scenarios at one place and angle share a mesh. One that cannot be made finer stays.
+  void mesh(std::size_t place) const {
+    std::vector<Scenario<Tool>> here;
+    for (const std::size_t s : out.plan.places[place].solves) here.push_back(out.plan.solves[s].scenario);
+    Body wanted = focused_on_contact(body, coarse, here, pipeline.focus);
+    if (!more[place].empty()) {
+      Focus about = pipeline.focus;
+      about.growth = std::min(about.growth, Focus{}.growth);
+      wanted = focused(wanted, more[place], about);
+    }
+    try {
+      out.places[place] = std::make_unique<PadOf<P>>(
+          pipeline.simulator.prepare(body, mesh_body(wanted, pipeline.mesher, pipeline.mesh_order)));
+    } catch (const MeshError&) {
+      if (more[place].empty()) throw;
+    }
+  }
+};
+
+}  // namespace detail
+
+/// Presses a body in every scenario. Where a mesh turns out to be too coarse for a contact, its place is meshed and
+/// pressed once more (Pipeline::refine_once). Bit-identical for every executor. Throws InvalidArgument and MeshError; a
+/// solve that fails is a status in its record.
 template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(const Body& body,
     const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
     const ProgressReport& progress = {}) {
@@ -175,37 +269,14 @@ template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(cons
   out.scenarios = scenarios;
   out.plan =
       plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
-  const ContactPlan<Tool>& plan = out.plan;
 
-  // Meshes: scenarios at one place and angle share one.
-  const std::size_t places = plan.places.size();
-  detail::StageReport meshing(progress, "mesh");
-  meshing.begin(places);
-  const TetMesh coarse = mesh_body(body, pipeline.mesher);
-  out.places.resize(places);
-  std::vector<double> spent(places);
-  executor.for_each(places, [&](std::size_t k) {
-    const Stopwatch watch;
-    std::vector<Scenario<Tool>> here;
-    for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
-    out.places[k] = std::make_unique<PadOf<P>>(pipeline.simulator.prepare(
-        body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
-    spent[k] = watch.seconds();
-    meshing.step(places);
-  });
-
-  // Equilibria.
-  const std::vector<std::size_t> order = detail::longest_first(plan);
-  out.solved.resize(order.size());
-  detail::StageReport pressing(progress, "press");
-  pressing.begin(order.size());
-  executor.for_each(order.size(), [&](std::size_t i) {
-    const auto& s = plan.solves[order[i]];
-    out.solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *out.places[s.place]);
-    pressing.step(order.size());
-  });
-
-  out.seconds.mesh = std::accumulate(spent.begin(), spent.end(), 0.0);
+  detail::PlacePresses<P, Tool> presses{body, pipeline, mesh_body(body, pipeline.mesher), out};
+  std::vector<std::size_t> places(out.plan.places.size());
+  std::iota(places.begin(), places.end(), std::size_t(0));
+  presses.run(places, executor, progress, "");
+  if (pipeline.refine_once)
+    if (const auto again = presses.unresolved(); !again.empty())
+      presses.run(again, executor, progress, " again, finer");
   for (const auto& s : out.solved) out.seconds.mechanics += s.seconds;
   out.seconds.total = clock.seconds();
   return out;

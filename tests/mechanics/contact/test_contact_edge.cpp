@@ -116,6 +116,31 @@ TEST_CASE("a long contact's width is right, and two contacts are as large as eac
   CHECK(contact_area(pair.surface, pair.field().field, pair.x) == Approx(pi * (a1 * a1 + a2 * a2)).epsilon(0.02));
 }
 
+TEST_CASE("each of two contacts says how large it is, how fine its mesh, and what it bears") {
+  constexpr double a1 = 1.5e-3, a2 = 2.0e-3, R = 10e-3;
+  const auto first = [&](double x, double y) { return round_gap(std::hypot(x - 4e-3, y - 5e-3), a1, R); };
+  const auto second = [&](double x, double y) { return round_gap(std::hypot(x - 11e-3, y - 10e-3), a2, 0.5 * R); };
+  const Slab pair(52, 2, [&](double x, double y) { return std::min(first(x, y), second(x, y)); });
+  const ContactField field = pair.field();
+  REQUIRE(field.spots.size() == 2);
+  const ContactSpot &large = field.spots[0], &small = field.spots[1];
+  CHECK(large.force_N > small.force_N);
+  double force = 0.0;
+  for (const ContactSpot& s : field.spots) force += s.force_N;
+  const std::vector<double> areas = pair.surface.node_areas();
+  double pressed = 0.0;
+  for (std::size_t k = 0; k < areas.size(); ++k) pressed += areas[k] * field.pressure_Pa[k];
+  CHECK(force == Approx(pressed).epsilon(1e-9));
+  CHECK(large.radius_m() == Approx(a2).epsilon(0.02));
+  CHECK(small.radius_m() == Approx(a1).epsilon(0.02));
+  CHECK((large.reference_m - Vec3d(11e-3, 10e-3, Slab::size.z())).norm() < 0.1e-3);
+  for (const ContactSpot& s : field.spots) {
+    CHECK(s.rim_m == Approx(2.0 * pi * s.radius_m()).epsilon(0.05));
+    CHECK(s.edge_m == Approx(Slab::size.x() / 52).epsilon(0.15));  // 1.075 times, as equilateral triangles
+    CHECK(s.force_outside_N < 0.02 * s.force_N);
+  }
+}
+
 TEST_CASE("a surface that rests has the support's normal where it touches") {
   const Slab slab(26, 3, [](double x, double) { return x < 8e-3 ? -1e-6 : 2e-6; });
   const Ceiling ceiling;

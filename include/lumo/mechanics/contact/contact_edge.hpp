@@ -33,6 +33,16 @@ struct SurfaceNodes {
   std::vector<int> first, neighbour;          // along edges of sub-triangles: neighbour[first[k]] …
 
   std::size_t size() const { return mesh_node.size(); }
+  // Of the mesh's nodes here, up to the last one that is.
+  std::vector<std::size_t> numbers() const {
+    std::vector<std::size_t> number;
+    for (std::size_t k = 0; k < size(); ++k) {
+      const std::size_t node = std::size_t(mesh_node[k]);
+      if (node >= number.size()) number.resize(node + 1);
+      number[node] = k;
+    }
+    return number;
+  }
   std::span<const int> around(std::size_t k) const {
     return {neighbour.data() + first[k], std::size_t(first[k + 1] - first[k])};
   }
@@ -120,10 +130,11 @@ inline RimCut cut_at_rim(const std::array<Vec3d, 3>& place, const std::array<dou
 // stiffness of the law are each contact's own, found so that slope 1 holds in the mean.
 class ContactEdge {
  public:
-  // Nodes that are nearer than `tolerance` [m] are taken to touch at first.
-  ContactEdge(const SurfaceNodes& nodes, double tolerance) : s_(&nodes) {
+  // Nodes that are nearer than `tolerance` [m], and those that bear on most of their area, are taken to touch at first.
+  // `bears`: the part of each node's area that presses.
+  ContactEdge(const SurfaceNodes& nodes, const std::vector<double>& bears, double tolerance) : s_(&nodes) {
     for (std::size_t k = 0; k < s_->size(); ++k) spacing_.push_back(std::sqrt(lattice * s_->area[k]));
-    find_parts(tolerance);
+    find_parts(bears, tolerance);
     if (parts_.empty()) return;
     spread();
     mark_rings();
@@ -172,6 +183,7 @@ class ContactEdge {
   static constexpr double least_reach = 3.0;      // the same
   static constexpr double most_of_radius = 0.75;  // beyond, the gap is no quadratic under Hertz's law
   static constexpr double way_looked_at = 2.0;    // of the reach: what a fit at the reach's end needs
+  static constexpr double most_of_area = 0.5;     // of a node
   static constexpr int rings = 2;                 // nodes this near to the edge, in edges, are placed by the fit
   static constexpr int most_passes = 20;
   static constexpr double least_change = 0.7;    // of radius and scale in a pass
@@ -213,15 +225,16 @@ class ContactEdge {
         std::min(wanted_reach * spacing_[k], most_of_radius * part_of(k).radius), least_reach * spacing_[k]);
   }
 
-  // Connected nodes that touch.
-  void find_parts(double tolerance) {
+  // Nodes that touch and are connected, if only by nodes that bear: coarse facets may hang free between places that
+  // are pressed.
+  void find_parts(const std::vector<double>& bears, double tolerance) {
     const std::size_t n = s_->size();
     touches_.assign(n, 0);
     part_.assign(n, -1);
     way_.assign(n, std::numeric_limits<double>::infinity());
     ring_.assign(n, 0);
     field_.resize(n);
-    for (std::size_t k = 0; k < n; ++k) touches_[k] = s_->gap[k] <= tolerance;
+    for (std::size_t k = 0; k < n; ++k) touches_[k] = s_->gap[k] <= tolerance || bears[k] > most_of_area;
     if (tolerance > 0.0 && std::none_of(touches_.begin(), touches_.end(), [](char t) { return t != 0; }))
       touches_[std::size_t(std::min_element(s_->gap.begin(), s_->gap.end()) - s_->gap.begin())] = 1;
     std::vector<std::size_t> open;
@@ -235,12 +248,13 @@ class ContactEdge {
       while (!open.empty()) {
         const std::size_t at = open.back();
         open.pop_back();
-        area += s_->area[at];
-        for (const int other : s_->around(at))
-          if (touches_[std::size_t(other)] && part_[std::size_t(other)] < 0) {
-            part_[std::size_t(other)] = number;
-            open.push_back(std::size_t(other));
-          }
+        if (touches_[at]) area += s_->area[at];
+        for (const int other : s_->around(at)) {
+          const std::size_t o = std::size_t(other);
+          if (part_[o] >= 0 || !(touches_[o] || bears[o] > 0.0)) continue;
+          part_[o] = number;
+          open.push_back(o);
+        }
       }
       parts_.push_back({std::sqrt(area / pi), 0.0});
     }

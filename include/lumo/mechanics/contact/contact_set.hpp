@@ -106,6 +106,7 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0),
       std::vector<ContactSlope>(n), {}};
   double overlap = 0.0;
+  const Positions undeformed = positions_of(mesh);
   std::vector<detail::PressedPoint> pressed;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f)) {
@@ -114,11 +115,11 @@ template <ContactHandler Contact, class Tool> ContactField contact_field(const T
       overlap = std::max(overlap, -g);
       const std::array<int, 3> node = surface.sub_triangle(f, std::size_t(p.part));
       for (std::size_t k = 0; k < 3; ++k) c.pressure_Pa[std::size_t(node[k])] += p.weight_m2 * p.hat[k] * pressure;
-      if (pressure > 0.0) pressed.push_back({f, &p, at, p.weight_m2 * pressure});
+      if (pressure > 0.0) pressed.push_back({f, &p, surface.position(f, p, undeformed), p.weight_m2 * pressure});
     }
   const detail::SurfaceNodes nodes = detail::nodes_beside(surface, rigid, x);
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
-  const detail::ContactEdge edge(nodes, 2.0 * overlap);
+  const detail::ContactEdge edge(nodes, detail::bearing(surface, pressed, nodes), 2.0 * overlap);
   const std::vector<ContactSlope> slopes = edge.slopes();
   for (std::size_t k = 0; k < nodes.size(); ++k) {
     const std::size_t node = std::size_t(nodes.mesh_node[k]);

@@ -15,9 +15,23 @@ namespace lumo::detail {
 struct PressedPoint {
   std::size_t face;
   const SurfacePoint* point;
-  Vec3d place;
-  double force_N;  // along the normal
+  Vec3d reference;  // undeformed
+  double force_N;   // along the normal
 };
+
+// Part of each node's area that presses.
+inline std::vector<double> bearing(
+    const ContactSurface& surface, const std::vector<PressedPoint>& pressed, const SurfaceNodes& nodes) {
+  std::vector<double> part(nodes.size(), 0.0);
+  const std::vector<std::size_t> number = nodes.numbers();
+  for (const PressedPoint& p : pressed) {
+    const std::array<int, 3> node = surface.sub_triangle(p.face, std::size_t(p.point->part));
+    for (std::size_t k = 0; k < 3; ++k) part[number[std::size_t(node[k])]] += p.point->area_m2 * p.point->hat[k];
+  }
+  for (std::size_t k = 0; k < part.size(); ++k)
+    if (part[k] > 0.0) part[k] /= nodes.area[k];
+  return part;
+}
 
 // Adds area, rim and the nodes' spacing along it.
 inline void measure_spots(const SurfaceNodes& nodes, const ContactEdge& edge, std::vector<ContactSpot>& spots) {
@@ -46,12 +60,8 @@ inline std::vector<ContactSpot> contact_spots(const ContactSurface& surface, con
     const SurfaceNodes& nodes, const ContactEdge& edge) {
   std::vector<ContactSpot> spots(edge.parts() + 1);
   measure_spots(nodes, edge, spots);
-  std::vector<std::size_t> number;  // of a mesh's node among `nodes`
-  for (std::size_t k = 0; k < nodes.size(); ++k) {
-    const std::size_t node = std::size_t(nodes.mesh_node[k]);
-    if (node >= number.size()) number.resize(node + 1);
-    number[node] = k;
-  }
+  const std::vector<std::size_t> number = nodes.numbers();
+  std::vector<double> bearing_edge(spots.size(), 0.0);
   for (const PressedPoint& p : pressed) {
     const std::array<int, 3> node = surface.sub_triangle(p.face, std::size_t(p.point->part));
     double field = 0.0;
@@ -60,17 +70,21 @@ inline std::vector<ContactSpot> contact_spots(const ContactSurface& surface, con
       field += p.point->hat[k] * edge.field()[number[std::size_t(node[k])]];
       if (p.point->hat[k] > p.point->hat[nearest]) nearest = k;
     }
-    const int part = edge.part_of_node(number[std::size_t(node[nearest])]);
-    ContactSpot& spot = part >= 0 ? spots[std::size_t(part)] : spots.back();
+    const std::size_t at = number[std::size_t(node[nearest])];
+    const std::size_t part = edge.part_of_node(at) >= 0 ? std::size_t(edge.part_of_node(at)) : edge.parts();
+    ContactSpot& spot = spots[part];
     spot.force_N += p.force_N;
-    spot.place_m += p.force_N * p.place;
+    spot.reference_m += p.force_N * p.reference;
+    bearing_edge[part] += p.force_N * edge.spacing(at);
     if (!(field > 0.0)) spot.force_outside_N += p.force_N;
   }
-  std::erase_if(spots, [](const ContactSpot& s) { return !(s.force_N > 0.0); });
-  for (ContactSpot& s : spots) {
-    s.place_m /= s.force_N;
-    if (s.rim_m > 0.0) s.edge_m /= s.rim_m;
+  for (std::size_t k = 0; k < spots.size(); ++k) {
+    ContactSpot& s = spots[k];
+    if (!(s.force_N > 0.0)) continue;
+    s.reference_m /= s.force_N;
+    s.edge_m = s.rim_m > 0.0 ? s.edge_m / s.rim_m : bearing_edge[k] / s.force_N;
   }
+  std::erase_if(spots, [](const ContactSpot& s) { return !(s.force_N > 0.0); });
   std::stable_sort(
       spots.begin(), spots.end(), [](const ContactSpot& a, const ContactSpot& b) { return a.force_N > b.force_N; });
   return spots;

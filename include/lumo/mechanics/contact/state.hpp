@@ -21,7 +21,8 @@ enum class Status {
   inverted,               ///< an element is turned inside out
   not_positive_definite,  ///< equilibrium, but unstable: the body would buckle away from it
   non_finite,             ///< NaN or infinity in the state or in a factor
-  time_limit              ///< stopped by the caller's time limit
+  time_limit,             ///< stopped by the caller's time limit
+  unresolved              ///< equilibria, but the mesh is too coarse for a contact: its area is not known
 };
 
 /// Whether objectives may rest on a state that ended so. `accept_held`: the problem says that it is about held states
@@ -31,8 +32,8 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
 }
 
 constexpr std::string_view to_string(Status s) {
-  constexpr std::array<std::string_view, 8> names{"converged", "held", "max_iterations", "line_search", "inverted",
-      "not_positive_definite", "non_finite", "time_limit"};
+  constexpr std::array<std::string_view, 9> names{"converged", "held", "max_iterations", "line_search", "inverted",
+      "not_positive_definite", "non_finite", "time_limit", "unresolved"};
   return names[std::size_t(s)];
 }
 
@@ -46,12 +47,13 @@ struct TractionPoint {
 
 /// One of the separate places where a tool touches, and how well the mesh resolves it.
 struct ContactSpot {
-  Vec3d place_m = Vec3d::Zero();  ///< deformed, the mean by pressure
-  double force_N = 0.0;           ///< sum of the normal forces
-  double area_m2 = 0.0;           ///< deformed
-  double rim_m = 0.0;             ///< length of its edge, deformed
-  double edge_m = 0.0;            ///< between neighbouring nodes of the surface along its edge, undeformed
-  double force_outside_N = 0.0;   ///< what of force_N acts outside the contact set: pressure and gap disagree there
+  Vec3d reference_m = Vec3d::Zero();  ///< its place on the undeformed surface, the mean by force
+  double force_N = 0.0;               ///< sum of the normal forces
+  double area_m2 = 0.0;               ///< deformed
+  double rim_m = 0.0;                 ///< length of its edge, deformed
+  /// Between neighbouring nodes of the undeformed surface along its edge; where it has none, between those that bear.
+  double edge_m = 0.0;
+  double force_outside_N = 0.0;  ///< what of force_N acts outside the contact set: pressure and gap disagree there
 
   /// Of the disc with as much area for its edge; the width of a strip.
   double radius_m() const { return rim_m > 0.0 ? 2.0 * area_m2 / rim_m : 0.0; }
@@ -88,6 +90,7 @@ struct MechanicalState {
   double reference_area_m2 = 0.0;  ///< A_0(C), undeformed
   /// Norm of the out-of-balance forces, from an independent routine
   double residual_N = std::numeric_limits<double>::infinity();
+  double energy_error = 0.0;   ///< how far the mesh is from resolving the stresses, see EnergyError
   double penetration_m = 0.0;  ///< largest overlap of surface and indenter
   int iterations = 0;          ///< Newton steps, or sweeps, spent on this load
 };

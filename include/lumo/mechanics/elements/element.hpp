@@ -28,15 +28,16 @@ template <int Nodes, class S> Eigen::Matrix<S, 3, Nodes> shape_gradients(const V
 }
 
 /// A tetrahedral finite element: gradients of its shape functions by λ₁, λ₂, λ₃ at its quadrature points, 3 × nodes in
-/// the node order of TetMesh, on the reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, and how its mass is
-/// shared. `order` is the mesh's. Laws: gradients sum to zero and reproduce linear fields, weights sum to 1/6, shares
-/// of the mass to 1.
+/// the node order of TetMesh, on the reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, where those points are,
+/// and how its mass is shared. `order` is the mesh's. Laws: gradients sum to zero and reproduce linear fields, weights
+/// sum to 1/6, shares of the mass to 1.
 template <class E>
 concept TetElement = requires(const E& element) {
   requires E::order == 1 || E::order == 2;
   requires E::nodes == (E::order == 1 ? 4 : 10);
   requires E::points >= 1;
   { E::gradients(0) } -> std::same_as<Eigen::Matrix<double, 3, E::nodes>>;
+  { E::place(0) } -> std::convertible_to<Vec3d>;
   { E::weight(0) } -> std::convertible_to<double>;
   { E::mass_share(0) } -> std::convertible_to<double>;
   { element.mean_dilatation } -> std::convertible_to<bool>;
@@ -50,10 +51,11 @@ struct QuadraticTet {
   static constexpr int points = 4;
   bool mean_dilatation = true;
 
-  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+  static Vec3d place(int q) {
     constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
-    return shape_gradients<nodes>(Vec3d(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
+    return Vec3d(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b);
   }
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) { return shape_gradients<nodes>(place(q)); }
   static double weight(int) { return 1.0 / 24.0; }
   /// In proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be
   /// negative.
@@ -68,7 +70,8 @@ struct LinearTet {
   static constexpr int points = 1;
   bool mean_dilatation = false;
 
-  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes>(Vec3d(0.25, 0.25, 0.25)); }
+  static Vec3d place(int) { return Vec3d(0.25, 0.25, 0.25); }
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) { return shape_gradients<nodes>(place(q)); }
   static double weight(int) { return 1.0 / 6.0; }
   static double mass_share(int) { return 0.25; }
 };
@@ -82,13 +85,18 @@ struct LinearPatchTet {
   static constexpr int points = 8;
   bool mean_dilatation = true;
 
+  static Vec3d place(int q) {
+    Vec3d middle = Vec3d::Zero();
+    for (int k : parts[q]) middle += 0.25 * Vec3d(corner[k][0], corner[k][1], corner[k][2]);
+    return middle;
+  }
   static Eigen::Matrix<double, 3, nodes> gradients(int q) {
     using Gradients = Eigen::Matrix<double, 3, nodes>;
     Gradients g = Gradients::Zero();
     const auto& part = parts[q];
     const auto edge = [&](int k) {
-      return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1],
-          place[part[k]][2] - place[part[0]][2]);
+      return Vec3d(corner[part[k]][0] - corner[part[0]][0], corner[part[k]][1] - corner[part[0]][1],
+          corner[part[k]][2] - corner[part[0]][2]);
     };
     for (int k = 1; k < 4; ++k) {
       const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1),
@@ -114,7 +122,7 @@ struct LinearPatchTet {
       {0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
 
  private:
-  static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0},
+  static constexpr double corner[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0},
       {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
 };
 
