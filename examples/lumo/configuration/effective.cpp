@@ -108,16 +108,11 @@ void assume_built(Configuration& c) {
   c.search.references = References::built;
 }
 
-/// A look in a fifth of the time. Edges of 1.7 times the usual; about a stem's edges, where equilibria are lost first,
-/// 1.25 times. docs/pages/benchmarks.md has what it is off by.
+/// docs/pages/benchmarks.md has what it is off by.
 void assume_quick(Configuration& c) {
-  constexpr double edges = 1.7, about_stem = 1.25, rays = 0.25, noise = 2.5;
-  FingerOptions::Mesh& mesh = c.pad.finger.mesh;
-  const FingerOptions::Mesh usual = mesh;
-  mesh = mesh.scaled(edges);
-  mesh.stem_edge = about_stem * usual.stem_edge;
-  mesh.shortest_chord = about_stem * usual.shortest_chord;
-  c.focus = c.focus.scaled(edges);
+  constexpr double rays = 0.25, noise = 2.5;
+  c.pad.finger.mesh = c.pad.finger.mesh.quick();
+  c.focus = c.focus.scaled(FingerOptions::Mesh::quick_edges);
   c.light.ray_error_percent *= noise;
   for (int* count : {&c.light.rays_per_emitter, &c.light.carrier_rays, &c.light.exit_rays})
     *count = std::max(64, int(rays * *count));

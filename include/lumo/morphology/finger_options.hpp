@@ -38,6 +38,14 @@ struct FingerOptions {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
           factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
+    /// For a look in a fifth of the time. About a stem's edges, where equilibria are lost first, they stay finer.
+    static constexpr double quick_edges = 1.7, quick_stem_edges = 1.25;
+    constexpr Mesh quick() const {
+      Mesh mesh = scaled(quick_edges);
+      mesh.shortest_chord = quick_stem_edges * shortest_chord;
+      mesh.stem_edge = quick_stem_edges * stem_edge;
+      return mesh;
+    }
     bool operator==(const Mesh&) const = default;
   };
   /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the
