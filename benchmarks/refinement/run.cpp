@@ -36,7 +36,7 @@ struct Setting {
 const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1.4", {1.4, 1}}, {"mesh0.7", {0.7, 1}},
     {"mesh0.5", {0.5, 1}}, {"rays4", {1.0, 4}}, {"rays64", {1.0, 64}}, {"fine", {0.63, 4}}, {"finest", {0.5, 16}},
     {"known", {1.0, 1, 0.01}}, {"known0.9", {0.9, 1, 0.01}}, {"known1.1", {1.1, 1, 0.01}}, {"known1.4", {1.4, 1, 0.01}},
-    {"known0.7", {0.7, 1, 0.01}}, {"quick", {1.7, 1, 0.05, true}}};
+    {"known0.7", {0.7, 1, 0.01}}, {"quick", {1.8, 1, 0.07, true}}};
 
 /// The references first, then seeded feasible lattice designs.
 std::vector<FingerDesign> designs(const FingerOptions& finger, std::size_t count) {

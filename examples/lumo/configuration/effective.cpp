@@ -110,7 +110,7 @@ void assume_built(Configuration& c) {
 
 /// docs/pages/benchmarks.md has what it is off by.
 void assume_quick(Configuration& c) {
-  constexpr double rays = 0.25, noise = 2.5;
+  constexpr double rays = 0.25, noise = 3.5;
   c.pad.finger.mesh = c.pad.finger.mesh.quick();
   c.focus = c.focus.scaled(FingerOptions::Mesh::quick_edges);
   c.light.ray_error_percent *= noise;

@@ -24,15 +24,17 @@ function makePad() {
   let design = null, presses = [], chosen = {press: 0, state: 0, colour: 0};
   const surface = () => {
     const p = presses[chosen.press], s = p.states[chosen.state], moved = s.displacement_um;
-    const length =
-        p.rest_um.filter((v, k) => k % 3 === 0).map((v, k) => Math.hypot(moved[3 * k], moved[3 * k + 1], moved[3 * k + 2]) / 1000);
-    return {p, s, rest: triples(p.rest_um.map((v) => v / 1000)), now: triples(p.rest_um.map((v, k) => (v + moved[k]) / 1000)), length};
+    const lengths = (list, unit) => triples(list)[0].map((v, k) => Math.hypot(...list.slice(3 * k, 3 * k + 3)) / unit);
+    const length = lengths(moved, 1000), traction = lengths(s.traction_kPa, 1);
+    return {p, s, traction, rest: triples(p.rest_um.map((v) => v / 1000)), now: triples(p.rest_um.map((v, k) => (v + moved[k]) / 1000)), length};
   };
   const figure = new Figure(document.getElementById("design"), "pad-figure", "The pressed pad", "pressed_pad", () => {
     const {rest, now, s} = surface();
     return [
-      ["node", "x_mm", "y_mm", "z_mm", "rest_x_mm", "rest_y_mm", "rest_z_mm", "pressure_kPa"],
-      ...s.pressure_kPa.map((q, n) => [n, now[0][n], now[1][n], now[2][n], rest[0][n], rest[1][n], rest[2][n], q])
+      [
+        "node", "x_mm", "y_mm", "z_mm", "rest_x_mm", "rest_y_mm", "rest_z_mm", "traction_x_kPa", "traction_y_kPa", "traction_z_kPa"
+      ],
+      ...now[0].map((x, n) => [n, x, now[1][n], now[2][n], rest[0][n], rest[1][n], rest[2][n], ...s.traction_kPa.slice(3 * n, 3 * n + 3)])
     ];
   });
   const sphere = figure.choice("sphere", [], (k) => {
@@ -42,13 +44,13 @@ function makePad() {
     chosen.state = k;
     draw();
   });
-  figure.choice("colour", ["displacement", "contact pressure"], (k) => {
+  figure.choice("colour", ["displacement", "traction"], (k) => {
     chosen.colour = k;
     draw();
   });
   const loads = () => load.refill(presses[chosen.press].states.map((s) => `${s.load_N} N`), chosen.state);
   const draw = () => {
-    const {p, s, now, length} = surface(), [i, j, k] = triples(p.triangles), byPressure = chosen.colour === 1;
+    const {p, s, now, length, traction} = surface(), [i, j, k] = triples(p.triangles), byTraction = chosen.colour === 1;
     const data = [
       {
         type: "mesh3d",
@@ -58,15 +60,15 @@ function makePad() {
         i,
         j,
         k,
-        intensity: byPressure ? s.pressure_kPa : length,
-        colorscale: byPressure ? "Cividis" : "Viridis",
+        intensity: byTraction ? traction : length,
+        colorscale: byTraction ? "Cividis" : "Viridis",
         cmin: 0,
         flatshading: false,
-        cmax: Math.max(...(byPressure ? s.pressure_kPa : length)) || 1,
+        cmax: Math.max(...(byTraction ? traction : length)) || 1,
         lighting: {ambient: 0.7, diffuse: 0.7, specular: 0.15, roughness: 0.7},
         lightposition: {x: 2000, y: -3000, z: 6000},
-        colorbar: colourBar(byPressure ? "contact pressure [kPa]" : "displacement [mm]", {len: 0.8}),
-        hovertemplate: `x %{x:.2f} mm<br>y %{y:.2f} mm<br>z %{z:.2f} mm<br>%{intensity:.3g} ${byPressure ? "kPa" : "mm"}<extra></extra>`
+        colorbar: colourBar(byTraction ? "traction [kPa]" : "displacement [mm]", {len: 0.8}),
+        hovertemplate: `x %{x:.2f} mm<br>y %{y:.2f} mm<br>z %{z:.2f} mm<br>%{intensity:.3g} ${byTraction ? "kPa" : "mm"}<extra></extra>`
       },
       bowl(0.497 * p.diameter_mm, s.sphere_z_mm)
     ];
@@ -88,7 +90,7 @@ function makePad() {
           }
         },
         `${s.load_N} N on a sphere of ${p.diameter_mm} mm: ${
-            shown(s.depth_mm, 4)} mm deep. Drag to turn, scroll to come nearer; the lower half of the sphere is drawn. ${
+            shown(s.depth_mm, 4)} mm deep; its tractions, per deformed area, sum to ${s.traction_sum_N.toFixed(5)} N. Drag to turn, scroll to come nearer; the lower half of the sphere is drawn. ${
             plural(i.length, "triangle")} of the pad's surface, true to scale.`);
   };
   return (c) => {

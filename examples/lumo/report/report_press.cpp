@@ -18,6 +18,13 @@ Json micrometres(const std::vector<Vec3d>& vectors, const std::vector<std::size_
 
 double rounded(double value, double step) { return std::round(value / step) * step; }
 
+/// Force on the pad, of all tractions.
+Vec3d traction_sum(const MechanicalState& s) {
+  Vec3d sum = Vec3d::Zero();
+  for (const TractionPoint& p : s.tractions) sum += p.area_m2 * p.traction_Pa;
+  return sum;
+}
+
 Json outlines(const TetMesh& mesh, const std::vector<double>& field) {
   Json loops = Json::array();
   for (const Points& loop : contact_outline(mesh, field)) {
@@ -54,14 +61,15 @@ Json press_model(const Configuration& request, const PressOutcome& outcome) {
       j["note"] = lumo::message("no equilibrium at ", s.load_N, " N (", to_string(s.status), ")");
       break;
     }
-    Json pressure = Json::array();
-    for (const std::size_t n : nodes) pressure.push_back(rounded(1e-3 * s.pressure_Pa[n], 0.125));
+    Json traction = Json::array();
+    for (const std::size_t n : nodes)
+      for (int i = 0; i < 3; ++i) traction.push_back(rounded(1e-3 * s.traction_Pa[n][i], 0.125) + 0.0);  // no −0
     j["states"].push_back({{"load_N", s.load_N}, {"depth_mm", 1e3 * s.depth_m},
         {"sphere_z_mm",
             apex_mm + 0.5 * request.touch.diameter_mm - 1e3 * s.depth_m},  // the sphere meets the apex first
         {"contact_area_mm2", 1e6 * s.contact_area_m2}, {"reference_area_mm2", 1e6 * s.reference_area_m2},
-        {"displacement_um", micrometres(s.displacement, nodes)}, {"pressure_kPa", std::move(pressure)},
-        {"outlines_mm", outlines(mesh, s.contact_field)}});
+        {"displacement_um", micrometres(s.displacement, nodes)}, {"traction_kPa", std::move(traction)},
+        {"traction_sum_N", -traction_sum(s).z()}, {"outlines_mm", outlines(mesh, s.contact_field)}});
   }
   return j;
 }

@@ -39,7 +39,7 @@ struct FingerOptions {
           factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
     /// For a look in a fifth of the time. About a stem's edges, where equilibria are lost first, they stay finer.
-    static constexpr double quick_edges = 1.7, quick_stem_edges = 1.25;
+    static constexpr double quick_edges = 1.8, quick_stem_edges = 1.25;
     constexpr Mesh quick() const {
       Mesh mesh = scaled(quick_edges);
       mesh.shortest_chord = quick_stem_edges * shortest_chord;

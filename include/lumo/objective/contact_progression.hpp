@@ -43,12 +43,17 @@ struct ContactTerms {
 /// cover nine of ten differences on meshes of 0.7 to 5.6 times the default's edges
 /// (benchmarks/refinement/results.md).
 struct MechanicalError {
-  double area = 0.42;       ///< of an area, where the nodes are as far apart as the contact's radius is long
-  double area_power = 1.6;  ///< of that ratio
-  double outside = 0.75;    ///< of an area, times the outside part of the force to the power 2/3
-  double unresolved = 0.4;  ///< of an area: beyond that it is not known
-  double stiffness = 0.9;   ///< of a secant stiffness, times the energy's error
+  double area = 0.42;         ///< of an area, where the nodes are as far apart as the contact's radius is long
+  double area_power = 1.6;    ///< of that ratio
+  double outside = 0.75;      ///< of an area, times the outside part of the force to the power 2/3
+  double coarsest = 1.0;      ///< of that ratio: beyond it there is no area to speak of
+  double most_outside = 0.5;  ///< of the force; the same
+  double stiffness = 0.9;     ///< of a secant stiffness, times the energy's error
 
+  bool resolves(const ContactSpot& spot) const {
+    return spot.area_m2 > 0.0 && spot.edge_m <= coarsest * spot.radius_m() &&
+           spot.force_outside_N <= most_outside * spot.force_N;
+  }
   /// Relative, of one contact.
   double of_area(const ContactSpot& spot) const {
     if (!(spot.area_m2 > 0.0)) return 1.0;
@@ -113,7 +118,7 @@ inline double MechanicalError::of_area(const MechanicalState& state) const {
 
 inline double MechanicalError::wanted_edge(const ContactSpot& spot) const {
   constexpr double of_radius = 0.25, of_edge = 0.15;  // the latter where the contact has no radius that means something
-  if (!(of_area(spot) > unresolved)) return spot.edge_m;
+  if (resolves(spot)) return spot.edge_m;
   const double trusted = spot.radius_m() > of_radius * spot.edge_m ? of_radius * spot.radius_m() : 0.0;
   return std::max(trusted, of_edge * spot.edge_m);
 }
@@ -122,9 +127,9 @@ inline std::optional<Unresolved> MechanicalError::unresolved_in(const Mechanical
   constexpr double least_part = 0.01;  // of the load
   std::optional<Unresolved> worst;
   if (state.status == Status::held) return worst;
-  double largest = unresolved;
+  double largest = 0.0;
   for (const ContactSpot& s : state.spots)
-    if (s.force_N >= least_part * state.load_N && of_area(s) > largest) {
+    if (s.force_N >= least_part * state.load_N && !resolves(s) && of_area(s) > largest) {
       largest = of_area(s);
       worst = Unresolved{state.load_N, s.radius_m(), s.edge_m};
     }
