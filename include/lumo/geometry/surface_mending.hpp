@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <iterator>
 #include <map>
+#include <set>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -98,7 +99,7 @@ class SurfaceMender {
   std::vector<Twins> twins(const std::vector<TriangleSide>& open) const;
   bool folds(const TriangleSide& one, const TriangleSide& other);
   bool join(int a, int b);
-  std::vector<int> chain(const TriangleSide& side, const std::multimap<int, int>& begins) const;
+  bool turns_back(int from, int to, int next) const;
 
   enum class Sliver { none, needle, cap };  // two corners at one place; or one on the edge between the others
   struct Form {
@@ -218,44 +219,35 @@ inline void SurfaceMender::join_twins() {
     for (int& v : t) v = places_.find(v);
 }
 
-/// The corners between the ends of an open side, along other open sides that lie on it; empty: there are none.
-inline std::vector<int> SurfaceMender::chain(const TriangleSide& side, const std::multimap<int, int>& begins) const {
-  const Vec3d way = at(side.from) - at(side.to);
-  std::vector<int> between;
-  double gone = 0.0;
-  for (int here = side.to; here != side.from;) {
-    int next = -1;
-    const auto [first, last] = begins.equal_range(here);
-    for (auto it = first; it != last && next < 0; ++it) {
-      const Vec3d off = at(it->second) - at(side.to);
-      const double t = off.dot(way) / way.squaredNorm();
-      if (it->second != side.from && (!(t > gone && t < 1.0) || !((off - t * way).norm() <= precision_))) continue;
-      next = it->second;
-      gone = t;
-    }
-    if (next < 0) return {};
-    if (next != side.from) between.push_back(next);
-    here = next;
-  }
-  return between;
+/// Does an open side turn back on itself at `to`, and run on to `next`, no wider than rounding?
+inline bool SurfaceMender::turns_back(int from, int to, int next) const {
+  Vec3d way = at(from) - at(to), other = at(next) - at(to);
+  if (other.squaredNorm() > way.squaredNorm()) std::swap(way, other);
+  const double t = other.dot(way) / way.squaredNorm();
+  return t > 0.0 && t < 1.0 && (other - t * way).norm() <= precision_;
 }
 
-/// An edge with a corner of other facets on it, and no facet of the width of nothing between: that facet is added, and
-/// goes with the slivers, which splits the edge.
+/// A slit without width, whose two sides have corners of their own: facets of no width are added from its ends on, and
+/// go with the slivers, which splits the edges on both sides.
 inline void SurfaceMender::close_slits() {
-  const std::vector<TriangleSide> open = open_sides(surface_);
-  std::multimap<int, int> begins;
-  for (const TriangleSide& s : open) begins.emplace(s.from, s.to);
-  for (const TriangleSide& s : open) {
-    int last = s.to;
-    const std::vector<int> between = chain(s, begins);
-    for (const int corner : between) {
-      surface_.triangles.push_back({last, s.from, corner});
-      last = corner;
+  std::set<std::pair<int, int>> open;
+  for (const TriangleSide& s : open_sides(surface_)) open.emplace(s.from, s.to);
+  const std::vector<std::pair<int, int>> all(open.begin(), open.end());
+  for (std::pair<int, int> side : all)
+    while (open.contains(side)) {
+      const int from = side.first, to = side.second;
+      auto next = open.lower_bound({to, -1});
+      while (next != open.end() && next->first == to && !turns_back(from, to, next->second)) ++next;
+      if (next == open.end() || next->first != to) break;
+      const int end = next->second;
+      surface_.triangles.push_back({to, from, end});
       ++caps_;
+      open.erase(next);
+      open.erase(side);
+      side = {from, end};
+      if (open.erase({end, from}) == 0) open.insert(side);
     }
-    mending_.split += !between.empty();
-  }
+  mending_.split = caps_;
 }
 
 inline void SurfaceMender::enter(int t) {
