@@ -214,6 +214,17 @@ TEST_CASE("holes and thin walls are not mended away: an open edge is refused wit
   CHECK(read.vertices.size() == 8);
   CHECK(volume_mm3(read) == Approx(100 * thin));
   CHECK_FALSE(read.mended.any());
+  // One of two steps, with a corner of the top half way down: it belongs to the top, although the bottom is as near.
+  auto two_steps = triangle_soup(surfaces::box(Vec3d(-5, -5, 5), Vec3d(5, 5, 5 + 2 * thin)));
+  for (Corners& t : two_steps)
+    if (t[0].z() > 5 && t[1].z() > 5 && t[2].z() > 5) {
+      t[0].z() -= thin;
+      break;
+    }
+  const SurfaceFromFile joined = from_stl(binary_file(two_steps));
+  CHECK(joined.vertices.size() == 8);
+  CHECK(joined.mended.joined == 1);
+  CHECK(volume_mm3(joined) == Approx(200 * thin).epsilon(0.2));
   auto sheets = triangle_soup(wall);
   std::erase_if(sheets, [](const Corners& t) { return t[0].z() != t[1].z() || t[1].z() != t[2].z(); });
   REQUIRE(sheets.size() == 4);

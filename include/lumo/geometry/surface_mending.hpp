@@ -72,8 +72,7 @@ class SurfaceMender {
  private:
   using Triangle = std::array<int, 3>;
   using Cell = std::array<std::int64_t, 3>;
-  static constexpr double sharpest_fold =
-      0.999;  // cosine between sides of an edge: 2.6°, sheets that lie on each other
+  static constexpr double sharpest_fold = 0.999;  // cosine of the 2.6° below which two facets lie on each other
 
   const Vec3d& at(int vertex) const { return surface_.vertices[std::size_t(vertex)]; }
   Triangle& triangle(int t) { return surface_.triangles[std::size_t(t)]; }
