@@ -10,6 +10,7 @@
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "mechanics/bodies.hpp"
+#include "mechanics/indenters/tool_surfaces.hpp"
 
 using namespace lumo;
 
@@ -111,7 +112,7 @@ TEST_CASE("a sphere as a mesh presses like the sphere, and a rounded box comes d
       CHECK(a[k].residual_N <= 1e-6 * loads[k]);
     }
   };
-  compare(sim.press(body, mesh, Scenario<MeshIndenter>{MeshIndenter(round_mesh(5e-3, 96), 64), 0.0, 0.0, loads}),
+  compare(sim.press(body, mesh, Scenario<MeshIndenter>{MeshIndenter(round_mesh(5e-3, 96)), 0.0, 0.0, loads}),
       sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, loads}), 4e-6);  // the sag of its facets
   const auto box = sim.press(body, mesh, Scenario<Box>{Box{{6e-3, 6e-3, 6e-3}, 1e-3}, 0.0, 0.0, loads});
   for (const MechanicalState& s : box) {
@@ -125,5 +126,41 @@ TEST_CASE("a sphere as a mesh presses like the sphere, and a rounded box comes d
     CHECK(box[k].reference_area_m2 > 16e-6);
     CHECK(box[k].reference_area_m2 < 36e-6);
     if (k > 0) CHECK(box[k].reference_area_m2 >= box[k - 1].reference_area_m2);
+  }
+}
+
+TEST_CASE("a small ball on a long shaft presses like the ball, and a blade of triangles like the blade") {
+  const auto [body, mesh] = test::symmetric_block(Vec3d(6e-3, 6e-3, 5e-3), test::even(4), test::even(4), test::even(3));
+  const FastSimulator sim;
+  const auto press = [&, &block = body, &nodes = mesh](const auto& tool) {
+    const MechanicalState s =
+        sim.press(block, nodes, Scenario<std::decay_t<decltype(tool)>>{tool, 0.0, 0.0, {0.3}}).front();
+    REQUIRE(s.status == Status::converged);
+    CHECK(s.residual_N <= 1e-6 * s.load_N);
+    return s;
+  };
+  const MechanicalState probe = press(MeshIndenter(test::probe(120e-3))), ball = press(Sphere{4e-3});
+  CHECK(probe.depth_m == Approx(ball.depth_m).margin(2e-6));  // its facets lie up to 2 µm inside the ball
+  CHECK(press(MeshIndenter(test::brick({0.15e-3, 1.5e-3, 20e-3}))).depth_m ==
+        Approx(press(Box{{0.3e-3, 3e-3, 40e-3}, 0.0}).depth_m).epsilon(1e-4));
+}
+
+TEST_CASE("a probe of 4 mm on a shaft of 120 mm, on a fine mesh", "[long]") {
+  // Depths of Sphere{4 mm} to four digits, as reported from the field; areas are those of the ball on the same mesh.
+  const double mu = 106e3;
+  const Vec3d half(20e-3, 20e-3, 15e-3);
+  Body body = test::block_to_mesh(half, 0.2e-3, 0.2, 8e-3);
+  const TetMesh mesh = mesh_body(body, TetgenMesher{});
+  const FastSimulator sim{NeoHookean{mu, 99 * mu}, {}};
+  const std::vector<double> loads{0.1, 0.5};
+  const auto ball = sim.press(body, mesh, Scenario<Sphere>{{4e-3}, 0.0, 0.0, loads}),
+             probe = sim.press(body, mesh, Scenario<MeshIndenter>{MeshIndenter(test::probe(120e-3)), 0.0, 0.0, loads});
+  for (std::size_t k = 0; k < 2; ++k) {
+    REQUIRE(probe[k].status == Status::converged);
+    INFO("depth " << probe[k].depth_m << " area " << probe[k].contact_area_m2 << " of the ball "
+                  << ball[k].contact_area_m2);
+    CHECK(probe[k].depth_m == Approx(k == 0 ? 0.2499e-3 : 0.7370e-3).epsilon(0.01));
+    CHECK(probe[k].depth_m == Approx(ball[k].depth_m).epsilon(0.004));
+    CHECK(probe[k].contact_area_m2 == Approx(ball[k].contact_area_m2).epsilon(0.01));
   }
 }

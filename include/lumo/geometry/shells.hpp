@@ -66,8 +66,12 @@ inline void check_edges(const ClosedSurface& input) {
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
     while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
-    const auto edge =
-        message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
+    const auto place = [&](int vertex) {
+      const Vec3d& p = input.vertices[static_cast<std::size_t>(vertex)];
+      return message(vertex, " at (", p.x(), ", ", p.y(), ", ", p.z(), ")");
+    };
+    const auto edge = message(
+        "the edge from vertex ", place(sides[i].low), " to ", place(sides[i].high), " of facet ", sides[i].facet);
     if (end - i == 1) throw MeshError(Reason::open, message("surface: ", edge, " has 1 facet, must have 2"));
     if (end - i > 2)
       throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));

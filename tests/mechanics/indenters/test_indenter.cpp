@@ -9,6 +9,7 @@
 #include "lumo/morphology/finger.hpp"
 #include "mechanics/bodies.hpp"
 #include "mechanics/indenters/indenter_laws.hpp"
+#include "mechanics/indenters/tool_surfaces.hpp"
 #include "temporary_folder.hpp"
 
 #include <cstring>
@@ -17,6 +18,7 @@
 #include <sys/stat.h>
 
 using namespace lumo;
+using lumo::test::brick;
 
 namespace {
 
@@ -40,16 +42,6 @@ TriangleSurface ball(double radius, int rounds) {
     s.triangles = finer;
   }
   for (Vec3d& v : s.vertices) v *= radius;
-  return s;
-}
-
-/// A closed box [−half, half] of twelve triangles.
-TriangleSurface brick(const Vec3d& half) {
-  TriangleSurface s;
-  for (int k = 0; k < 8; ++k)
-    s.vertices.emplace_back(k & 1 ? half.x() : -half.x(), k & 2 ? half.y() : -half.y(), k & 4 ? half.z() : -half.z());
-  s.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4}, {2, 6, 3}, {3, 6, 7}, {0, 4, 2},
-      {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
   return s;
 }
 
@@ -157,10 +149,10 @@ TEST_CASE("a capsule without length is a sphere, and a turned tool is the tool t
   }
 }
 
-TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states its error") {
+TEST_CASE("a ball as a mesh is the sphere up to its facets, with a normal of unit length, near and far") {
   const double R = 5e-3;
   const TriangleSurface surface = ball(R, 5);
-  const MeshIndenter tool(surface, 48);
+  const MeshIndenter tool(surface);
   double sag = 0.0;  // the facets lie inside the sphere by this much
   for (const auto& t : surface.triangles) {
     const Vec3d middle = (surface.vertices[std::size_t(t[0])] + surface.vertices[std::size_t(t[1])] +
@@ -169,50 +161,72 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
     sag = std::max(sag, R - middle.norm());
   }
   CHECK(sag < 5e-6);  // 1 − cos of half the angle across the largest facet, 5.03°: 4.8 µm
-  CHECK(tool.grid().error_m() < sag);
   CHECK(tool.radius_m() == Approx(R));
-  std::mt19937 random(8);
-  std::normal_distribution<double> n;
-  for (int k = 0; k < 300; ++k) {
-    const Vec3d u = Vec3d(n(random), n(random), n(random)).normalized(), p = (R + 2e-4 * n(random)) * u;
-    const DistanceSample d = tool.sample(p), exact = Sphere{2 * R}.sample(p);
-    CHECK(std::abs(d.distance - exact.distance) < sag + tool.grid().error_m() + 1e-7);
-    CHECK(d.gradient.norm() == Approx(1.0).margin(0.03));  // the facets meet at edges of three degrees
-    CHECK((d.gradient - exact.gradient).norm() < 0.04);    // half the angle between facets
-  }
-}
-
-TEST_CASE(
-    "off its grid a mesh tool reports the exact distance, with a normal of unit length, and passes into it without a "
-    "step") {
-  const double R = 5e-3, sag = 4.8e-6;
-  const MeshIndenter tool(ball(R, 5), 64);
-  const double h = tool.grid().spacing_m();
   std::mt19937 random(8);
   std::normal_distribution<double> n;
   for (int k = 0; k < 60; ++k) {
     const Vec3d u = Vec3d(n(random), n(random), n(random)).normalized();
-    for (const double gap : {-0.1e-3, 0.0, 0.3e-3, 0.5e-3, 1e-3, 2e-3, 50e-3}) {
+    for (const double gap : {-0.1e-3, -1e-6, 0.0, 0.3e-3, 1e-3, 2e-3, 50e-3}) {
       const DistanceSample d = tool.sample((R + gap) * u);
-      CHECK(d.distance >= gap - 1e-6);  // facets lie inside the sphere
-      CHECK(d.distance <= gap + sag + 1e-6);
-      const bool off = ((R + gap) * u).cwiseAbs().maxCoeff() > R + 3.0 * h;
-      CHECK(d.gradient.norm() == Approx(1.0).margin(off ? 1e-12 : 0.03));  // the spline rounds edges of three degrees
-      CHECK((d.gradient - u).norm() < 0.04);
+      CHECK(d.distance >= gap - 1e-15);  // facets lie inside the sphere
+      CHECK(d.distance <= gap + sag);
+      CHECK(d.gradient.norm() == Approx(1.0).margin(1e-12));
+      CHECK((d.gradient - u).norm() < 0.05);  // half the angle between facets
     }
   }
-  // Across the cell in which spline and exact distance meet, along each axis: no more than 1-Lipschitz, and derivatives
-  // are those of what is given.
-  for (int a = 0; a < 3; ++a)
-    for (int k = 0; k < 40; ++k) {
-      const Vec3d p = Vec3d(2e-4, -3e-4, 1e-4) + (R + (1.5 + 0.05 * k) * h) * Vec3d::Unit(a),
-                  step = 1e-7 * Vec3d(0.3, -0.5, 0.8).normalized();
-      const DistanceSample low = tool.sample(p - step), here = tool.sample(p), high = tool.sample(p + step);
-      CHECK((high.distance - low.distance) / 2.0 == Approx(here.gradient.dot(step)).margin(1e-13));
-      CHECK(std::abs(high.distance - low.distance) <= 2e-7 * 1.03);
-    }
-  test::check_distance_laws(MeshIndenter(brick({6e-3, 4e-3, 3e-3}), 24), 40e-3, 0.1,
-      0.1);  // most points are off the grid; near its edges the spline is round
+}
+
+TEST_CASE("a mesh tool is exact at thin walls, at sharp tips and at small parts of long tools") {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  // A blade of 0.3 mm, 120 mm long: as the box with sharp edges, whatever the point.
+  const MeshIndenter blade(brick({0.15e-3, 2e-3, 60e-3}));
+  const Box box{{0.3e-3, 4e-3, 120e-3}, 0.0};
+  for (int k = 0; k < 2000; ++k) {
+    const double near = k % 2 == 0 ? 1.0 : 0.02;
+    const Vec3d p(0.15e-3 + near * 2e-3 * u(random), 2.2e-3 * u(random), -60e-3 + near * 2e-3 * u(random));
+    CHECK(blade.distance(p) == Approx(box.distance(p)).margin(1e-16));
+  }
+  CHECK(blade.distance(Vec3d::Zero()) == Approx(-0.15e-3));
+  test::check_distance_laws(MeshIndenter(brick({6e-3, 4e-3, 3e-3})), 12e-3);
+
+  // A cone of 20° with 400 sides on a rod of 100 mm. Ahead of the tip all is as far as the tip; beside it the flank is.
+  const double half = 10 * pi / 180, length = 5e-3, rim = length * std::tan(half);
+  const MeshIndenter cone(test::turned_solid({{rim, length}, {rim, 100e-3}}, 0.0, 100e-3, 400));
+  for (int k = 0; k < 500; ++k) {
+    const double turn = pi * u(random), away = 1e-3 * std::abs(u(random)) + 1e-6, off = half * u(random);
+    const Vec3d ahead = away * Vec3d(std::sin(off) * std::cos(turn), std::sin(off) * std::sin(turn), -std::cos(off));
+    CHECK(cone.distance(ahead) == Approx(away).epsilon(1e-12));
+    const double z = 2e-3 * std::abs(u(random)) + 0.4e-3, gap = 0.5 * std::sin(half) * z * u(random),
+                 r = z * std::tan(half);
+    const Vec3d radial(std::cos(turn), std::sin(turn), 0.0);
+    const Vec3d beside =
+        r * radial + z * Vec3d::UnitZ() + gap * (std::cos(half) * radial - std::sin(half) * Vec3d::UnitZ());
+    CHECK(cone.distance(beside) == Approx(gap).margin(4e-5 * r));  // sag of the sides: 1 − cos(π/400)
+  }
+
+  // A ball of 4 mm, whose shaft is 10 or 120 mm long: at the ball they are one tool.
+  const MeshIndenter small(test::probe(10e-3)), large(test::probe(120e-3));
+  for (int k = 0; k < 1000; ++k) {
+    const Vec3d p = (2e-3 + 0.1e-3 * u(random)) * Vec3d(u(random), u(random), -1.5).normalized();
+    CHECK(large.distance(p) == small.distance(p));
+    const double gap = Sphere{4e-3}.distance(p);
+    CHECK(large.distance(p) >= gap - 1e-15);
+    CHECK(large.distance(p) <= gap + 2.2e-6);  // sag of facets of 3.75°, both ways: R (1 − cos²(1.9°))
+  }
+}
+
+TEST_CASE("a mesh tool has no distance to a point that is none, and a gradient at its own corners") {
+  const MeshIndenter tool(brick(Vec3d::Constant(1e-3)));
+  const Vec3d none(std::nan(""), 0.0, 0.0);
+  CHECK(std::isnan(tool.distance(none)));
+  CHECK(std::isnan(tool.sample(none).distance));
+  for (const Vec3d& p : tool.surface().vertices) {
+    const DistanceSample d = tool.sample(p);
+    CHECK(d.distance == 0.0);
+    CHECK((d.gradient - p.normalized()).norm() < 1e-12);
+    CHECK(d.hessian.norm() == 0.0);
+  }
 }
 
 TEST_CASE("signs hold where many thin triangles meet, as the winding number has them") {
@@ -241,9 +255,8 @@ TEST_CASE("signs hold where many thin triangles meet, as the winding number has 
 }
 
 TEST_CASE("one surface read twice is one tool") {
-  CHECK(MeshIndenter(brick(Vec3d::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3d::Constant(1e-3)), 16));
-  CHECK_FALSE(MeshIndenter(brick(Vec3d::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3d::Constant(1e-3)), 17));
-  CHECK_FALSE(MeshIndenter(brick(Vec3d::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3d(1e-3, 1e-3, 0.9e-3)), 16));
+  CHECK(MeshIndenter(brick(Vec3d::Constant(1e-3))) == MeshIndenter(brick(Vec3d::Constant(1e-3))));
+  CHECK_FALSE(MeshIndenter(brick(Vec3d::Constant(1e-3))) == MeshIndenter(brick(Vec3d(1e-3, 1e-3, 0.9e-3))));
 }
 
 TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
@@ -251,7 +264,7 @@ TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
   const TriangleSurface hole = brick({2e-3, 1.5e-3, 1e-3});
   for (const auto& t : hole.triangles) s.triangles.push_back({t[0] + 8, t[2] + 8, t[1] + 8});
   s.vertices.insert(s.vertices.end(), hole.vertices.begin(), hole.vertices.end());
-  const DistanceGrid grid(s, 60);
+  const SignedDistance exact(s);
   const TriangleTree tree(s);
   std::mt19937 random(8);
   std::uniform_real_distribution<double> u(-7e-3, 7e-3);
@@ -267,12 +280,8 @@ TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
                                   .norm());
     CHECK(tree.distance(p) == Approx(brute).margin(1e-15));
     CHECK(winding_number(s, p) == Approx(solid ? 1.0 : 0.0).margin(1e-9));
-    if (std::abs(grid.distance(p)) > grid.spacing_m()) CHECK((grid.distance(p) < 0.0) == solid);
-    if (inside({6.5e-3, 4.5e-3, 3.5e-3}))
-      CHECK(std::abs(grid.distance(p)) == Approx(brute).margin(0.2 * grid.spacing_m()));
+    CHECK(exact.distance(p) == Approx(solid ? -brute : brute).margin(1e-15));
   }
-  CHECK(grid.error_m() < 0.2 * grid.spacing_m());
-  CHECK_THROWS_AS(DistanceGrid(s, 4), InvalidArgument);
 }
 
 TEST_CASE("surfaces read from files are those that were written, in any of three formats") {
@@ -384,7 +393,7 @@ TEST_CASE("first touch of tools with edges is that of a dense sample of the exac
   check(Cylinder{8e-3, 10e-3, 0.5e-3}, 1e-8);
   check(lying_along_x(Capsule{6e-3, 10e-3}), 1e-8);
   check(lying_along_y(Cylinder{6e-3, 10e-3, 0.5e-3}), 1e-8);
-  check(MeshIndenter(ball(4e-3, 3), 32), 1e-7);
+  check(MeshIndenter(ball(4e-3, 3)), 1e-7);
 }
 
 TEST_CASE("tools of impossible size are refused in one line") {
