@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <vector>
 
 namespace lumo {
@@ -129,14 +130,17 @@ struct Focus {
   bool operator==(const Focus&) const = default;
 };
 
-/// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
+/// The body with its mesh sizing refined about the given points and their mirror images; of a body that wants no
+/// lengths, to the focus alone. Throws InvalidArgument.
 inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& focus = {}) {
   require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
+  require_in_range("mesh growth with depth", focus.depth_growth, 0.0, 1e3, "");
+  if (points.empty()) return body;
   const Symmetry symmetry = body.symmetry;
   body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, points, focus, symmetry](
                          const Vec3d& p) {
-    double edge = coarse(p);
+    double edge = coarse ? coarse(p) : std::numeric_limits<double>::infinity();
     for (Vec3d at : points) {
       if (symmetry.x) at.x() = std::abs(at.x());
       if (symmetry.y) at.y() = std::abs(at.y());
