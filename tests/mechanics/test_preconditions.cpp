@@ -85,7 +85,7 @@ TEST_CASE("what nothing holds, and a tool that meets what it may not touch, is s
   CHECK_THROWS_WITH(
       Press{}.press(low, mesh, aslant), Catch::Contains("meets patch \"side\", which may not be touched"));
   low.pivot.z() = 1.5e-3;
-  CHECK_THROWS_WITH(Press{}.press(low, mesh, aslant), Catch::Contains("\"side\", which may not be touched, 0.2"));
+  CHECK_THROWS_WITH(Press{}.press(low, mesh, aslant), Catch::Contains("\"side\", which may not be touched, 0.3"));
   low.pivot.z() = 3.5e-3;  // its centre comes by above the edge
   CHECK_NOTHROW(first_touch(low, mesh, aslant));
   CHECK_NOTHROW(require_free_way(low, mesh, aslant, first_touch(low, mesh, aslant)));
