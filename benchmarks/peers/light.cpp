@@ -84,6 +84,7 @@ int main(int argc, char** argv) {
       if (!words || (way != "gathered" && way != "forward")) throw InputError("unknown: " + line);
       for (int* rays : {&config.rays_per_emitter, &config.carrier_rays, &config.exit_rays}) *rays = int(*rays * factor);
       if (way == "forward") config.exit_rays = 0;
+      config.largest_lost = 1.0;  // scenes that absorb nothing keep some; the share is printed
       const double begun = processor_seconds();
       const Response r = Light(config).trace(body, mesh, {}, {}, fold ? symmetry_of(body, mesh) : Symmetry{});
       const double seconds = processor_seconds() - begun;

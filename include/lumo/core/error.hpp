@@ -63,7 +63,8 @@ class MeshError : public NumericalError {
     timed_out,          ///< the mesher ran out of time
     out_of_memory,      ///< the mesher ran out of memory
     inverted,           ///< an element whose Jacobian is not positive everywhere
-    inaccurate          ///< the mesh's volume or surface is not the body's
+    inaccurate,         ///< the mesh's volume or surface is not the body's
+    asymmetric          ///< not its own mirror image where it claims to be
   };
   MeshError(Reason reason, const std::string& text) : NumericalError(text), reason_(reason) {}
   Reason reason() const { return reason_; }
@@ -120,6 +121,12 @@ struct Limits {
 
 inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) {
   require_in_range(what, value, limits.low, limits.high, unit);
+}
+
+/// Throws InvalidArgument unless `value` is finite.
+inline void require_finite(const char* what, double value, const char* unit) {
+  if (std::isfinite(value)) return;
+  throw InvalidArgument(message(what, " is ", exact(value), " ", unit, ", must be finite"));
 }
 
 /// Throws InvalidArgument unless `value` is finite and positive.

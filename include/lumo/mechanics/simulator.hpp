@@ -2,10 +2,12 @@
 
 #include "lumo/mechanics/certify.hpp"
 #include "lumo/mechanics/contact/contact_set.hpp"
+#include "lumo/mechanics/contact/preconditions.hpp"
 #include "lumo/mechanics/contact/traction.hpp"
 #include "lumo/mechanics/elements/energy_error.hpp"
 #include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mechanics/solvers/quasi_static.hpp"
+#include "lumo/mesh/body_check.hpp"
 
 #include <array>
 #include <cmath>
@@ -32,14 +34,17 @@ struct Simulator {
   Solver solver = {};
 
   /// Everything that scenarios on one mesh share (elements, symbolic factorisations); thread-safe, so that scenarios
-  /// can run side by side. Throws InvalidArgument for parameters out of range.
+  /// can run side by side. Throws InvalidArgument for parameters out of range and for a body that nothing holds,
+  /// MeshError for a mesh that is not valid or not the body's (require_valid(body, mesh)).
   PreparedBody<Material, Contact, Element, Solver> prepare(const Body& body, const TetMesh& mesh) const {
     validate(material);
     validate(contact);
+    require_valid(body, mesh);
+    require_held(body, mesh);
     return {*this, body, mesh};
   }
 
-  /// One scenario from first touch through its loads.
+  /// One scenario from first touch through its loads. Throws as prepare() and PreparedBody::press() do.
   template <Indenter Tool>
   std::vector<MechanicalState> press(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) const {
     return prepare(body, mesh).press(scenario);
@@ -64,10 +69,12 @@ class PreparedBody {
       : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
 
   /// States at the scenario's loads, on the whole mesh. Where body and scenario are symmetric the quasi-static solver
-  /// takes only a half or a quarter; fields that break the symmetry are still tested for stability.
+  /// takes only a half or a quarter; fields that break the symmetry are still tested for stability. Throws
+  /// InvalidArgument for a scenario out of range, and for a tool that passes by or meets first what it may not touch.
   template <Indenter Tool> std::vector<MechanicalState> press(const Scenario<Tool>& scenario) const {
     validate(scenario);
     const Touch touch = first_touch(body_, *mesh_, scenario);
+    require_free_way(body_, *mesh_, scenario, touch);
     // A fixed area per vertex knows no halves of vertices.
     const bool fold = Solver::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
     const Symmetry contact = symmetry_of(scenario),

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/mesh/body_check.hpp"
 #include "lumo/mesh/mesher.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
@@ -62,7 +63,8 @@ inline TetMesh mirrored(const TetMesh& half, int axis) {
 
 /// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle
 /// nodes (also on the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric
-/// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
+/// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate:
+/// require_valid(), and require_on_shapes() of the facets' vertices.
 template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
 
 namespace detail {
@@ -106,6 +108,7 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   if (order != 1 && order != 2) throw InvalidArgument(message("mesh order is ", order, ", must be 1 or 2"));
   const double stretch = body.sizing.stretch_y;
   require_positive("mesh stretch along y", stretch, "");
+  require_on_shapes(body);
   MeshInput input;
   input.facets = body.facets;
   // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away

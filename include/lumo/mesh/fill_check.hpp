@@ -3,6 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/geometry/surface_check.hpp"
 #include "lumo/mesh/mesher.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
 
 #include <algorithm>
 #include <array>
@@ -20,9 +21,6 @@ struct RawFill {
   std::vector<std::int32_t> faces;   ///< 3 vertices of each boundary triangle, in any sense and order
   std::vector<std::int32_t> facets;  ///< for each face, the number of its facet + 1
 };
-
-/// Corners of the face opposite to corner i of a positive tetrahedron, counter-clockwise seen from outside.
-inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
 
 /// Makes a LinearTets of a raw answer, whose coordinates times `scale` are the input's, and checks it against the
 /// surface that was to be filled: finite, positive volumes, faces shared by two tetrahedra of opposite sense or on the

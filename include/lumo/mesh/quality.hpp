@@ -1,11 +1,16 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/mesh/mesh_sides.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 
 #include <algorithm>
-#include <map>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
 #include <utility>
+#include <vector>
 
 namespace lumo {
 
@@ -24,11 +29,19 @@ inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std:
 /// Measures without judging.
 inline MeshQuality measure(const TetMesh& mesh);
 
-/// Throws MeshError unless all Jacobians are positive over the whole element, the surface is a closed manifold, and the
-/// volume is within `volume_tolerance` of `exact_volume_m3` (0: not checked).
+/// Throws MeshError, which says what and where, unless nodes are finite and all in use, indices in range, middle nodes
+/// there in a quadratic mesh only, all Jacobians positive over the whole element, elements joined side by side, `faces`
+/// their boundary and a closed manifold, both sides of a plane of symmetry mirror images, and the volume within
+/// `volume_tolerance` of `exact_volume_m3` (0: not checked). Linear in the size of the mesh.
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3 = 0.0, double volume_tolerance = 0.01);
 
 namespace detail {
+
+// Six times the volume of the corner tetrahedron, with its sign.
+inline double corner_jacobian(const TetMesh& mesh, const std::array<int, 10>& t) {
+  const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
+  return (x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0));
+}
 
 // Symmetric multilinear form whose diagonal is the determinant.
 inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) {
@@ -43,7 +56,7 @@ inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) 
 
 inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
   const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
-  if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
+  if (mesh.order == 1) return {detail::corner_jacobian(mesh, t)};
   // The Jacobian of a quadratic map is linear in the barycentric coordinates: its values at the four corners determine
   // it.
   static constexpr int mid[4][4] = {{-1, 4, 6, 7}, {4, -1, 5, 8}, {6, 5, -1, 9}, {7, 8, 9, -1}};
@@ -86,30 +99,146 @@ inline MeshQuality measure(const TetMesh& mesh) {
   return q;
 }
 
+namespace detail {
+
+// The parts of require_valid().
+inline void require_indices(const TetMesh& mesh);
+inline void require_orientation(const TetMesh& mesh);
+inline void require_manifold(const TetMesh& mesh);
+inline void require_mirror_images(const TetMesh& mesh, int axis);
+
+}  // namespace detail
+
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double volume_tolerance) {
-  using Reason = MeshError::Reason;
-  for (const Vec3d& x : mesh.nodes)
-    if (!x.allFinite()) throw MeshError(Reason::not_finite, "mesh has a node that is not finite");
-  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
-    for (double c : jacobian_coefficients(mesh, mesh.tets[e]))
-      if (!(c > 0.0))
-        throw MeshError(Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", c * 1e9,
-                                              " mm3, must be > 0 over the whole element"));
-  std::map<std::pair<int, int>, int> edges;  // directed edges of the closed surface must pair up
-  for (const BoundaryFace& f : mesh.faces)
-    for (std::size_t k = 0; k < 3; ++k) ++edges[{f.nodes[k], f.nodes[(k + 1) % 3]}];
-  for (const auto& [edge, count] : edges) {
-    const auto back = edges.find({edge.second, edge.first});
-    if (count != 1 || back == edges.end() || back->second != 1)
-      throw MeshError(count != 1 ? Reason::not_manifold : Reason::open,
-          message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
-  }
+  detail::require_indices(mesh);
+  detail::require_orientation(mesh);
+  detail::MeshSides(mesh).require_pairs();
+  detail::require_manifold(mesh);
+  if (mesh.symmetry.x) detail::require_mirror_images(mesh, 0);
+  if (mesh.symmetry.y) detail::require_mirror_images(mesh, 1);
   if (exact_volume_m3 > 0.0) {
     const double volume = measure(mesh).volume_m3;
     if (!(std::abs(volume / exact_volume_m3 - 1.0) <= volume_tolerance))
-      throw MeshError(Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
-                                              100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
+      throw MeshError(
+          MeshError::Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
+                                             100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
   }
 }
+
+namespace detail {
+
+// In a linear mesh the places of middle nodes are empty.
+template <std::size_t N>
+void require_nodes(const char* what, std::size_t number, const std::array<int, N>& nodes, int used, std::size_t there) {
+  for (std::size_t k = 0; k < N; ++k) {
+    const bool named = k < std::size_t(used), known = nodes[k] >= 0 && std::size_t(nodes[k]) < there;
+    if (named && !known)
+      throw MeshError(MeshError::Reason::bad_index,
+          message("mesh ", what, " ", number, " names node ", nodes[k], ", the mesh has nodes 0 to ", int(there) - 1));
+    if (!named && nodes[k] != -1)
+      throw MeshError(MeshError::Reason::bad_index,
+          message("mesh ", what, " ", number, " has middle node ", nodes[k], " in a linear mesh, must be -1"));
+  }
+}
+
+inline void require_indices(const TetMesh& mesh) {
+  using Reason = MeshError::Reason;
+  if (mesh.order != 1 && mesh.order != 2)
+    throw MeshError(Reason::bad_index, message("mesh order is ", mesh.order, ", must be 1 or 2"));
+  if (mesh.tets.empty()) throw MeshError(Reason::degenerate, "mesh has no elements");
+  const std::size_t count = mesh.nodes.size();
+  for (std::size_t k = 0; k < count; ++k)
+    if (!mesh.nodes[k].allFinite())
+      throw MeshError(Reason::not_finite, message("mesh node ", k, " is not at a finite place"));
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
+    require_nodes("element", e, mesh.tets[e], mesh.nodes_per_tet(), count);
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    require_nodes("face", f, mesh.faces[f].nodes, mesh.nodes_per_face(), count);
+  std::vector<char> used(count, 0);
+  for (const auto& t : mesh.tets)
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_tet()); ++k) used[std::size_t(t[k])] = 1;
+  if (const auto loose = std::find(used.begin(), used.end(), 0); loose != used.end())
+    throw MeshError(Reason::bad_index, message("mesh node ", loose - used.begin(), " belongs to no element"));
+}
+
+// How far, at most, the coefficients of a quadratic element lie from the Jacobian of its corners. They are determinants
+// of edges, each moved by no more than four times the sum of how far middle nodes lie off the middles.
+inline double largest_bend(const TetMesh& mesh, const std::array<int, 10>& t) {
+  const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
+  double moved = 0.0;
+  for (int k = 0; k < 6; ++k) moved += 4.0 * (x(4 + k) - 0.5 * (x(tet_edges[k][0]) + x(tet_edges[k][1]))).norm();
+  const double a = (x(1) - x(0)).norm(), b = (x(2) - x(0)).norm(), c = (x(3) - x(0)).norm();
+  return (a + moved) * (b + moved) * (c + moved) - a * b * c;
+}
+
+inline void require_orientation(const TetMesh& mesh) {
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    const auto& t = mesh.tets[e];
+    double least = corner_jacobian(mesh, t);
+    if (mesh.order == 2 && !(least > 2.0 * largest_bend(mesh, t))) {  // twice: rounding
+      const std::vector<double> c = jacobian_coefficients(mesh, t);
+      least = *std::min_element(c.begin(), c.end());
+    }
+    if (!(least > 0.0))
+      throw MeshError(MeshError::Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", least * 1e9,
+                                                       " mm3, must be > 0 over the whole element"));
+  }
+}
+
+// Directed edges of the closed surface must pair up.
+inline void require_manifold(const TetMesh& mesh) {
+  const auto key = [](int from, int to) { return std::uint64_t(unsigned(from)) << 32u | unsigned(to); };
+  std::vector<std::uint64_t> edges, back;
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < 3; ++k) {
+      edges.push_back(key(f.nodes[k], f.nodes[(k + 1) % 3]));
+      back.push_back(key(f.nodes[(k + 1) % 3], f.nodes[k]));
+    }
+  std::sort(edges.begin(), edges.end());
+  std::sort(back.begin(), back.end());
+  for (std::size_t k = 0; k < edges.size(); ++k) {
+    const bool twice = k + 1 < edges.size() && edges[k + 1] == edges[k];
+    if (!twice && back[k] == edges[k]) continue;
+    const std::uint64_t edge = twice ? edges[k] : std::min(edges[k], back[k]);
+    throw MeshError(twice ? MeshError::Reason::not_manifold : MeshError::Reason::open,
+        message("mesh surface is not a closed manifold at edge ", edge >> 32u, "-", unsigned(edge)));
+  }
+}
+
+inline void require_mirror_images(const TetMesh& mesh, int axis) {
+  using Reason = MeshError::Reason;
+  const std::vector<int>& image = axis == 0 ? mesh.mirror_x : mesh.mirror_y;
+  const char* plane = axis == 0 ? "x = 0" : "y = 0";
+  if (image.size() != mesh.nodes.size())
+    throw MeshError(Reason::bad_index, message("mesh has ", image.size(), " mirror images of nodes in ", plane,
+                                           ", must have as many as nodes, ", mesh.nodes.size()));
+  for (std::size_t k = 0; k < image.size(); ++k) {
+    if (image[k] < 0 || std::size_t(image[k]) >= image.size())
+      throw MeshError(Reason::bad_index, message("mesh node ", k, " has mirror image ", image[k], " in ", plane,
+                                             ", the mesh has nodes 0 to ", int(image.size()) - 1));
+    Vec3d mirrored = mesh.nodes[k];
+    mirrored[axis] = -mirrored[axis];
+    if (mesh.nodes[std::size_t(image[k])] != mirrored)
+      throw MeshError(Reason::asymmetric,
+          message("mesh node ", image[k], " is not the exact mirror image of node ", k, " in ", plane));
+  }
+  std::ptrdiff_t more = 0;  // elements on the positive side than on the other
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    double low = 0.0, high = 0.0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const double at = mesh.nodes[std::size_t(mesh.tets[e][k])][axis];
+      low = std::min(low, at);
+      high = std::max(high, at);
+    }
+    if (low < 0.0 && high > 0.0)
+      throw MeshError(Reason::asymmetric, message("mesh element ", e, " crosses its plane of symmetry, ", plane));
+    more += high > 0.0 ? 1 : -1;
+  }
+  if (more != 0)
+    throw MeshError(Reason::asymmetric,
+        message("mesh has ", std::abs(more), " elements more on one side of ", plane, " than on the other"));
+}
+
+}  // namespace detail
 
 }  // namespace lumo

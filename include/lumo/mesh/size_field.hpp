@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -140,18 +141,20 @@ struct FinePlace {
 };
 
 /// The body with its mesh sizing refined about the given places and their mirror images; `focus` says how edges grow
-/// from there. Throws InvalidArgument.
+/// from there, which is all for a body that wants no lengths. Throws InvalidArgument.
 inline Body focused(Body body, std::vector<FinePlace> places, const Focus& focus = {}) {
   for (const FinePlace& p : places) require_in_range("finest mesh edge", p.finest_m * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
+  require_in_range("mesh growth with depth", focus.depth_growth, 0.0, 1e3, "");
   require_in_range("mesh edge over the tool's contact radius", focus.of_tool, 0.001, 1000.0, "");
+  if (places.empty()) return body;
   for (FinePlace& p : places) {
     if (body.symmetry.x) p.place_m.x() = std::abs(p.place_m.x());
     if (body.symmetry.y) p.place_m.y() = std::abs(p.place_m.y());
   }
   body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, places = std::move(places),
                          focus](const Vec3d& p) {
-    double edge = coarse(p);
+    double edge = coarse ? coarse(p) : std::numeric_limits<double>::infinity();
     for (const FinePlace& f : places) {
       const double depth = std::max(0.0, (f.place_m - p).z());
       edge = std::min(edge, f.finest_m + focus.growth * (p - f.place_m).norm() + focus.depth_growth * depth);

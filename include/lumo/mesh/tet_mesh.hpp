@@ -17,6 +17,9 @@ struct BoundaryFace {
 /// Corners at the ends of a tetrahedron's edges, in the order of their middle nodes.
 inline constexpr int tet_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
 
+/// Corners of the face opposite to corner i of a positive tetrahedron, counter-clockwise seen from outside.
+inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+
 /// Tetrahedral mesh of the *whole* body in its reference configuration.
 /// Tet nodes: corners 0…3 (positive orientation), then the middles of tet_edges (−1 in a linear mesh).
 struct TetMesh {

@@ -98,9 +98,11 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// Takes hyper-parameters as given. Throws as fit(), and if no bounded jitter makes the covariance positive definite.
   GaussianProcess(const TrainingData& data, const Hyperparameters& h, const Config& config = {})
       : GaussianProcess(data, config) {
-    if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
+    if (h.length_scale.size() != x_.rows() || !h.length_scale.allFinite() || !(h.length_scale.minCoeff() > 0.0) ||
+        !(h.noise >= 0.0 && std::isfinite(h.noise)))
       throw InvalidArgument(message("Gaussian process: needs ", x_.rows(),
           " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
+    require_finite("mean of a Gaussian process", h.mean, "");
     condition(h);
   }
 
@@ -114,7 +116,8 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return (value.log_likelihood + value.log_prior) / double(size());
   }
 
-  /// Mean and variance of the latent function (without observation noise) at the columns of `x`.
+  /// Mean and variance of the latent function (without observation noise) at the columns of `x`. All that takes places
+  /// throws InvalidArgument for another number of inputs, and for numbers that are not finite.
   struct Prediction {
     Eigen::VectorXd mean, variance;
   };
@@ -137,9 +140,9 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// Joint samples at the columns of `x`: points × samples, from standard normal numbers of the same shape. nullopt if
   /// the covariance cannot be factorised.
   std::optional<Eigen::MatrixXd> sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const {
-    if (normals.rows() != x.cols())
+    if (normals.rows() != x.cols() || !normals.allFinite())
       throw InvalidArgument(
-          message("samples at ", x.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
+          message("samples at ", x.cols(), " points need as many rows of finite normal numbers, not ", normals.rows()));
     const auto factor = jittered_factor(covariance(x, x));
     if (!factor) return std::nullopt;
     return (factor->lower * normals).colwise() + predict(x).mean;
@@ -170,7 +173,14 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return config_.kernel.correlation(r2);
   }
   Eigen::MatrixXd normalized(const Eigen::MatrixXd& x) const {
-    return ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix();
+    if (x.rows() != lower_.size() || !x.allFinite())
+      throw InvalidArgument(
+          message("Gaussian process: places have ", x.rows(), " inputs, must have ", lower_.size(), " finite ones"));
+    Eigen::MatrixXd unit = ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix();
+    constexpr double largest = 1e100;  // squares of differences do not overflow
+    if (!(unit.array().abs() <= largest).all())
+      throw InvalidArgument("Gaussian process: a place is more than 1e100 widths of the bounds away");
+    return unit;
   }
   const Eigen::VectorXd& weights() const { return whitened_y_; }  ///< L⁻¹(y − mean), standardised
   double output_mean() const { return output_mean_; }

@@ -21,18 +21,33 @@ struct Hyperparameters {
   double mean = 0.0;
 };
 
-/// ln x is normal with mean `location` and standard deviation `scale`.
+/// ln x is normal with mean `location` and standard deviation `scale`. Throws InvalidArgument for an x that is not
+/// positive, and for numbers that are no distribution.
 struct LogNormalPrior {
   double location = 0.0;
   double scale = 1.0;
 
   double log_density(double x) const {
+    check(x);
     const double z = (std::log(x) - location) / scale;
     return -std::log(x) - std::log(scale) - 0.5 * std::log(2.0 * pi) - 0.5 * z * z;
   }
   /// d log_density / d ln x.
-  double log_slope(double x) const { return -1.0 - (std::log(x) - location) / (scale * scale); }
-  double mode() const { return std::exp(location - scale * scale); }
+  double log_slope(double x) const {
+    check(x);
+    return -1.0 - (std::log(x) - location) / (scale * scale);
+  }
+  double mode() const {
+    check(1.0);
+    return std::exp(location - scale * scale);
+  }
+
+ private:
+  void check(double x) const {
+    require_positive("argument of a log-normal prior", x, "");
+    require_in_range("location of a log-normal prior", location, -500.0, 500.0, "");
+    require_in_range("scale of a log-normal prior", scale, 1e-6, 1e3, "");
+  }
 };
 
 /// Priors and bounds under which hyper-parameters are fitted. The mean has no prior.

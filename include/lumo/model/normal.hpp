@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
 
 #include <algorithm>
@@ -10,14 +11,25 @@
 
 namespace lumo {
 
-/// Density of the standard normal distribution.
-inline double normal_density(double z) { return 0.39894228040143267794 * std::exp(-0.5 * z * z); }
+namespace detail {
+
+/// Throws InvalidArgument for NaN; infinite numbers are ends of the distribution.
+inline double number(double z) {
+  if (std::isnan(z)) throw InvalidArgument("normal distribution: nan is no number");
+  return z;
+}
+
+}  // namespace detail
+
+/// Density of the standard normal distribution. Like all here, it throws InvalidArgument for NaN.
+inline double normal_density(double z) { return 0.39894228040143267794 * std::exp(-0.5 * detail::number(z) * z); }
 
 /// P(Z ≤ z) of the standard normal distribution, accurate in both tails.
-inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * z); }
+inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * detail::number(z)); }
 
 /// z with P(Z ≤ z) = p; ∓∞ at 0 and 1. A rational start (Abramowitz & Stegun 1964, 26.2.23), then Halley's iteration.
 inline double normal_quantile(double p) {
+  detail::number(p);
   if (!(p > 0.0)) return -std::numeric_limits<double>::infinity();
   if (!(p < 1.0)) return std::numeric_limits<double>::infinity();
   const bool upper = p > 0.5;
@@ -94,6 +106,7 @@ class ExcessTable {
 /// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a =
 /// −38.
 inline double expected_excess(double a) {
+  detail::number(a);
   if (a >= detail::ExcessTable::edge) return a;
   if (a >= -detail::ExcessTable::edge) return detail::ExcessTable::get()(a);
   return a > -39.0 ? normal_density(a) * detail::scaled_excess_tail(a) : 0.0;
@@ -102,12 +115,15 @@ inline double expected_excess(double a) {
 /// log E[(Z + a)⁺], finite for every finite a. Source: Ament, Daulton, Eriksson, Balandat & Bakshy, "Unexpected
 /// Improvements to Expected Improvement for Bayesian Optimization", NeurIPS 2023.
 inline double log_expected_excess(double a) {
+  detail::number(a);
   if (a <= -8.0) return -0.5 * a * a - 0.5 * std::log(2.0 * pi) + std::log(detail::scaled_excess_tail(a));
   return std::log(a * normal_probability(a) + normal_density(a));
 }
 
 /// log(eˣ − eʸ) for x ≥ y; −∞ if they are equal.
 inline double log_difference(double x, double y) {
+  detail::number(x);
+  detail::number(y);
   if (!(y < x)) return -std::numeric_limits<double>::infinity();
   const double d = y - x;
   return x + (d > -0.69314718055994530942 ? std::log(-std::expm1(d)) : std::log1p(-std::exp(d)));
@@ -116,7 +132,7 @@ inline double log_difference(double x, double y) {
 /// log Σ exp of the numbers in [first, last); −∞ for none.
 template <class Iterator> double log_sum_exp(Iterator first, Iterator last) {
   double top = -std::numeric_limits<double>::infinity();
-  for (Iterator i = first; i != last; ++i) top = std::max(top, double(*i));
+  for (Iterator i = first; i != last; ++i) top = std::max(top, detail::number(*i));
   if (!std::isfinite(top)) return top;
   double sum = 0.0;
   for (Iterator i = first; i != last; ++i)

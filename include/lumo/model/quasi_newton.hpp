@@ -37,7 +37,8 @@ struct QuasiNewton {
 
   /// `function(x, gradient)` returns the value and fills the gradient. The search steps back from values that are not
   /// finite. `start` is moved between the bounds. `hessian`, positive definite, from the search for a like minimum
-  /// saves steps. Throws InvalidArgument if sizes differ or the value at the start is not finite.
+  /// saves steps. Throws InvalidArgument if sizes differ, for a start or bounds that are no numbers, or if the value at
+  /// the start is not finite.
   template <class Function> Minimum minimize(Function&& function, const Eigen::VectorXd& start,
       const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
       const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
@@ -100,6 +101,8 @@ template <class Function> Minimum QuasiNewton::minimize(Function&& function, con
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(
         message("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
+  if (!start.allFinite() || !(lower.array() <= upper.array()).all())
+    throw InvalidArgument("minimiser: the start must be finite, lower bounds at most the upper ones");
   Minimum best;
   best.x = start.cwiseMax(lower).cwiseMin(upper);
   best.gradient.resize(n);

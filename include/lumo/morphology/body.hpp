@@ -74,8 +74,9 @@ struct Body {
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
   /// Light that leaves against this direction is not seen; 0: all is.
   Vec3d seen_towards = Vec3d::Zero();
-  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
-  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: what region() says of mirror images
+  /// (region_images). One that contradicts region() is refused.
+  std::optional<std::vector<int>> region_image_x, region_image_y;
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch

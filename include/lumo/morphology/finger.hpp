@@ -79,7 +79,6 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   std::vector<int> other_end;
   for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
   body.region_image_y = other_end;
-  if (r.one_side) body.region_image_x.reset();
   if (r.one_side && r.by_direction) body.seen_towards = Vec3d::UnitX();
   body.region = [r](const Vec3d& p, const Vec3d& n) {
     const bool turned_away = (r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/mechanics/contact/contact_set.hpp"
 #include "lumo/mechanics/contact/state.hpp"
@@ -34,7 +35,7 @@ struct ContactTerms {
   std::optional<Estimate> form;    ///< q_form: patch radius at 2 N over indenter radius
   std::optional<Estimate> stable;  ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
   std::optional<Estimate> stiff;   ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
-  /// (q_form q_stable q_stiff)^(1/3).
+  /// (q_form q_stable q_stiff)^(1/3); nullopt if a term is empty, out of [0, 1] or not finite.
   std::optional<Estimate> score() const;
 };
 
@@ -92,8 +93,11 @@ std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::v
 }
 
 /// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper
-/// Table II.
+/// Table II. Throws InvalidArgument for a depth that is negative or not finite, and for a baseline that is not
+/// positive.
 inline double progressive_constraint_gain(double depth, double baseline_depth) {
+  require_in_range("depth", depth, 0.0, 1e3, "");
+  require_in_range("baseline's depth", baseline_depth, 1e-12, 1e3, "");
   return 100.0 * (1.0 - depth / baseline_depth);
 }
 
@@ -103,6 +107,13 @@ namespace detail {
 inline Estimate clipped(const Estimate& e) {
   const double value = std::clamp(e.value, 0.0, 1.0);
   return {value, std::max(0.0, e.error - std::abs(e.value - value))};
+}
+
+/// Are the numbers finite that terms are made of?
+inline bool is_sound(const MechanicalState& s) {
+  return std::isfinite(s.force_N) && std::isfinite(s.depth_m) && std::isfinite(s.contact_area_m2) &&
+         s.contact_area_m2 >= 0.0 &&
+         std::none_of(s.contact_field.begin(), s.contact_field.end(), [](double gap) { return std::isnan(gap); });
 }
 
 }  // namespace detail
@@ -138,6 +149,8 @@ inline std::optional<Unresolved> MechanicalError::unresolved_in(const Mechanical
 
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
+  for (const Estimate& e : {*form, *stable, *stiff})
+    if (!(e.value >= 0.0 && e.value <= 1.0 && e.error >= 0.0 && std::isfinite(e.error))) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
   const auto with = [&](double f, double s, double k) {
     return std::abs(std::cbrt(std::max(0.0, f) * std::max(0.0, s) * std::max(0.0, k)) - value);
@@ -153,12 +166,16 @@ inline std::optional<Estimate> ContactTerms::score() const {
 }
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
-/// count.
+/// count, with finite numbers. Throws InvalidArgument for a radius, error or load out of range.
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
     double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
+  require_positive("radius of the indenter", radius_m, "m");
+  for (const double e : {error.area, error.overlap, error.stiffness})
+    require_in_range("error of the contact's terms", e, 0.0, 1e3, "");
   const auto at = [&](double load) -> const MechanicalState* {
+    require_positive("load of the contact's terms", load, "N");
     for (const MechanicalState& s : states)
-      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
+      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true) && detail::is_sound(s)) return &s;
     return nullptr;
   };
   const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third),

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/mechanics/contact/scenario.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/optics/response.hpp"
@@ -34,8 +35,24 @@ struct OpticalError {
   double mesh = 0.12;
 };
 
-/// (r − r_0)/P_emit by replicate.
+namespace detail {
+
+inline void require_same_shape(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  if (a.rows() != b.rows() || a.cols() != b.cols() || a.rows() < 1)
+    throw InvalidArgument(message("responses of ", a.rows(), " and ", b.rows(), " replicates of ", a.cols(), " and ",
+        b.cols(), " channels, must be as many, at least 1 replicate"));
+  constexpr double largest = 1e150;  // squares do not overflow
+  if (!(a.array().abs() <= largest).all() || !(b.array().abs() <= largest).all())
+    throw InvalidArgument("responses: a number is not finite, or beyond +-1e150");
+}
+
+}  // namespace detail
+
+/// (r − r_0)/P_emit by replicate. Throws InvalidArgument for responses of different shape or that are not finite, or
+/// without emitted power.
 inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
+  detail::require_same_shape(loaded.replicates, unloaded.replicates);
+  require_positive("emitted power", loaded.ledger.emitted, "W");
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 
@@ -48,8 +65,10 @@ inline bool comparable(const ObservedState& a, const ObservedState& b) {
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
 /// mean over pairs of *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding
 /// 1948): noise does not raise it, unlike the square of the mean difference. The distance is 0 if noise makes the
-/// square negative. The error is that of the larger of distance and noise.
+/// square negative. The error is that of the larger of distance and noise. Throws InvalidArgument for changes of
+/// different shape, without replicates, or that are not finite.
 inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  detail::require_same_shape(a, b);
   const Eigen::MatrixXd d = a - b;
   const Eigen::RowVectorXd mean = d.colwise().mean();
   const double n = double(d.rows());
@@ -89,6 +108,7 @@ struct Undecided {
 /// done, or if no states can be compared. A pure function: a campaign that retraces these states (Tracer::refined)
 /// stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
+  require_in_range("tolerance of J_obs", tolerance, 0.0, 1e3, "");
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
@@ -112,6 +132,7 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
 /// nullopt if no two states can be compared. Cost: all pairs.
 inline std::optional<Separation> optical_separation(
     const std::vector<ObservedState>& states, const OpticalError& error = {}) {
+  require_in_range("relative error of J_obs by the mesh", error.mesh, 0.0, 1e3, "");
   const std::vector<Separation> pairs = detail::separations(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(),
       [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });

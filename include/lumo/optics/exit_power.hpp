@@ -2,9 +2,11 @@
 
 #include "lumo/core/types.hpp"
 #include "lumo/morphology/body.hpp"
+#include "lumo/morphology/region_images.hpp"
 
 #include <concepts>
 #include <optional>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -50,8 +52,11 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
+  /// nullopt unless the images of all regions are regions. Throws as region_images() does.
   std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
-    return axis == 0 ? body.region_image_x : body.region_image_y;
+    RegionImages known = region_images(body, axis);
+    if (known.kind != RegionImages::Kind::regions) return std::nullopt;
+    return std::move(known.image);
   }
 };
 

@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
+#include "lumo/mesh/body_check.hpp"
 #include "lumo/mesh/contact_slope.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
@@ -48,7 +49,7 @@ class OpticalScene {
 
   /// `images`: also label regions for mirror images in the planes of this symmetry.
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
-  /// indices or optics.
+  /// indices or optics, MeshError for patches off their shapes.
   OpticalScene(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry images, const Config& config)
       : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
     require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
@@ -67,6 +68,7 @@ class OpticalScene {
         if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
       }
     add_faces(mesh, state);
+    require_on_shapes(body, mesh);
     recover_normals(faces_, mesh.faces, body);
     body_triangles_ = triangles_.size();
     add_carrier(config);
@@ -127,6 +129,21 @@ class OpticalScene {
     return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
   }
   int triangles_per_face() const { return int(lattice_.size()); }
+  /// How far a place on the body may be off its surface by rounding: a millionth of its size [m].
+  double precision_m() const {
+    double size = 0.0;
+    for (const QuadraticFace& f : faces_)
+      for (const Vec3d& p : f.reference) size = std::max(size, p.lpNorm<Eigen::Infinity>());
+    return 1e-6 * size;
+  }
+  /// How far a node of the surface has moved, at most [m].
+  double moved_m() const {
+    double moved = 0.0;
+    for (const QuadraticFace& f : faces_)
+      for (std::size_t k = 0; k < f.reference.size(); ++k)
+        moved = std::max(moved, (f.deformed[k] - f.reference[k]).norm());
+    return moved;
+  }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
   double triangle_area(int t) const {
     const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;

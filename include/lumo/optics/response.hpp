@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 
 #include <Eigen/Core>
@@ -21,7 +22,10 @@ struct EnergyLedger {
   double absorbed_at_surfaces = 0.0;  ///< at opaque surfaces: carrier and LEDs
   double roulette = 0.0;              ///< ended minus added by Russian roulette; expectation 0, either sign
   double refinement = 0.0;  ///< channels as first traced minus channels as refined; expectation 0, either sign
-  double lost = 0.0;        ///< rays that leaked or bounced too often; target ≤ 1e-6 of emitted
+  double lost = 0.0;        ///< rays that leaked or bounced too often; a result has at most largest_lost of emitted
+
+  static constexpr double largest_lost = 1e-6;       ///< share of the emitted power, by default
+  static constexpr double largest_imbalance = 1e-9;  ///< what rounding may do to imbalance()
 
   double accounted() const {
     return std::accumulate(channels.begin(), channels.end(), 0.0) + to_indenter + elsewhere + absorbed_in_medium +
@@ -30,6 +34,18 @@ struct EnergyLedger {
   /// |emitted − accounted| / emitted.
   double imbalance() const { return emitted > 0.0 ? std::abs(emitted - accounted()) / emitted : std::abs(accounted()); }
 };
+
+/// Throws NumericalError unless the balance closes and next to nothing is lost: else light left where the surface is
+/// open, or was still on its way after the last event.
+inline void require_closed(const EnergyLedger& ledger, double largest_lost = EnergyLedger::largest_lost) {
+  const double lost = ledger.emitted > 0.0 ? ledger.lost / ledger.emitted : ledger.lost;
+  if (!(lost <= largest_lost))
+    throw NumericalError(message("light: ", lost, " of the emitted power is lost, at most ", largest_lost,
+        ": the surface is open, or max_events is too small"));
+  if (!(ledger.imbalance() <= EnergyLedger::largest_imbalance))
+    throw NumericalError(message("light: ", ledger.imbalance(), " of the emitted power is unaccounted for, at most ",
+        EnergyLedger::largest_imbalance));
+}
 
 /// Adds `factor` × the accounts of `part`, `emitted` too.
 inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {

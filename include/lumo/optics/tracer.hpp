@@ -9,6 +9,7 @@
 #include "lumo/optics/beer_lambert.hpp"
 #include "lumo/optics/bvh.hpp"
 #include "lumo/optics/exit_power.hpp"
+#include "lumo/optics/lamp_places.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/transport/face_set.hpp"
@@ -67,7 +68,10 @@ class Tracer {
     double roulette_below = 0.02;  ///< branches below this share of their path's start weight may be ended
     double scattered_below = 0.5;  ///< the same for the many branches that were scattered in the medium
     int max_events = 4096;         ///< a branch that meets more surfaces is booked as lost
-    std::uint64_t seed = 0;        ///< another number, another independent pattern
+    /// Share of the emitted power beyond which a result is refused. Only light that is caught for good, in a body that
+    /// absorbs nothing, needs more.
+    double largest_lost = EnergyLedger::largest_lost;
+    std::uint64_t seed = 0;  ///< another number, another independent pattern
     OpticalScene::Config scene{};
   };
 
@@ -119,7 +123,8 @@ class Tracer {
   }
 
   /// `count` of the replicates from `first` on, as a tracer of its own: tasks that can run side by side. joined() makes
-  /// of their responses that of all replicates, to the bit for the same division.
+  /// of their responses that of all replicates, to the bit for the same division. A portion is not refused for what
+  /// it loses: that is for require_closed() of the joined ledger.
   Tracer portion(int first, int count) const {
     Tracer t = *this;
     t.first_ = first_ + first;
@@ -161,7 +166,9 @@ class Tracer {
   /// Response of a surface that is given node by node.
   /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
   /// `focus` must have the symmetry; `guide` is of this body, mesh and tracer, and read-out through openings does
-  /// without. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  /// without. Throws InvalidArgument for broken numbers, sizes or settings and for an emitter that lies out of the
+  /// medium that it radiates into (by more than nodes have moved: LampPlaces), MeshError for patches off their shapes
+  /// (require_on_shapes), NumericalError if light is lost (require_closed); never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry symmetry = {},
       const RayFocus& focus = {}, const RayGuide& guide = {}) const {
     check(body, symmetry, focus);
@@ -169,9 +176,7 @@ class Tracer {
     const OpticalScene surface(body, mesh, state, symmetry, config_.scene);
     const auto scene = backend_.build(surface.triangles());
     using Scene = std::remove_const_t<decltype(scene)>;
-    if (!guide.sent_W_m2.empty() && guide.sent_W_m2.size() != surface.triangles().size())
-      throw InvalidArgument(
-          message("ray guide for ", guide.sent_W_m2.size(), " triangles, the scene has ", surface.triangles().size()));
+    check(body, surface, scene, guide);
     const LightNodes nodes(surface, symmetry, guide);
     const double replicates = config_.replicates;
     const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide);
@@ -220,7 +225,9 @@ class Tracer {
     }
     response.rays = path.rays;
     response.segments = path.segments;
-    return averaged(std::move(response));
+    response = averaged(std::move(response));
+    if (count_ == 0) require_closed(response.ledger, config_.largest_lost);
+    return response;
   }
 
   /// Learns how these states' light differs from that of the undeformed body, all on one mesh: empty unless emitters
@@ -301,6 +308,7 @@ class Tracer {
     require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
     require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
     require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
+    require_in_range("largest share of lost light", config_.largest_lost, 0.0, 1.0, "");
     if (body.surroundings.extinction_per_m != 0.0)
       throw InvalidArgument(
           message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
@@ -312,6 +320,14 @@ class Tracer {
       throw InvalidArgument(
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
+  }
+  /// Throws InvalidArgument unless lamps and guide fit the scene.
+  template <class Scene>
+  static void check(const Body& body, const OpticalScene& surface, const Scene& scene, const RayGuide& guide) {
+    LampPlaces<Scene>(surface.triangles(), scene, surface.precision_m(), surface.moved_m()).require(body.emitters);
+    if (!guide.sent_W_m2.empty() && guide.sent_W_m2.size() != surface.triangles().size())
+      throw InvalidArgument(
+          message("ray guide for ", guide.sent_W_m2.size(), " triangles, the scene has ", surface.triangles().size()));
   }
   template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
       std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path,

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/sobol.hpp"
 #include "lumo/model/normal.hpp"
 #include "lumo/model/surrogate.hpp"
@@ -23,8 +24,10 @@ concept Acquisition = requires(const A& acquisition, const Models& models, const
 
 /// Standard normal numbers, points × draws: each row is an Owen-scrambled Sobol dimension, so that every point sees
 /// evenly spread draws. Blocks of 32 dimensions are scrambled independently. Row `point` does not depend on the number
-/// of rows.
+/// of rows. Throws InvalidArgument for negative numbers or more than a million.
 inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std::uint64_t seed) {
+  require_in_range("points of base draws", double(points), 0.0, 1e6, "");
+  require_in_range("base draws", double(draws), 0.0, 1e6, "");
   Eigen::MatrixXd z(points, draws);
   for (Eigen::Index i = 0; i < points; ++i) {
     const OwenSobol sequence{combine(seed, std::uint64_t(i / Sobol::dimensions))};

@@ -18,9 +18,18 @@ template <class A, class B> bool dominates(const Eigen::DenseBase<A>& a, const E
   return (a.derived().array() >= b.derived().array()).all() && (a.derived().array() > b.derived().array()).any();
 }
 
+namespace detail {
+
+inline void require_finite_objectives(const Eigen::MatrixXd& y) {
+  if (!y.allFinite()) throw InvalidArgument("objectives must be finite numbers");
+}
+
+}  // namespace detail
+
 /// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by
-/// index.
+/// index. Throws InvalidArgument, like all here, for objectives that are not finite.
 inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
+  detail::require_finite_objectives(y);
   std::vector<Eigen::Index> order(std::size_t(y.cols()));
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) {
@@ -88,6 +97,8 @@ struct BoxSlicer {
 inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
     throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
+  detail::require_finite_objectives(y);
+  detail::require_finite_objectives(reference);
   std::vector<Eigen::Index> above;
   for (Eigen::Index i = 0; i < y.cols(); ++i)
     if ((y.col(i).array() > reference.array()).all()) above.push_back(i);
@@ -111,6 +122,8 @@ inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& refer
   const Eigen::Index m = reference.size();
   if (m < 1 || (y.cols() > 0 && y.rows() != m))
     throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", m));
+  detail::require_finite_objectives(y);
+  detail::require_finite_objectives(reference);
   std::vector<Eigen::Index> order;
   for (Eigen::Index i = 0; i < y.cols(); ++i)
     if ((y.col(i).array() > reference.array()).all()) order.push_back(i);
@@ -147,7 +160,8 @@ class ExpectedHypervolume {
   ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference)
       : boxes_(nondominated_boxes(y, reference)) {}
 
-  /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
+  /// log of the expected improvement, finite for all `mean` and positive `deviation` within 1e153; others throw
+  /// InvalidArgument.
   template <class Mean, class Deviation> double log_value(const Mean& mean, const Deviation& deviation) const {
     const double sum = value(mean, deviation);
     if (sum > 1e-280 && std::isfinite(sum)) return std::log(sum);
@@ -158,6 +172,10 @@ class ExpectedHypervolume {
   /// front.
   template <class Mean, class Deviation> double value(const Mean& mean, const Deviation& deviation) const {
     const Eigen::Index m = boxes_.lower.rows(), count = boxes_.lower.cols();
+    for (Eigen::Index j = 0; j < m; ++j) {
+      require_in_range("mean of an objective", mean[j], -largest, largest, "");
+      require_positive("deviation of an objective", deviation[j], "");
+    }
     if (m != 2) return std::exp(log_sum(mean, deviation));
     double sum = 0.0, above = 0.0, side = std::numeric_limits<double>::quiet_NaN(), excess = 0.0;
     for (Eigen::Index k = count; k-- > 0;) {  // from the topmost slice, which has no upper end, downwards
@@ -175,6 +193,8 @@ class ExpectedHypervolume {
   const BoxDecomposition& boxes() const { return boxes_; }
 
  private:
+  static constexpr double largest = 1e153;  ///< squares do not overflow
+
   /// log ∫ P(Y > t) dt over [low, high] for Y normal.
   static double log_side(double mean, double deviation, double low, double high) {
     const double a = (mean - low) / deviation;

@@ -102,7 +102,8 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   }
 
   /// Lights these states, and the unloaded body on their meshes with the same rays. Patterns of different size are
-  /// independent. `report(count)` is called after each of `count` jobs.
+  /// independent. `report(count)` is called after each of `count` jobs. Throws NumericalError if too much light is
+  /// lost.
   template <Executor E, class Report>
   void trace(const std::vector<Wanted>& wanted, const E& executor, Report&& report) {
     if (guides_.empty()) learn(executor);
@@ -252,7 +253,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
 
   void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
     std::vector<Response> lit;
-    for (const std::vector<Response>& p : parts) lit.push_back(Light::joined(p));
+    for (const std::vector<Response>& p : parts) {
+      lit.push_back(Light::joined(p));
+      require_closed(lit.back().ledger, light_.config().largest_lost);
+    }
     for (std::size_t j = 0; j < jobs.size(); ++j) {
       if (ledger.emitted == 0.0 || lit[j].ledger.imbalance() >= ledger.imbalance()) ledger = lit[j].ledger;
       if (jobs[j].state == nullptr) unloaded_[jobs[j].bare] = lit[j];

@@ -4,6 +4,7 @@
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/simulator.hpp"
+#include "lumo/morphology/region_images.hpp"
 #include "lumo/pipeline/ensemble.hpp"
 #include "lumo/pipeline/lighting.hpp"
 #include "lumo/pipeline/observations.hpp"
@@ -105,8 +106,9 @@ struct LitSides {
       images = {std::vector<int>{}, std::vector<int>{}};
       return;
     }
-    if (body.symmetry.x && !body.region_image_x) both = with_both_sides(body);
-    if (both && light.channels(*both) != 2 * channels) both.reset();  // this light knows nothing of regions
+    if (body.symmetry.x && body.region) both = with_both_sides(body);
+    const bool knows_regions = both && light.channels(*both) == 2 * channels;
+    if (!knows_regions || region_images(body, 0).kind != RegionImages::Kind::unseen) both.reset();
     const int of_color = channels / colors;
     for (int c = 0; c < colors; ++c)
       for (int k = 0; k < of_color; ++k) seen.push_back(c * (both ? 2 : 1) * of_color + k);
@@ -291,7 +293,7 @@ bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, con
 
 /// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
 /// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
-/// every executor. Throws InvalidArgument, also unless has_image_channels().
+/// every executor. Throws InvalidArgument, also unless has_image_channels(), and as Tracer::trace() does.
 template <class P, class Pad, Indenter Tool, Executor E> Observations observe(const Body& body,
     const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;

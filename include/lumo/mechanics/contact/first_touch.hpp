@@ -6,6 +6,7 @@
 #include "lumo/morphology/body.hpp"
 
 #include <limits>
+#include <string>
 
 namespace lumo {
 
@@ -17,7 +18,8 @@ struct Touch {
 
 /// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools
 /// with edges and far better for round ones. The mesh bounds the patches. Throws InvalidArgument when the
-/// indenter passes by.
+/// indenter passes by, with what is known of why: no patch may be touched, it meets one that may not, or the tool lies
+/// far off its own origin, which is what comes along the line.
 template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
 
 // How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it
@@ -129,9 +131,41 @@ template <Indenter Tool> struct PatchSearch {
   }
 };
 
+// A scenario's tool in a message.
+template <Indenter Tool> std::string approach(const Scenario<Tool>& s) {
+  return message("the indenter at y = ", s.y_m * 1e3, " mm and ", s.angle_rad * 180 / pi, " deg");
+}
+
+// Why a tool on this line touches nothing.
+template <Indenter Tool>
+std::string passing_by(const Body& body, const TetMesh& mesh, const std::string& what, const ApproachLine<Tool>& line) {
+  bool may_touch = false;
+  int met = -1;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const BoundaryFace& f : mesh.faces) {
+    if (body.patches[std::size_t(f.patch)].contactable) {
+      may_touch = true;
+      continue;
+    }
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k)
+      if (const double s = line.advance_to(mesh.nodes[std::size_t(f.nodes[k])]); s < nearest) {
+        nearest = s;
+        met = f.patch;
+      }
+  }
+  if (!may_touch) return what + " touches nothing: no patch of the body is contactable";
+  if (met >= 0)
+    return message(
+        what, " meets patch \"", printable(body.patches[std::size_t(met)].name), "\", which may not be touched");
+  const double off = line.tool.distance(Vec3d(0.0, 0.0, 0.0));
+  return what + " passes by the body" +
+         (off > contact_radius(line.tool) ? message("; the tool lies ", off * 1e3, " mm off its own origin") : "");
+}
+
 }  // namespace detail
 
 template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
+  validate(scenario);
   const Vec3d direction = scenario.direction();
   double size = 0.0;
   for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
@@ -162,9 +196,7 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
       }
     }
   }
-  if (!std::isfinite(best))
-    throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi,
-        " deg passes by the body"));
+  if (!std::isfinite(best)) throw InvalidArgument(detail::passing_by(body, mesh, detail::approach(scenario), line));
   return {start + best * direction, point};
 }
 

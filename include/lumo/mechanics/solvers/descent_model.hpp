@@ -49,6 +49,7 @@ inline void validate(const DescentConfig& c) {
   require_in_range("slip speed", c.slip_speed_m_per_s, 1e-9, 1e3, "m/s");
   require_in_range("distance at which contact is watched", c.detection_m * 1e3, 1e-3, 100.0, "mm");
   require_in_range("largest advance", c.max_advance_m * 1e3, 1e-3, 1e3, "mm");
+  require_in_range("time limit of a scenario", c.time_limit_s, 0.0, 1e12, "s");
 }
 
 namespace detail {

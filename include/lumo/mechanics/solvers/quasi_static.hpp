@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"
 
@@ -63,6 +64,18 @@ struct QuasiStaticConfig {
   double time_limit_s = 1e9;  ///< per scenario, wall clock
 };
 
+/// Throws InvalidArgument for settings out of range.
+inline void validate(const QuasiStaticConfig& c) {
+  require_in_range("residual tolerance", c.residual_tolerance, 1e-12, 1e-6, "of the load");  // the certificate's limit
+  require_in_range("iterations per load", c.max_iterations, 1, 1 << 20, "");
+  require_in_range("iterations per stride", c.stride_iterations, 1, 1 << 20, "");
+  require_in_range("contraction of a kept factor", c.chord_contraction, 0.0, 1.0, "");
+  require_in_range("late contraction of a kept factor", c.late_contraction, 0.0, 1.0, "");
+  require_in_range("stride of loads", c.load_stride, 1.001, 1e6, "");
+  require_in_range("largest advance of a step", c.max_advance, 1e-6, 1e3, "radii");
+  require_in_range("time limit of a scenario", c.time_limit_s, 0.0, 1e12, "s");
+}
+
 /// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly
 /// (model: solver policy "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
 ///
@@ -92,9 +105,11 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
   static constexpr bool uses_symmetry = true;
   Config config = {};
 
+  /// Throws InvalidArgument for settings out of range.
   template <class Material, class Contact, class Element>
   std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
       const PressPhysics<Material, Contact, Element>& physics) const {
+    validate(config);
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
 

@@ -19,12 +19,15 @@ class PlaceFilter {
     require_in_range("number of places", places, 2, 1e6, "");
     require_in_range("change of place per step", change, 0.0, 1.0, "");
   }
-  /// Takes the log likelihoods of the places (up to a constant) under the next response.
+  /// Takes the log likelihoods of the places (up to a constant) under the next response. Throws InvalidArgument, and
+  /// stays as it was, for another number of places and as decoding_of() does.
   const Eigen::VectorXd& update(const Eigen::VectorXd& log_likelihood) {
     Eigen::VectorXd& p = probability_;
     const double n = double(p.size());
-    p = ((1.0 - change_) * p.array() + change_ / n).max(1e-300);
-    p = decoding_of((p.array().log() + log_likelihood.array()).matrix()).probability;
+    if (log_likelihood.size() != p.size())
+      throw InvalidArgument(message("place filter has ", p.size(), " places, got ", log_likelihood.size()));
+    const Eigen::VectorXd prior = ((1.0 - change_) * p.array() + change_ / n).max(1e-300);
+    p = decoding_of((prior.array().log() + log_likelihood.array()).matrix()).probability;
     return probability_;
   }
   const Eigen::VectorXd& probability() const { return probability_; }

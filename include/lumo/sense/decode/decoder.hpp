@@ -8,6 +8,7 @@
 #include <cmath>
 #include <concepts>
 #include <cstddef>
+#include <limits>
 #include <set>
 #include <vector>
 
@@ -56,8 +57,13 @@ concept Decoder = requires(const D& decoder, const LabelledResponses& training, 
   { decoder.fit(training).decode(response) } -> std::same_as<Decoding>;
 };
 
-/// Softmax of log weights, and its mode.
+/// Softmax of log weights, and its mode; −∞ is a weight of 0. Throws InvalidArgument unless the largest is finite, as
+/// it is not for a response that is not.
 inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
+  constexpr double infinite = std::numeric_limits<double>::infinity();
+  if (!(log_weight.array() < infinite).all() || !(log_weight.array() > -infinite).any())
+    throw InvalidArgument(
+        message("decoder: of ", log_weight.size(), " log weights one must be finite, none NaN or +inf"));
   Decoding d;
   Eigen::Index top = 0;
   const double most = log_weight.maxCoeff(&top);

@@ -4,7 +4,6 @@
 #include "lumo/core/types.hpp"
 
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <vector>
 
@@ -140,8 +139,8 @@ inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eig
 
 /// 100 (1 − W/W_base) [%]: by how much a variation is smaller than the baseline's.
 inline double reduction_percent(double value, double baseline) {
-  require_positive("baseline's value", baseline, "");
-  constexpr double most = std::numeric_limits<double>::max();
+  constexpr double most = 1e150;  // their ratio does not overflow
+  require_in_range("baseline's value", baseline, 1.0 / most, most, "");
   require_in_range("value", value, -most, most, "");
   return 100.0 * (1.0 - value / baseline);
 }

@@ -35,6 +35,9 @@ inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<con
   if (depth_m.size() != force_N.size())
     throw InvalidArgument(
         message("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
+  for (const double d : depth_m) require_finite("depth of a press curve", d, "m");
+  for (const double f : force_N) require_finite("force of a press curve", f, "N");
+  require_in_range("independent samples of a press curve", independent, 0, 1e9, "");
   const auto n = Eigen::Index(depth_m.size());
   StiffnessFit fit{{1.0, 1.0, 1.0}, 0.0, 0.0};
   constexpr int most_steps = 30;                        // of Gauss–Newton; some five are needed

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/golden_section.hpp"
 #include "lumo/sense/devices/faults.hpp"
 #include "lumo/sense/joints/contact_jacobian.hpp"
@@ -26,6 +27,8 @@ struct ForceSolutionConfig {
 /// joint's axis.
 template <ContactJacobian J> Identification solve_forces(const J& jacobian, const JointVector& q,
     const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+  for (const double t : contact_torque_Nm) require_in_range("torque of the contacts", t, -1e6, 1e6, "N·m");
+  require_in_range("error of the torque", torque_sigma_Nm, 0.0, 1e6, "N·m");
   const auto m = Eigen::Index(contacts.size());
   const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
   const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
@@ -51,7 +54,12 @@ template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacob
   using Config = ForceSolutionConfig;
   const int link = range.link;
   const double from_m = range.from_m, to_m = range.to_m;
+  require_in_range("start of the finger", from_m, -10.0, 10.0, "m");
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
+  for (const double t : contact_torque_Nm) require_in_range("torque of the contacts", t, -1e6, 1e6, "N·m");
+  if (contact_torque_Nm.size() != jacobian.joints())
+    throw InvalidArgument(
+        message("torques of ", contact_torque_Nm.size(), " joints, the finger has ", jacobian.joints()));
   require_positive("error of the torque", torque_sigma_Nm, "N·m");
   const auto force_at = [&](double y, double& misfit) {
     const JointVector a = jacobian.column(q, {link, y});

@@ -73,8 +73,9 @@ template <class Chosen> double mean_error_N(std::span<const TorqueForce> samples
 inline std::optional<TorqueScale> torque_scale(std::span<const TorqueForce> samples, int fitted_on = 0) {
   std::map<int, SequenceScale> sequences;
   for (const TorqueForce& s : samples) {
-    if (!std::isfinite(s.force_N) || !std::isfinite(s.true_force_N))
-      throw InvalidArgument("torque scale: forces must be finite");
+    require_in_range("force of the torque scale", s.force_N, -1e6, 1e6, "N");
+    require_in_range("true force of the torque scale", s.true_force_N, -1e6, 1e6, "N");
+    require_in_range("place of the torque scale", s.true_y_m, -10.0, 10.0, "m");
     SequenceScale& of = sequences[s.sequence];
     of.sequence = s.sequence;
     of.y_m += (s.true_y_m - of.y_m) / double(++of.samples);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/sense/devices/device.hpp"
 
@@ -32,6 +33,12 @@ concept ContactJacobian = requires(const J& j, const JointVector& q, const Conta
   { j.column(q, c) } -> std::same_as<JointVector>;
   { j.slope(q, c) } -> std::same_as<JointVector>;
 };
+
+/// Throws InvalidArgument for a place or an angle that is not finite.
+inline void require_finite_pose(const JointVector& q, const ContactPoint& c) {
+  require_finite("place of a contact", c.y_m, "m");
+  for (const double angle : q) require_finite("angle of a joint", angle, "rad");
+}
 
 /// Torques of unit normal forces at several contacts, joints × contacts [m].
 template <ContactJacobian J>

@@ -15,8 +15,11 @@ struct MomentArm {
   double sign = 1.0;                ///< −1 where the motor turns the other way: positive torque lifts the pad off
 
   int joints() const { return 1; }
+  /// Throws InvalidArgument for numbers that are not finite.
   JointVector column(const JointVector&, const ContactPoint& c) const {
-    return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m));
+    const double arm_m = sign * (joint_to_origin_m + c.y_m);
+    require_finite("moment arm of a contact", arm_m, "m");
+    return JointVector::Constant(1, arm_m);
   }
   JointVector slope(const JointVector&, const ContactPoint&) const { return JointVector::Constant(1, sign); }
 };
@@ -65,6 +68,7 @@ class PlanarFinger {
       throw InvalidArgument(message("contact lies on link ", c.link, ", the planar finger's pad on link ", pad_link()));
     if (q.size() != joints())
       throw InvalidArgument(message("planar finger has ", joints(), " joints, got ", q.size(), " angles"));
+    require_finite_pose(q, c);
   }
   std::vector<double> way_m_;
   double last_m_;

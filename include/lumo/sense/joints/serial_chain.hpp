@@ -39,22 +39,22 @@ class SerialChain {
   int joints() const { return int(links_.size()); }
 
   JointVector column(const JointVector& q, const ContactPoint& c) const {
-    const Pose p = pose(q, c.link);
+    const Pose p = pose(q, c);
     const Eigen::Isometry3d& finger = p.finger;
     return torques(p, finger * Vec3d(0.0, c.y_m, 0.0), finger.linear().col(2), true);
   }
   JointVector slope(const JointVector& q, const ContactPoint& c) const {
-    const Pose p = pose(q, c.link);
+    const Pose p = pose(q, c);
     const Eigen::Isometry3d& finger = p.finger;
     return torques(p, finger.linear().col(1), finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
   Vec3d position(const JointVector& q, const ContactPoint& c) const {
-    return pose(q, c.link).finger * Vec3d(0.0, c.y_m, 0.0);
+    return pose(q, c).finger * Vec3d(0.0, c.y_m, 0.0);
   }
   /// Outward normal of the pad there, in the base's frame.
   Vec3d normal(const JointVector& q, const ContactPoint& c) const {
-    const Eigen::Isometry3d finger = pose(q, c.link).finger;
+    const Eigen::Isometry3d finger = pose(q, c).finger;
     return finger.linear().col(2);
   }
 
@@ -65,11 +65,13 @@ class SerialChain {
     Eigen::Isometry3d finger;
   };
 
-  Pose pose(const JointVector& q, int link) const {
+  Pose pose(const JointVector& q, const ContactPoint& c) const {
+    const int link = c.link;
     if (link < 0 || link >= joints())
       throw InvalidArgument(message("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints())
       throw InvalidArgument(message("chain has ", joints(), " joints, got ", q.size(), " angles"));
+    require_finite_pose(q, c);
     Pose p;
     p.axis.resize(3, link + 1);
     p.origin.resize(3, link + 1);

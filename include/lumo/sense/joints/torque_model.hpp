@@ -39,8 +39,11 @@ inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& 
   if (n < 1 || a.rows() != b.size() || scale.size() != n)
     throw InvalidArgument(message("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(),
         " observations and ", scale.size(), " scales"));
-  if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all())
-    throw InvalidArgument("identification: numbers must be finite, scales positive");
+  if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all() || !(scale.array() <= 1e100).all())
+    throw InvalidArgument("identification: numbers must be finite, scales positive and at most 1e100");
+  require_in_range("standard deviation of an observation", sigma, 0.0, 1e100, "");
+  require_in_range("tolerance of the identification", tolerance, 0.0, 1.0, "");
+  require_in_range("known scales of the identification", known, 0.0, 1e100, "");
   Identification r;
   const Eigen::MatrixXd scaled = a * scale.asDiagonal();
   if (a.rows() == 0 || scaled.cwiseAbs().maxCoeff() == 0.0) {

@@ -25,8 +25,13 @@ struct GridMoments {
 /// Weights below this share of the mode's do not count: what new contacts leave, which may be anywhere.
 inline constexpr double least_grid_weight = 1e-4;
 
-/// Moments about the mode. As many weights as places, one of them positive.
+/// Moments about the mode. Throws InvalidArgument unless there are as many weights as places, all are finite, and the
+/// largest weight is positive.
 inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
+  if (place.size() != weight.size() || weight.size() < 1 || !(place.array().abs() <= 1e100).all() ||
+      !(weight.array().abs() <= 1e100).all() || !(weight.maxCoeff() > 0.0))
+    throw InvalidArgument(message("grid has ", place.size(), " places and ", weight.size(),
+        " weights, must have as many, within 1e100, the largest weight > 0"));
   GridMoments m{0.0, 0.0, 0};
   const double most = weight.maxCoeff(&m.mode);
   double sum = 0.0, first = 0.0, second = 0.0;
@@ -149,7 +154,7 @@ inline void BayesLocalizer::require_valid(const Config& c) {
   if (n < 3 || c.noise.size() != n || (c.unloaded.size() != 0 && c.unloaded.size() != n))
     throw InvalidArgument(message("localiser has ", n, " positions, ", c.noise.size(), " noises and ",
         c.unloaded.size(), " unloaded values, must have as many, at least 3"));
-  for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", c.noise[i], "");
+  for (Eigen::Index i = 0; i < n; ++i) require_in_range("noise of a profile's value", c.noise[i], 1e-100, 1e100, "");
   require_ascending_positions(c.position_m);
   if (c.unloaded.size() && !c.unloaded.allFinite()) throw InvalidArgument("localiser: unloaded values must be finite");
   require_in_range("relative change of the lamps", c.lamp_sigma, 0.0, 1e3, "");
@@ -160,7 +165,7 @@ inline void BayesLocalizer::require_valid(const Config& c) {
   for (const double w : c.width_m) require_positive("width of a bump", w, "m");
   require_in_range("end of the pad", c.end_m, 0.0, 10.0, "m");
   require_in_range("share of the light that the pad's ends throw back", c.end_share, 0.0, 1.0, "");
-  require_positive("height of a bump", c.amplitude_sigma, "");
+  require_in_range("height of a bump", c.amplitude_sigma, 1e-100, 1e100, "");
   require_in_range("shape error", c.shape_error, 0.0, 1.0, "");
   require_in_range("share of the weaker contact", c.min_share, 0.0, 1.0, "");
   require_positive("rate of change of contacts", c.change_rate_per_s, "1/s");
@@ -361,6 +366,10 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
         message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
   const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
   if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
+  if (!is_usable(response)) {
+    if (step_s > config_.gap_s) reset();
+    return answer(response.stamp_ns);
+  }
   if (fresh_ || step_s > config_.gap_s) {
     number_ = Eigen::Vector3d(1.0, 1.0, 1.0) / 3.0;
     place_.setConstant(1.0 / double(grid_.size()));

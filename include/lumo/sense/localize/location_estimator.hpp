@@ -38,9 +38,16 @@ struct LocationEstimate {
   double probability = 1.0;                ///< of this number of contacts under the model
 };
 
+/// Can a response be worked with: are its values finite, and their squares?
+inline bool is_usable(const Profile& response) {
+  constexpr double largest = 1e100;
+  return (response.value.array().abs() <= largest).all();
+}
+
 /// Locates contacts from responses: profiles minus the unloaded reference.
-/// Laws: causal, the estimate depends on this and earlier responses only; finite for finite responses; a response that
-/// is not newer than its predecessor changes only the answer's stamp; after `reset` the estimator is as new.
+/// Laws: causal, the estimate depends on this and earlier responses only; always finite; a response that is not newer
+/// than its predecessor, or not usable (is_usable), changes only the answer's stamp, but that a gap without usable ones
+/// is forgotten; after `reset` the estimator is as new.
 template <class L>
 concept LocationEstimator = requires(L& localizer, const Profile& response) {
   { localizer.update(response) } -> std::same_as<LocationEstimate>;

@@ -53,6 +53,10 @@ class PeakLocalizer {
           message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
     const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
     if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
+    if (!is_usable(response)) {
+      if (step_s > config_.gap_s) reset();
+      return answer(response.stamp_ns);
+    }
     if (fresh_ || step_s > config_.gap_s) {
       filtered_ = response.value;
       share_ = 1.0;

@@ -25,24 +25,25 @@ struct AxisMap {
   double centroid_sigma_px = 0.0;  ///< assumed or found, whichever is larger
   double residual_px = 0.0;        ///< RMS of the fit
 
-  double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
+  double u_px(const Eigen::Vector2d& pixel) const { return finite((pixel - origin_px).dot(direction)); }
+  /// This and all below throw InvalidArgument for NaN and beyond the line's ends, where the map is not finite.
   double y_m(double u) const {
     const double s = u / half_length_px;
-    return (coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s);
+    return finite((coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s));
   }
-  /// Inverse of y_m.
+  /// Inverse of y_m; infinite at the horizon.
   double u_px(double y) const {
-    return half_length_px * (y - coefficients[0]) / (coefficients[1] - coefficients[2] * y);
+    return half_length_px * (finite(y) - coefficients[0]) / (coefficients[1] - coefficients[2] * y);
   }
   /// dy/du [m/px].
   double scale_m_per_px(double u) const {
     const double w = 1.0 + coefficients[2] * u / half_length_px;
-    return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
+    return finite((coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w));
   }
   /// Variance of y at u [m²] that comes from the map itself.
   double variance_m2(double u) const {
     const Eigen::Vector3d g = gradient(u);
-    return g.dot(covariance * g);
+    return finite(g.dot(covariance * g));
   }
   /// ∂y/∂(a, b, c).
   Eigen::Vector3d gradient(double u) const {
@@ -56,6 +57,10 @@ struct AxisMap {
   static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
 
  private:
+  static double finite(double value) {
+    require_finite("place on an axis map", value, "");
+    return value;
+  }
   static constexpr double max_perspective = 0.5;  ///< of |c|: beyond, the line's end lies near the camera
   static constexpr int most_steps = 20;           ///< of Gauss–Newton
   static constexpr double least_step = 1e-14;     ///< [m]: rounding

@@ -25,8 +25,10 @@ struct ClockMap {
   double residual_s = 0.0;  ///< RMS residual of a fit; 0 if the map was given
   bool operator==(const ClockMap&) const = default;
 
-  /// Saturates at the limit of stamps.
+  /// Saturates at the limit of stamps. Throws InvalidArgument for an offset or drift that is not finite.
   std::int64_t operator()(std::int64_t from_ns) const {
+    require_finite("offset of a clock", offset_s, "s");
+    require_finite("drift of a clock", drift, "");
     constexpr double limit = double(stamp_limit_ns);
     const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
     return std::clamp<std::int64_t>(
@@ -81,7 +83,7 @@ class TimeSeries {
           message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
   }
 
-  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s`.
+  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s` (NaN: in each).
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
     const Eigen::MatrixXd& value = value_;
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
@@ -90,7 +92,7 @@ class TimeSeries {
     if (*after == stamp_ns) return Eigen::VectorXd(value.col(j));
     if (after == stamp_.begin()) return std::nullopt;
     const double gap = double(*after - *(after - 1));
-    if (1e-9 * gap > max_gap_s) return std::nullopt;
+    if (!(1e-9 * gap <= max_gap_s)) return std::nullopt;
     const double share = double(stamp_ns - *(after - 1)) / gap;
     return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
   }
