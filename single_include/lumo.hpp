@@ -150,7 +150,8 @@ class MeshError : public NumericalError {
     timed_out,          ///< the mesher ran out of time
     out_of_memory,      ///< the mesher ran out of memory
     inverted,           ///< an element whose Jacobian is not positive everywhere
-    inaccurate          ///< the mesh's volume or surface is not the body's
+    inaccurate,         ///< the mesh's volume or surface is not the body's
+    asymmetric          ///< not its own mirror image where it claims to be
   };
   MeshError(Reason reason, const std::string& text) : NumericalError(text), reason_(reason) {}
   Reason reason() const { return reason_; }
@@ -207,6 +208,12 @@ struct Limits {
 
 inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) {
   require_in_range(what, value, limits.low, limits.high, unit);
+}
+
+/// Throws InvalidArgument unless `value` is finite.
+inline void require_finite(const char* what, double value, const char* unit) {
+  if (std::isfinite(value)) return;
+  throw InvalidArgument(message(what, " is ", exact(value), " ", unit, ", must be finite"));
 }
 
 /// Throws InvalidArgument unless `value` is finite and positive.
@@ -1407,8 +1414,12 @@ inline void check_edges(const ClosedSurface& input) {
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
     while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
-    const auto edge =
-        message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
+    const auto place = [&](int vertex) {
+      const Vec3d& p = input.vertices[static_cast<std::size_t>(vertex)];
+      return message(vertex, " at (", p.x(), ", ", p.y(), ", ", p.z(), ")");
+    };
+    const auto edge = message(
+        "the edge from vertex ", place(sides[i].low), " to ", place(sides[i].high), " of facet ", sides[i].facet);
     if (end - i == 1) throw MeshError(Reason::open, message("surface: ", edge, " has 1 facet, must have 2"));
     if (end - i > 2)
       throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));
@@ -1742,34 +1753,387 @@ inline double winding_number(const TriangleSurface& surface, const Vec3d& point)
 
 #endif
 
+// ---- lumo/geometry/surface_mending.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SURFACE_MENDING_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_SURFACE_MENDING_HPP
+
+namespace lumo {
+
+/// What was mended of a surface so that it is closed.
+struct SurfaceMending {
+  int joined = 0;           ///< corners moved to their twins
+  double farthest_m = 0.0;  ///< the longest of those moves [m]
+  int dropped = 0;          ///< facets without area
+  int split = 0;            ///< edges split at corners that lie on them
+
+  bool any() const { return joined + dropped + split > 0; }
+};
+
+/// A side of a triangle, in its direction.
+struct TriangleSide {
+  int from = 0, to = 0;
+  int triangle = 0;
+};
+
+/// Sides without a partner, of edges that have no other, in order of their vertex numbers.
+inline std::vector<TriangleSide> open_sides(const TriangleSurface& surface) {
+  std::vector<TriangleSide> sides, open;
+  for (std::size_t i = 0; i < surface.triangles.size(); ++i)
+    for (std::size_t k = 0; k < 3; ++k)
+      sides.push_back({surface.triangles[i][k], surface.triangles[i][(k + 1) % 3], int(i)});
+  const auto edge = [](const TriangleSide& s) { return std::pair(std::min(s.from, s.to), std::max(s.from, s.to)); };
+  std::sort(sides.begin(), sides.end(), [&](const TriangleSide& a, const TriangleSide& b) {
+    return std::tuple(edge(a), a.triangle) < std::tuple(edge(b), b.triangle);
+  });
+  for (std::size_t i = 0; i < sides.size();) {
+    std::size_t end = i + 1;
+    while (end < sides.size() && edge(sides[end]) == edge(sides[i])) ++end;
+    if (end - i == 1) open.push_back(sides[i]);
+    i = end;
+  }
+  return open;
+}
+
+/// Mends what rounding does to a closed surface: corners that left their twins, facets without area. Nothing moves
+/// farther than `precision`, in the surface's unit, but to be joined with a third by twice that. Holes stay.
+class SurfaceMender {
+ public:
+  SurfaceMender(TriangleSurface& surface, double precision) : surface_(surface), precision_(precision) {}
+
+  /// `farthest_m` is in the surface's unit. Vertices that no triangle has are dropped, and not counted.
+  SurfaceMending mend() {
+    drop_repeated();
+    join_twins();
+    close_slits();
+    drop_slivers();
+    drop_unused();
+    return mending_;
+  }
+
+ private:
+  using Triangle = std::array<int, 3>;
+  using Cell = std::array<std::int64_t, 3>;
+  static constexpr double sharpest_fold = 0.999;  // cosine of the 2.6° below which two facets lie on each other
+
+  const Vec3d& at(int vertex) const { return surface_.vertices[std::size_t(vertex)]; }
+  Triangle& triangle(int t) { return surface_.triangles[std::size_t(t)]; }
+  static bool has(const Triangle& t, int vertex) { return t[0] == vertex || t[1] == vertex || t[2] == vertex; }
+  double apart(int a, int b) const { return (at(a) - at(b)).cwiseAbs().maxCoeff(); }
+  Cell cell(int vertex) const {
+    Cell c;
+    for (std::size_t a = 0; a < 3; ++a)
+      c[a] = std::int64_t(std::floor(at(vertex)[Eigen::Index(a)] / (2.0 * precision_)));
+    return c;
+  }
+
+  void drop_repeated();
+  void drop_unused();
+  void join_twins();
+  void close_slits();
+  void drop_slivers();
+
+  struct Twins {
+    double distance;
+    std::size_t one, other;
+  };
+  std::vector<Twins> twins(const std::vector<TriangleSide>& open) const;
+  bool folds(const TriangleSide& one, const TriangleSide& other);
+  bool join(int a, int b);
+  bool turns_back(int from, int to, int next) const;
+
+  enum class Sliver { none, needle, cap };  // two corners at one place; or one on the edge between the others
+  struct Form {
+    int a, b, m;  // corners: of the longest edge, and the third
+    int nearer;   // of a and b, to m
+    Sliver sliver;
+  };
+  Form form(const Triangle& t) const;
+  void flip(int t, const Form& sliver);
+  void collapse(int kept, int gone);
+  void enter(int t);
+  void leave(int t);
+
+  TriangleSurface& surface_;
+  double precision_;
+  SurfaceMending mending_;
+  int caps_ = 0;  // added to fill slits
+  Groups places_{0};
+  std::vector<std::vector<int>> about_;      // triangles at a vertex, and some that were
+  std::map<std::pair<int, int>, int> side_;  // triangle of a side
+  std::vector<int> doubtful_;
+};
+
+inline void SurfaceMender::drop_repeated() {
+  const std::size_t before = surface_.triangles.size();
+  std::erase_if(surface_.triangles, [](const Triangle& t) { return t[0] == t[1] || t[1] == t[2] || t[2] == t[0]; });
+  mending_.dropped += int(before - surface_.triangles.size());
+}
+
+inline void SurfaceMender::drop_unused() {
+  std::vector<int> number(surface_.vertices.size(), -1);
+  for (const Triangle& t : surface_.triangles)
+    for (const int v : t) number[std::size_t(v)] = 0;
+  std::vector<Vec3d> used;
+  for (std::size_t v = 0; v < number.size(); ++v)
+    if (number[v] == 0) {
+      number[v] = int(used.size());
+      used.push_back(surface_.vertices[v]);
+    }
+  surface_.vertices = std::move(used);
+  for (Triangle& t : surface_.triangles)
+    for (int& v : t) v = number[std::size_t(v)];
+}
+
+/// Pairs of open sides that run along each other in opposite directions, nearest first.
+inline std::vector<SurfaceMender::Twins> SurfaceMender::twins(const std::vector<TriangleSide>& open) const {
+  std::map<Cell, std::vector<std::size_t>> begins;
+  for (std::size_t i = 0; i < open.size(); ++i) begins[cell(open[i].from)].push_back(i);
+  std::vector<Twins> found;
+  for (std::size_t i = 0; i < open.size(); ++i) {
+    const Cell middle = cell(open[i].to);
+    for (int n = 0; n < 27; ++n) {
+      const auto there = begins.find({middle[0] + n % 3 - 1, middle[1] + n / 3 % 3 - 1, middle[2] + n / 9 - 1});
+      if (there == begins.end()) continue;
+      for (const std::size_t j : there->second) {
+        const double distance = std::max(apart(open[i].to, open[j].from), apart(open[i].from, open[j].to));
+        if (i < j && distance <= precision_) found.push_back({distance, i, j});
+      }
+    }
+  }
+  std::sort(found.begin(), found.end(), [](const Twins& a, const Twins& b) {
+    return std::tie(a.distance, a.one, a.other) < std::tie(b.distance, b.one, b.other);
+  });
+  return found;
+}
+
+/// Do the facets of two sides lie on each other, as the two sides of a thin wall do where its rim is missing?
+inline bool SurfaceMender::folds(const TriangleSide& one, const TriangleSide& other) {
+  const auto across = [&](const TriangleSide& s) {
+    const Triangle& t = triangle(s.triangle);
+    const int apex = t[0] + t[1] + t[2] - s.from - s.to;
+    const Vec3d along = (at(one.to) - at(one.from)).normalized(), way = at(apex) - at(s.from);
+    return Vec3d(way - way.dot(along) * along);
+  };
+  const Vec3d u = across(one), v = across(other);
+  if (!(u.norm() > 4.0 * precision_) || !(v.norm() > 4.0 * precision_)) return false;
+  return u.dot(v) > sharpest_fold * u.norm() * v.norm();
+}
+
+/// Two places become one, unless an edge would vanish.
+inline bool SurfaceMender::join(int a, int b) {
+  const int p = places_.find(std::min(a, b)), q = places_.find(std::max(a, b)), kept = std::min(p, q),
+            gone = std::max(p, q);
+  if (p == q) return true;
+  if (apart(p, q) > 2.0 * precision_) return false;
+  for (const int t : about_[std::size_t(gone)])
+    for (const int v : triangle(t))
+      if (places_.find(v) == kept) return false;
+  places_.join(gone, kept);
+  auto& all = about_[std::size_t(kept)];
+  all.insert(all.end(), about_[std::size_t(gone)].begin(), about_[std::size_t(gone)].end());
+  return true;
+}
+
+/// Corners are joined only where open sides meet by it: what is closed is not touched.
+inline void SurfaceMender::join_twins() {
+  if (!(precision_ > 0.0)) return;
+  const std::vector<TriangleSide> open = open_sides(surface_);
+  if (open.empty()) return;
+  places_ = Groups(surface_.vertices.size());
+  about_.assign(surface_.vertices.size(), {});
+  for (std::size_t t = 0; t < surface_.triangles.size(); ++t)
+    for (const int v : surface_.triangles[t]) about_[std::size_t(v)].push_back(int(t));
+  std::vector<char> met(open.size(), 0);
+  for (const Twins& pair : twins(open)) {
+    const TriangleSide &one = open[pair.one], &other = open[pair.other];
+    if (met[pair.one] || met[pair.other] || folds(one, other)) continue;
+    met[pair.one] = met[pair.other] = join(one.from, other.to) && join(one.to, other.from);
+  }
+  for (int v = 0; v < int(surface_.vertices.size()); ++v) {
+    const int place = places_.find(v);
+    if (place == v) continue;
+    ++mending_.joined;
+    mending_.farthest_m = std::max(mending_.farthest_m, (at(v) - at(place)).norm());
+  }
+  for (Triangle& t : surface_.triangles)
+    for (int& v : t) v = places_.find(v);
+}
+
+/// Does an open side turn back on itself at `to`, and run on to `next`, no wider than rounding?
+inline bool SurfaceMender::turns_back(int from, int to, int next) const {
+  Vec3d way = at(from) - at(to), other = at(next) - at(to);
+  if (other.squaredNorm() > way.squaredNorm()) std::swap(way, other);
+  const double t = other.dot(way) / way.squaredNorm();
+  return t > 0.0 && t < 1.0 && (other - t * way).norm() <= precision_;
+}
+
+/// A slit without width, whose two sides have corners of their own: facets of no width are added from its ends on, and
+/// go with the slivers, which splits the edges on both sides.
+inline void SurfaceMender::close_slits() {
+  std::set<std::pair<int, int>> open;
+  for (const TriangleSide& s : open_sides(surface_)) open.emplace(s.from, s.to);
+  const std::vector<std::pair<int, int>> all(open.begin(), open.end());
+  for (std::pair<int, int> side : all)
+    while (open.contains(side)) {
+      const int from = side.first, to = side.second;
+      auto next = open.lower_bound({to, -1});
+      while (next != open.end() && next->first == to && !turns_back(from, to, next->second)) ++next;
+      if (next == open.end() || next->first != to) break;
+      const int end = next->second;
+      surface_.triangles.push_back({to, from, end});
+      ++caps_;
+      open.erase(next);
+      open.erase(side);
+      side = {from, end};
+      if (open.erase({end, from}) == 0) open.insert(side);
+    }
+  mending_.split = caps_;
+}
+
+inline void SurfaceMender::enter(int t) {
+  for (std::size_t k = 0; k < 3; ++k) {
+    side_[{triangle(t)[k], triangle(t)[(k + 1) % 3]}] = t;
+    about_[std::size_t(triangle(t)[k])].push_back(t);
+  }
+}
+inline void SurfaceMender::leave(int t) {
+  for (std::size_t k = 0; k < 3; ++k) side_.erase({triangle(t)[k], triangle(t)[(k + 1) % 3]});
+}
+
+inline void SurfaceMender::drop_slivers() {
+  // First whether there are any: most files have none, and need no tables.
+  for (std::size_t t = 0; t < surface_.triangles.size(); ++t)
+    if (form(surface_.triangles[t]).sliver != Sliver::none) doubtful_.push_back(int(t));
+  if (doubtful_.empty()) return;
+  mending_.dropped += int(doubtful_.size()) - caps_;
+  about_.assign(surface_.vertices.size(), {});
+  for (std::size_t t = 0; t < surface_.triangles.size(); ++t) enter(int(t));
+  for (std::size_t tries = 100 + 20 * doubtful_.size(); !doubtful_.empty() && tries > 0; --tries) {
+    const int t = doubtful_.back();
+    doubtful_.pop_back();
+    if (triangle(t)[0] < 0) continue;
+    const Form f = form(triangle(t));
+    if (f.sliver == Sliver::cap) flip(t, f);
+    if (f.sliver == Sliver::needle) collapse(std::min(f.m, f.nearer), std::max(f.m, f.nearer));
+  }
+  std::erase_if(surface_.triangles, [](const Triangle& t) { return t[0] < 0; });
+}
+
+inline SurfaceMender::Form SurfaceMender::form(const Triangle& t) const {
+  const auto length = [&](std::size_t k) { return (at(t[k]) - at(t[(k + 1) % 3])).norm(); };
+  std::size_t longest = 0;
+  for (std::size_t k = 1; k < 3; ++k)
+    if (length(k) > length(longest)) longest = k;
+  Form f{t[longest], t[(longest + 1) % 3], t[(longest + 2) % 3], 0, Sliver::none};
+  const double edge = length(longest), width = (at(f.b) - at(f.a)).cross(at(f.m) - at(f.a)).norm() / edge,
+               least = 2.02 * detail::flatness * edge;
+  f.nearer = length((longest + 1) % 3) < length((longest + 2) % 3) ? f.b : f.a;
+  if ((at(f.m) - at(f.nearer)).norm() > precision_)
+    f.sliver = width > std::max(precision_, least) ? f.sliver : Sliver::cap;
+  else if (width <= least) f.sliver = Sliver::needle;
+  return f;
+}
+
+/// The sliver's long edge ab becomes one between its third corner m and the neighbour's, c.
+inline void SurfaceMender::flip(int t, const Form& sliver) {
+  const int a = sliver.a, b = sliver.b, m = sliver.m;
+  const auto there = side_.find({b, a});
+  if (there == side_.end()) return;
+  const int n = there->second, c = triangle(n)[0] + triangle(n)[1] + triangle(n)[2] - a - b;
+  if (c == m || side_.contains({m, c}) || side_.contains({c, m})) return;
+  leave(t);
+  leave(n);
+  triangle(t) = {m, a, c};
+  triangle(n) = {m, c, b};
+  for (const int changed : {t, n}) {
+    enter(changed);
+    doubtful_.push_back(changed);
+  }
+}
+
+/// One corner takes the other's place, and the two facets at the edge between them go, if that pinches nothing.
+inline void SurfaceMender::collapse(int kept, int gone) {
+  const auto around = [&](int vertex) {
+    std::vector<int> now = about_[std::size_t(vertex)];
+    std::sort(now.begin(), now.end());
+    now.erase(std::unique(now.begin(), now.end()), now.end());
+    std::erase_if(now, [&](int t) { return !has(triangle(t), vertex); });
+    return now;
+  };
+  const auto neighbours = [&](const std::vector<int>& triangles) {
+    std::vector<int> all;
+    for (const int t : triangles) all.insert(all.end(), triangle(t).begin(), triangle(t).end());
+    std::sort(all.begin(), all.end());
+    all.erase(std::unique(all.begin(), all.end()), all.end());
+    return all;
+  };
+  const std::vector<int> moved = around(gone), here = neighbours(around(kept)), there = neighbours(moved);
+  std::vector<int> common;
+  std::set_intersection(here.begin(), here.end(), there.begin(), there.end(), std::back_inserter(common));
+  if (common.size() != 4) return;  // the two themselves, and one on each side of the edge
+  for (const int t : moved) leave(t);
+  for (const int t : moved) {
+    if (has(triangle(t), kept)) {
+      triangle(t) = {-1, -1, -1};
+      continue;
+    }
+    std::replace(triangle(t).begin(), triangle(t).end(), gone, kept);
+    enter(t);
+    doubtful_.push_back(t);
+  }
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/geometry/surface_file.hpp
 #ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SURFACE_FILE_HPP
 #define SINGLE_INCLUDE_LUMO_GEOMETRY_SURFACE_FILE_HPP
 
 namespace lumo {
 
+/// A surface from a file, and what had to be mended of it.
+struct SurfaceFromFile : TriangleSurface {
+  SurfaceMending mended;
+};
+
+/// What was mended, in one line for whoever reads the file; empty: nothing.
+inline std::string mending_text(const SurfaceMending& mended);
+
 /// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m`
-/// [m]; by default mm, as CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of
-/// an .obj, concave ones too, are cut into triangles. Throws InputError when the file is none, cannot be read or breaks
-/// its format (with the line), MeshError when its surface does not bound a solid.
-inline TriangleSurface read_surface(const std::string& path, double unit_m = 1e-3);
+/// [m]; by default mm, as CAD writes them; the ending may be in capitals. All solids of an .stl are read. Polygons of
+/// an .obj, concave ones too, are cut into triangles; its lines, points and unused vertices are passed over.
+///
+/// Vertices at one place become one. What the file's own precision did to a closed surface is mended and reported:
+/// corners beside their twins by a few steps of float32 or the last printed digit, facets without area. Nothing else
+/// is: holes, crossings and edges of three facets are refused. Throws InputError when the file is none, cannot be read
+/// or breaks its format (with the line), MeshError when its surface does not bound a solid (an open edge with its
+/// place, in the file's own numbers).
+inline SurfaceFromFile read_surface(const std::string& path, double unit_m = 1e-3);
 
 namespace detail {
 
 /// Words of a text, line by line.
 class SurfaceText {
  public:
-  SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
+  /// `continued`: a line that ends with a backslash goes on in the next.
+  SurfaceText(std::string_view text, std::string name, bool continued)
+      : rest_(text), name_(std::move(name)), continued_(continued) {}
 
   /// The words of the next line that has any, without a comment; none at the end.
   std::vector<std::string_view> next() {
     std::vector<std::string_view> words;
-    while (words.empty() && !rest_.empty()) {
+    bool more = false;
+    while ((more || words.empty()) && !rest_.empty()) {
       const std::size_t end = std::min(rest_.find('\n'), rest_.size());
       std::string_view line = rest_.substr(0, end);
       rest_.remove_prefix(std::min(end + 1, rest_.size()));
       ++line_;
       line = line.substr(0, std::min(line.find('#'), line.size()));
+      const std::size_t last = line.find_last_not_of(" \t\r");
+      more = continued_ && last != std::string_view::npos && line[last] == '\\';
+      if (more) line = line.substr(0, last);
       for (;;) {
         const std::size_t begin = line.find_first_not_of(" \t\r");
         if (begin == std::string_view::npos) break;
@@ -1794,15 +2158,31 @@ class SurfaceText {
       refuse(message("'", printable(word), "' is no number"));
     return value;
   }
-  Vec3d point(const std::vector<std::string_view>& words, std::size_t first) const {
+  Vec3d point(const std::vector<std::string_view>& words, std::size_t first) {
     if (words.size() < first + 3) refuse("a point needs three coordinates");
-    return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
+    Vec3d p;
+    for (std::size_t a = 0; a < 3; ++a) {
+      p[Eigen::Index(a)] = number<double>(words[first + a]);
+      digits_ = std::max(digits_, significant_digits(words[first + a]));
+    }
+    return p;
   }
 
+  /// Of the coordinate that was printed with most.
+  int digits() const { return digits_; }
+
  private:
+  static int significant_digits(std::string_view word) {
+    int digits = 0;
+    for (const char c : word.substr(0, word.find_first_of("eE")))
+      if (c >= (digits > 0 ? '0' : '1') && c <= '9') ++digits;
+    return digits;
+  }
+
   std::string_view rest_;
   std::string name_;
-  int line_ = 0;
+  bool continued_;
+  int line_ = 0, digits_ = 0;
 };
 
 /// Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
@@ -1822,7 +2202,11 @@ inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) 
     surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
 }
 
-inline TriangleSurface read_obj(SurfaceText text) {
+/// Statements of an .obj that say nothing about its facets: normals, groups, materials, loose lines and points.
+inline constexpr std::array<std::string_view, 12> passed_over{
+    "vn", "vt", "o", "g", "s", "mg", "l", "p", "usemtl", "mtllib", "usemap", "maplib"};
+
+inline TriangleSurface read_obj(SurfaceText& text) {
   TriangleSurface s;
   for (auto words = text.next(); !words.empty(); words = text.next()) {
     if (words[0] == "v") {
@@ -1836,18 +2220,19 @@ inline TriangleSurface read_obj(SurfaceText text) {
         const int n = text.number<int>(words[k].substr(0, words[k].find('/'))), count = int(s.vertices.size()),
                   at = n < 0 ? count + n : n - 1;
         if (n == 0 || at < 0 || at >= count) text.refuse(message("a face names vertex ", n, " of ", count));
-        loop.push_back(at);
+        if (loop.empty() || loop.back() != at) loop.push_back(at);
       }
-      add_polygon(s, loop);
-    } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" &&
-               words[0] != "usemtl" && words[0] != "mtllib") {
+      if (loop.size() > 1 && loop.front() == loop.back()) loop.pop_back();
+      if (loop.size() > 2) add_polygon(s, loop);
+    } else if (std::find(passed_over.begin(), passed_over.end(), words[0]) == passed_over.end()) {
       text.refuse(message("'", printable(words[0]), "' is no statement of a polygon surface"));
     }
   }
   return s;
 }
 
-inline TriangleSurface read_stl_text(SurfaceText text) {
+/// One solid after the other, as one surface.
+inline TriangleSurface read_stl_text(SurfaceText& text) {
   TriangleSurface s;
   const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
     std::size_t k = 0;
@@ -1857,7 +2242,12 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
   expect(text.next(), {"solid"});
   for (;;) {
     const auto words = text.next();
-    if (!words.empty() && words[0] == "endsolid") break;
+    if (!words.empty() && words[0] == "endsolid") {
+      const auto another = text.next();
+      if (another.empty()) return s;
+      expect(another, {"solid"});
+      continue;
+    }
     expect(words, {"facet", "normal"});
     expect(text.next(), {"outer", "loop"});
     const int first = int(s.vertices.size());
@@ -1871,8 +2261,6 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
     expect(text.next(), {"endloop"});
     expect(text.next(), {"endfacet"});
   }
-  if (!text.next().empty()) text.refuse("there is more after 'endsolid'; one solid a file");
-  return s;
 }
 
 /// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2
@@ -1910,34 +2298,73 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
   return s;
 }
 
+/// How far twins of a corner may lie apart, in the file's numbers: some steps of float32 at the largest, or what the
+/// last printed digit is worth there. Texts of few digits, such as whole numbers, are not that inexact.
+inline double file_precision(const TriangleSurface& surface, int digits) {
+  constexpr double steps = 4.0, float_step = 1.2e-7, coarsest = 1e-4;  // the last two of the largest coordinate
+  double largest = 0.0;
+  for (const auto& t : surface.triangles)
+    for (const int n : t) largest = std::max(largest, surface.vertices[std::size_t(n)].cwiseAbs().maxCoeff());
+  const double last_digit =
+      digits > 0 && largest > 0.0 ? std::pow(10.0, std::floor(std::log10(largest)) + 1.0 - digits) : 0.0;
+  return std::max(steps * float_step * largest, std::min(1.01 * last_digit, coarsest * largest));
+}
+
+/// Refuses a surface with open edges by the place of the first, in the file's numbers.
+inline void require_closed(const TriangleSurface& surface, double precision, const std::string& name) {
+  const std::vector<TriangleSide> open = open_sides(surface);
+  if (open.empty()) return;
+  const auto place = [&](int vertex) { return point_text(surface.vertices[std::size_t(vertex)]); };
+  throw MeshError(
+      MeshError::Reason::open, message("surface file '", name, "': the edge from ", place(open[0].from), " to ",
+                                   place(open[0].to), " in the file's unit has 1 facet, must have 2; ", open.size(),
+                                   " such edges; corners are joined up to ", precision, " apart"));
+}
+
 }  // namespace detail
 
+inline std::string mending_text(const SurfaceMending& mended) {
+  std::string text;
+  const auto add = [&](int count, const char* one, const char* many, const std::string& how) {
+    if (count > 0) text += message(text.empty() ? "" : ", ", count, ' ', count == 1 ? one : many, how);
+  };
+  add(mended.joined, "corner", "corners", message(" joined to twins at most ", 1e3 * mended.farthest_m, " mm away"));
+  add(mended.dropped, "facet", "facets", " without area dropped");
+  add(mended.split, "edge", "edges", " split at corners on them");
+  return text.empty() ? text : "surface mended: " + text;
+}
+
 /// Reads a surface from a file's bytes; `kind`: ".obj" or ".stl", `name`: for messages. Throws as read_surface does.
-inline TriangleSurface parse_surface(
+inline SurfaceFromFile parse_surface(
     std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
-  TriangleSurface s;
+  SurfaceFromFile s;
+  TriangleSurface& surface = s;
+  detail::SurfaceText text(bytes, name, kind == ".obj");
   if (kind == ".obj") {
-    s = detail::read_obj({bytes, name});
+    surface = detail::read_obj(text);
   } else {
     // A text, too, may begin with any 80 bytes; only the length distinguishes a binary file.
     const std::uint64_t count = bytes.size() >= 84 ? number_at<std::uint32_t>(&bytes[80], ByteOrder::little) : 0;
-    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = detail::read_stl_binary(bytes);
-    else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) surface = detail::read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0) surface = detail::read_stl_text(text);
     else
       throw InputError(message("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count,
           " triangles has ", 84 + 50 * count));
   }
-  for (Vec3d& v : s.vertices) {
+  for (const Vec3d& v : surface.vertices)
     if (!v.allFinite())
       throw InputError(message("surface file '", name, "': a coordinate is not finite"));  // before they are sorted
-    v *= unit_m;
-  }
-  s = detail::welded(s);
-  validate_surface(s);
+  surface = detail::welded(surface);
+  const double precision = detail::file_precision(surface, text.digits());
+  s.mended = SurfaceMender(surface, precision).mend();
+  s.mended.farthest_m *= unit_m;
+  detail::require_closed(surface, precision, name);
+  for (Vec3d& v : surface.vertices) v *= unit_m;
+  validate_surface(surface);
   return s;
 }
 
-inline TriangleSurface read_surface(const std::string& path, double unit_m) {
+inline SurfaceFromFile read_surface(const std::string& path, double unit_m) {
   require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
   const std::size_t dot = std::min(path.find_last_of("./"), path.size());
   std::string kind = path.substr(dot);
@@ -2701,8 +3128,9 @@ struct Body {
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
   /// Light that leaves against this direction is not seen; 0: all is.
   Vec3d seen_towards = Vec3d::Zero();
-  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
-  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: what region() says of mirror images
+  /// (region_images). One that contradicts region() is refused.
+  std::optional<std::vector<int>> region_image_x, region_image_y;
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch
@@ -2956,6 +3384,14 @@ struct FingerOptions {
     constexpr Mesh scaled(double factor) const {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
           factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
+    }
+    /// For a look in a fifth of the time. About a stem's edges, where equilibria are lost first, they stay finer.
+    static constexpr double quick_edges = 1.8, quick_stem_edges = 1.25;
+    constexpr Mesh quick() const {
+      Mesh mesh = scaled(quick_edges);
+      mesh.shortest_chord = quick_stem_edges * shortest_chord;
+      mesh.stem_edge = quick_stem_edges * stem_edge;
+      return mesh;
     }
     bool operator==(const Mesh&) const = default;
   };
@@ -3411,7 +3847,6 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   std::vector<int> other_end;
   for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
   body.region_image_y = other_end;
-  if (r.one_side) body.region_image_x.reset();
   if (r.one_side && r.by_direction) body.seen_towards = Vec3d::UnitX();
   body.region = [r](const Vec3d& p, const Vec3d& n) {
     const bool turned_away = (r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx;
@@ -3751,37 +4186,6 @@ inline double LobeTable::cosine(double u) const {
 
 #endif
 
-// ---- lumo/mesh/mesher.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
-
-namespace lumo {
-
-/// A closed surface to be filled, with a wanted edge length. Vertices of no facet are interior points.
-struct MeshInput : ClosedSurface {
-  std::function<double(const Vec3d&)> edge;  ///< wanted edge length, same unit; may be empty
-  bool keep_surface = false;                 ///< do not split the given facets
-};
-
-/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry
-/// their facet's patch.
-struct LinearTets {
-  std::vector<Vec3d> vertices;
-  std::vector<std::array<int, 4>> tets;  ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
-  std::vector<std::array<int, 3>> faces;
-  std::vector<int> patches;  ///< one per face
-};
-
-/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
-template <class M>
-concept Mesher = requires(const M& mesher, const MeshInput& input) {
-  { mesher.fill(input) } -> std::same_as<LinearTets>;
-};
-
-}  // namespace lumo
-
-#endif
-
 // ---- lumo/mesh/tet_mesh.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MESH_TET_MESH_HPP
 #define SINGLE_INCLUDE_LUMO_MESH_TET_MESH_HPP
@@ -3798,6 +4202,9 @@ struct BoundaryFace {
 /// Corners at the ends of a tetrahedron's edges, in the order of their middle nodes.
 inline constexpr int tet_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
 
+/// Corners of the face opposite to corner i of a positive tetrahedron, counter-clockwise seen from outside.
+inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+
 /// Tetrahedral mesh of the *whole* body in its reference configuration.
 /// Tet nodes: corners 0…3 (positive orientation), then the middles of tet_edges (−1 in a linear mesh).
 struct TetMesh {
@@ -3813,6 +4220,119 @@ struct TetMesh {
 };
 
 }  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/mesh_sides.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_MESH_SIDES_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_MESH_SIDES_HPP
+
+namespace lumo::detail {
+
+// A side of an element, or a boundary face as a side of what is outside: each must have one partner of opposite sense.
+struct MeshSide {
+  int middle, most;  // corners; the least one is the bucket that it lies in
+  int from;          // 4 × element + corner opposite; −1 − face
+  bool odd;          // sorting its corners was an odd permutation
+
+  bool operator<(const MeshSide& o) const { return std::tie(middle, most, from) < std::tie(o.middle, o.most, o.from); }
+  bool same_corners(const MeshSide& o) const { return middle == o.middle && most == o.most; }
+};
+
+class MeshSides {
+ public:
+  explicit MeshSides(const TetMesh& mesh) : mesh_(mesh), begin_(mesh.nodes.size() + 1, 0) {
+    for_each([&](const std::array<int, 3>& c, int) { ++begin_[std::size_t(std::min({c[0], c[1], c[2]})) + 1]; });
+    std::partial_sum(begin_.begin(), begin_.end(), begin_.begin());
+    sides_.resize(begin_.back());
+    std::vector<std::size_t> end(begin_);
+    for_each([&](std::array<int, 3> c, int from) {
+      bool odd = from < 0;  // seen from the other side
+      const auto order = [&](std::size_t i, std::size_t j) {
+        if (c[i] <= c[j]) return;
+        std::swap(c[i], c[j]);
+        odd = !odd;
+      };
+      order(0, 1);
+      order(1, 2);
+      order(0, 1);
+      sides_[end[std::size_t(c[0])]++] = {c[1], c[2], from, odd};
+    });
+  }
+
+  /// Throws unless all have their partners.
+  void require_pairs() {
+    for (std::size_t node = 0; node + 1 < begin_.size(); ++node) {
+      const auto first = sides_.begin() + std::ptrdiff_t(begin_[node]),
+                 last = sides_.begin() + std::ptrdiff_t(begin_[node + 1]);
+      std::sort(first, last);
+      for (auto side = first; side != last;) {
+        const auto end = std::find_if(side, last, [&](const MeshSide& s) { return !s.same_corners(*side); });
+        require_pair({side, end});
+        side = end;
+      }
+    }
+  }
+
+ private:
+  template <class Visit> void for_each(Visit&& visit) const {
+    for (std::size_t e = 0; e < mesh_.tets.size(); ++e)
+      for (std::size_t k = 0; k < 4; ++k) visit(corners(int(4 * e + k)), int(4 * e + k));
+    for (std::size_t f = 0; f < mesh_.faces.size(); ++f) visit(corners(-1 - int(f)), -1 - int(f));
+  }
+  std::array<int, 3> corners(int from) const {
+    if (from < 0) {
+      const auto& n = mesh_.faces[std::size_t(-1 - from)].nodes;
+      return {n[0], n[1], n[2]};
+    }
+    const auto& t = mesh_.tets[std::size_t(from / 4)];
+    const auto& [a, b, c] = outward_faces[std::size_t(from % 4)];
+    return {t[std::size_t(a)], t[std::size_t(b)], t[std::size_t(c)]};
+  }
+  // Middle nodes of a side, each where the corner opposite to it is in ascending order.
+  std::array<int, 3> middles(int from) const {
+    // Of the edges that lie opposite to the corners, in the order of outward_faces.
+    static constexpr std::array<std::array<std::size_t, 3>, 4> opposite{{{9, 8, 5}, {9, 6, 7}, {8, 7, 4}, {5, 4, 6}}};
+    std::array<int, 3> c = corners(from), m{};
+    for (std::size_t k = 0; k < 3; ++k)
+      m[k] = from < 0 ? mesh_.faces[std::size_t(-1 - from)].nodes[3 + (k + 1) % 3]
+                      : mesh_.tets[std::size_t(from / 4)][opposite[std::size_t(from % 4)][k]];
+    const auto order = [&](std::size_t i, std::size_t j) {
+      if (c[i] <= c[j]) return;
+      std::swap(c[i], c[j]);
+      std::swap(m[i], m[j]);
+    };
+    order(0, 1);
+    order(1, 2);
+    order(0, 1);
+    return m;
+  }
+  static std::string name(int from) { return from < 0 ? message("face ", -1 - from) : message("element ", from / 4); }
+  void require_pair(std::span<const MeshSide> same) const {
+    using Reason = MeshError::Reason;
+    const MeshSide& one = same[0];
+    if (same.size() == 1 && one.from < 0)
+      throw MeshError(Reason::bad_index, message("mesh ", name(one.from), " is no side of an element"));
+    if (same.size() == 1)
+      throw MeshError(Reason::open, message("mesh ", name(one.from), " has a side without neighbour or boundary face"));
+    const MeshSide& other = same[1];
+    if (same.size() > 2)
+      throw MeshError(Reason::not_manifold,
+          message("mesh ", name(one.from), ", ", name(other.from), " and ", name(same[2].from), " share one side"));
+    if (one.odd == other.odd)
+      throw MeshError(Reason::not_manifold, message("mesh ", name(one.from), " and ", name(other.from),
+                                                " lie on one side of their common face: one is inside out"));
+    if (mesh_.order == 2 && middles(one.from) != middles(other.from))
+      throw MeshError(Reason::open, message("mesh ", name(one.from), " and ", name(other.from),
+                                        " share three corners, but not the middle nodes between them"));
+  }
+
+  const TetMesh& mesh_;
+  std::vector<std::size_t> begin_;  // of each node's bucket
+  std::vector<MeshSide> sides_;
+};
+
+}  // namespace lumo::detail
 
 #endif
 
@@ -3837,11 +4357,19 @@ inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std:
 /// Measures without judging.
 inline MeshQuality measure(const TetMesh& mesh);
 
-/// Throws MeshError unless all Jacobians are positive over the whole element, the surface is a closed manifold, and the
-/// volume is within `volume_tolerance` of `exact_volume_m3` (0: not checked).
+/// Throws MeshError, which says what and where, unless nodes are finite and all in use, indices in range, middle nodes
+/// there in a quadratic mesh only, all Jacobians positive over the whole element, elements joined side by side, `faces`
+/// their boundary and a closed manifold, both sides of a plane of symmetry mirror images, and the volume within
+/// `volume_tolerance` of `exact_volume_m3` (0: not checked). Linear in the size of the mesh.
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3 = 0.0, double volume_tolerance = 0.01);
 
 namespace detail {
+
+// Six times the volume of the corner tetrahedron, with its sign.
+inline double corner_jacobian(const TetMesh& mesh, const std::array<int, 10>& t) {
+  const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
+  return (x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0));
+}
 
 // Symmetric multilinear form whose diagonal is the determinant.
 inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) {
@@ -3856,7 +4384,7 @@ inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) 
 
 inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
   const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
-  if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
+  if (mesh.order == 1) return {detail::corner_jacobian(mesh, t)};
   // The Jacobian of a quadratic map is linear in the barycentric coordinates: its values at the four corners determine
   // it.
   static constexpr int mid[4][4] = {{-1, 4, 6, 7}, {4, -1, 5, 8}, {6, 5, -1, 9}, {7, 8, 9, -1}};
@@ -3899,31 +4427,278 @@ inline MeshQuality measure(const TetMesh& mesh) {
   return q;
 }
 
+namespace detail {
+
+// The parts of require_valid().
+inline void require_indices(const TetMesh& mesh);
+inline void require_orientation(const TetMesh& mesh);
+inline void require_manifold(const TetMesh& mesh);
+inline void require_mirror_images(const TetMesh& mesh, int axis);
+
+}  // namespace detail
+
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double volume_tolerance) {
-  using Reason = MeshError::Reason;
-  for (const Vec3d& x : mesh.nodes)
-    if (!x.allFinite()) throw MeshError(Reason::not_finite, "mesh has a node that is not finite");
-  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
-    for (double c : jacobian_coefficients(mesh, mesh.tets[e]))
-      if (!(c > 0.0))
-        throw MeshError(Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", c * 1e9,
-                                              " mm3, must be > 0 over the whole element"));
-  std::map<std::pair<int, int>, int> edges;  // directed edges of the closed surface must pair up
-  for (const BoundaryFace& f : mesh.faces)
-    for (std::size_t k = 0; k < 3; ++k) ++edges[{f.nodes[k], f.nodes[(k + 1) % 3]}];
-  for (const auto& [edge, count] : edges) {
-    const auto back = edges.find({edge.second, edge.first});
-    if (count != 1 || back == edges.end() || back->second != 1)
-      throw MeshError(count != 1 ? Reason::not_manifold : Reason::open,
-          message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
-  }
+  detail::require_indices(mesh);
+  detail::require_orientation(mesh);
+  detail::MeshSides(mesh).require_pairs();
+  detail::require_manifold(mesh);
+  if (mesh.symmetry.x) detail::require_mirror_images(mesh, 0);
+  if (mesh.symmetry.y) detail::require_mirror_images(mesh, 1);
   if (exact_volume_m3 > 0.0) {
     const double volume = measure(mesh).volume_m3;
     if (!(std::abs(volume / exact_volume_m3 - 1.0) <= volume_tolerance))
-      throw MeshError(Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
-                                              100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
+      throw MeshError(
+          MeshError::Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
+                                             100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
   }
 }
+
+namespace detail {
+
+// In a linear mesh the places of middle nodes are empty.
+template <std::size_t N>
+void require_nodes(const char* what, std::size_t number, const std::array<int, N>& nodes, int used, std::size_t there) {
+  for (std::size_t k = 0; k < N; ++k) {
+    const bool named = k < std::size_t(used), known = nodes[k] >= 0 && std::size_t(nodes[k]) < there;
+    if (named && !known)
+      throw MeshError(MeshError::Reason::bad_index,
+          message("mesh ", what, " ", number, " names node ", nodes[k], ", the mesh has nodes 0 to ", int(there) - 1));
+    if (!named && nodes[k] != -1)
+      throw MeshError(MeshError::Reason::bad_index,
+          message("mesh ", what, " ", number, " has middle node ", nodes[k], " in a linear mesh, must be -1"));
+  }
+}
+
+inline void require_indices(const TetMesh& mesh) {
+  using Reason = MeshError::Reason;
+  if (mesh.order != 1 && mesh.order != 2)
+    throw MeshError(Reason::bad_index, message("mesh order is ", mesh.order, ", must be 1 or 2"));
+  if (mesh.tets.empty()) throw MeshError(Reason::degenerate, "mesh has no elements");
+  const std::size_t count = mesh.nodes.size();
+  for (std::size_t k = 0; k < count; ++k)
+    if (!mesh.nodes[k].allFinite())
+      throw MeshError(Reason::not_finite, message("mesh node ", k, " is not at a finite place"));
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
+    require_nodes("element", e, mesh.tets[e], mesh.nodes_per_tet(), count);
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    require_nodes("face", f, mesh.faces[f].nodes, mesh.nodes_per_face(), count);
+  std::vector<char> used(count, 0);
+  for (const auto& t : mesh.tets)
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_tet()); ++k) used[std::size_t(t[k])] = 1;
+  if (const auto loose = std::find(used.begin(), used.end(), 0); loose != used.end())
+    throw MeshError(Reason::bad_index, message("mesh node ", loose - used.begin(), " belongs to no element"));
+}
+
+// How far, at most, the coefficients of a quadratic element lie from the Jacobian of its corners. They are determinants
+// of edges, each moved by no more than four times the sum of how far middle nodes lie off the middles.
+inline double largest_bend(const TetMesh& mesh, const std::array<int, 10>& t) {
+  const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
+  double moved = 0.0;
+  for (int k = 0; k < 6; ++k) moved += 4.0 * (x(4 + k) - 0.5 * (x(tet_edges[k][0]) + x(tet_edges[k][1]))).norm();
+  const double a = (x(1) - x(0)).norm(), b = (x(2) - x(0)).norm(), c = (x(3) - x(0)).norm();
+  return (a + moved) * (b + moved) * (c + moved) - a * b * c;
+}
+
+inline void require_orientation(const TetMesh& mesh) {
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    const auto& t = mesh.tets[e];
+    double least = corner_jacobian(mesh, t);
+    if (mesh.order == 2 && !(least > 2.0 * largest_bend(mesh, t))) {  // twice: rounding
+      const std::vector<double> c = jacobian_coefficients(mesh, t);
+      least = *std::min_element(c.begin(), c.end());
+    }
+    if (!(least > 0.0))
+      throw MeshError(MeshError::Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", least * 1e9,
+                                                       " mm3, must be > 0 over the whole element"));
+  }
+}
+
+// Directed edges of the closed surface must pair up.
+inline void require_manifold(const TetMesh& mesh) {
+  const auto key = [](int from, int to) { return std::uint64_t(unsigned(from)) << 32u | unsigned(to); };
+  std::vector<std::uint64_t> edges, back;
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < 3; ++k) {
+      edges.push_back(key(f.nodes[k], f.nodes[(k + 1) % 3]));
+      back.push_back(key(f.nodes[(k + 1) % 3], f.nodes[k]));
+    }
+  std::sort(edges.begin(), edges.end());
+  std::sort(back.begin(), back.end());
+  for (std::size_t k = 0; k < edges.size(); ++k) {
+    const bool twice = k + 1 < edges.size() && edges[k + 1] == edges[k];
+    if (!twice && back[k] == edges[k]) continue;
+    const std::uint64_t edge = twice ? edges[k] : std::min(edges[k], back[k]);
+    throw MeshError(twice ? MeshError::Reason::not_manifold : MeshError::Reason::open,
+        message("mesh surface is not a closed manifold at edge ", edge >> 32u, "-", unsigned(edge)));
+  }
+}
+
+inline void require_mirror_images(const TetMesh& mesh, int axis) {
+  using Reason = MeshError::Reason;
+  const std::vector<int>& image = axis == 0 ? mesh.mirror_x : mesh.mirror_y;
+  const char* plane = axis == 0 ? "x = 0" : "y = 0";
+  if (image.size() != mesh.nodes.size())
+    throw MeshError(Reason::bad_index, message("mesh has ", image.size(), " mirror images of nodes in ", plane,
+                                           ", must have as many as nodes, ", mesh.nodes.size()));
+  for (std::size_t k = 0; k < image.size(); ++k) {
+    if (image[k] < 0 || std::size_t(image[k]) >= image.size())
+      throw MeshError(Reason::bad_index, message("mesh node ", k, " has mirror image ", image[k], " in ", plane,
+                                             ", the mesh has nodes 0 to ", int(image.size()) - 1));
+    Vec3d mirrored = mesh.nodes[k];
+    mirrored[axis] = -mirrored[axis];
+    if (mesh.nodes[std::size_t(image[k])] != mirrored)
+      throw MeshError(Reason::asymmetric,
+          message("mesh node ", image[k], " is not the exact mirror image of node ", k, " in ", plane));
+  }
+  std::ptrdiff_t more = 0;  // elements on the positive side than on the other
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    double low = 0.0, high = 0.0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const double at = mesh.nodes[std::size_t(mesh.tets[e][k])][axis];
+      low = std::min(low, at);
+      high = std::max(high, at);
+    }
+    if (low < 0.0 && high > 0.0)
+      throw MeshError(Reason::asymmetric, message("mesh element ", e, " crosses its plane of symmetry, ", plane));
+    more += high > 0.0 ? 1 : -1;
+  }
+  if (more != 0)
+    throw MeshError(Reason::asymmetric,
+        message("mesh has ", std::abs(more), " elements more on one side of ", plane, " than on the other"));
+}
+
+}  // namespace detail
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/body_check.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_BODY_CHECK_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_BODY_CHECK_HPP
+
+namespace lumo {
+
+/// Throws MeshError, which says what and where, unless the mesh is valid, each face's patch is one of the body's, and
+/// the carrier's boxes are finite, of positive size, and rounded by no more than their half edges.
+inline void require_valid(const Body& body, const TetMesh& mesh);
+
+/// Throws MeshError unless nodes of the boundary lie on their patches' exact shapes, within a millionth of the body's
+/// size; mesh_body() places them so, middle nodes too. The message names the worst patch and its largest distance.
+/// Indices must be in range.
+inline void require_on_shapes(const Body& body, const TetMesh& mesh);
+
+/// The same for the vertices of the body's facets: what is meshed is moved onto the shapes, however far. Throws
+/// MeshError, also for a facet of a patch or with a vertex that is not there.
+inline void require_on_shapes(const Body& body);
+
+inline void require_valid(const Body& body, const TetMesh& mesh) {
+  using Reason = MeshError::Reason;
+  require_valid(mesh);
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    if (const int patch = mesh.faces[f].patch; patch < 0 || std::size_t(patch) >= body.patches.size())
+      throw MeshError(Reason::bad_index, message("mesh face ", f, " is of patch ", patch,
+                                             ", the body has patches 0 to ", int(body.patches.size()) - 1));
+  for (std::size_t k = 0; k < body.carrier.size(); ++k) {
+    const RigidBox& box = body.carrier[k];
+    if (!box.center.allFinite() || !box.half.allFinite() || !std::isfinite(box.edge_radius))
+      throw MeshError(Reason::not_finite, message("carrier box ", k, " has a number that is not finite"));
+    if (const double least = box.half.minCoeff(); !(least > 0.0))
+      throw MeshError(
+          Reason::degenerate, message("carrier box ", k, " has a half edge of ", least * 1e3, " mm, must be > 0 mm"));
+    if (!(box.edge_radius >= 0.0 && box.edge_radius <= box.half.minCoeff()))
+      throw MeshError(Reason::degenerate, message("carrier box ", k, " is rounded by ", box.edge_radius * 1e3,
+                                              " mm, must lie in [0, ", box.half.minCoeff() * 1e3, "] mm"));
+  }
+}
+
+namespace detail {
+
+// How far points are off the shapes of the patches that they should lie on.
+class ShapeCheck {
+ public:
+  explicit ShapeCheck(const Body& body) : body_(body) {}
+
+  void add(int patch, const Vec3d& at) {
+    const Vec3d p(body_.symmetry.x ? std::abs(at.x()) : at.x(), body_.symmetry.y ? std::abs(at.y()) : at.y(), at.z());
+    size_ = std::max(size_, p.lpNorm<Eigen::Infinity>());
+    const double apart = (closest_point(body_.patches[std::size_t(patch)].shape, p) - p).norm();
+    if (apart <= worst_ || std::isnan(worst_)) return;
+    worst_ = apart;
+    patch_ = patch;
+  }
+  void require(const char* points) const {
+    constexpr double precision = 1e-6;  // of the body's size: coordinates that went through single precision pass
+    if (worst_ <= precision * size_) return;
+    throw MeshError(std::isfinite(worst_) ? MeshError::Reason::inaccurate : MeshError::Reason::not_finite,
+        message("patch \"", printable(body_.patches[std::size_t(patch_)].name), "\" has ", points, " up to ",
+            worst_ * 1e3, " mm off its shape, at most ", precision * size_ * 1e3, " mm"));
+  }
+
+ private:
+  const Body& body_;
+  double size_ = 0.0, worst_ = 0.0;
+  int patch_ = -1;
+};
+
+}  // namespace detail
+
+inline void require_on_shapes(const Body& body, const TetMesh& mesh) {
+  detail::ShapeCheck check(body);
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k)
+      check.add(f.patch, mesh.nodes[std::size_t(f.nodes[k])]);
+  check.require("nodes");
+}
+
+inline void require_on_shapes(const Body& body) {
+  detail::ShapeCheck check(body);
+  for (std::size_t f = 0; f < body.facets.size(); ++f) {
+    const Facet& facet = body.facets[f];
+    if (facet.patch == Body::mirror_patch) continue;
+    if (facet.patch < 0 || std::size_t(facet.patch) >= body.patches.size())
+      throw MeshError(MeshError::Reason::bad_index, message("facet ", f, " is of patch ", facet.patch,
+                                                        ", the body has patches 0 to ", int(body.patches.size()) - 1));
+    for (const int vertex : facet.loop) {
+      if (vertex < 0 || std::size_t(vertex) >= body.vertices.size())
+        throw MeshError(MeshError::Reason::bad_index,
+            message("facet ", f, " names vertex ", vertex, ", the body has ", body.vertices.size()));
+      check.add(facet.patch, body.vertices[std::size_t(vertex)]);
+    }
+  }
+  check.require("vertices");
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/mesher.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+
+namespace lumo {
+
+/// A closed surface to be filled, with a wanted edge length. Vertices of no facet are interior points.
+struct MeshInput : ClosedSurface {
+  std::function<double(const Vec3d&)> edge;  ///< wanted edge length, same unit; may be empty
+  bool keep_surface = false;                 ///< do not split the given facets
+};
+
+/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry
+/// their facet's patch.
+struct LinearTets {
+  std::vector<Vec3d> vertices;
+  std::vector<std::array<int, 4>> tets;  ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
+  std::vector<std::array<int, 3>> faces;
+  std::vector<int> patches;  ///< one per face
+};
+
+/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
+template <class M>
+concept Mesher = requires(const M& mesher, const MeshInput& input) {
+  { mesher.fill(input) } -> std::same_as<LinearTets>;
+};
 
 }  // namespace lumo
 
@@ -3987,7 +4762,8 @@ inline TetMesh mirrored(const TetMesh& half, int axis) {
 
 /// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle
 /// nodes (also on the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric
-/// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
+/// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate:
+/// require_valid(), and require_on_shapes() of the facets' vertices.
 template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
 
 namespace detail {
@@ -4031,6 +4807,7 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   if (order != 1 && order != 2) throw InvalidArgument(message("mesh order is ", order, ", must be 1 or 2"));
   const double stretch = body.sizing.stretch_y;
   require_positive("mesh stretch along y", stretch, "");
+  require_on_shapes(body);
   MeshInput input;
   input.facets = body.facets;
   // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away
@@ -4210,18 +4987,20 @@ struct FinePlace {
 };
 
 /// The body with its mesh sizing refined about the given places and their mirror images; `focus` says how edges grow
-/// from there. Throws InvalidArgument.
+/// from there, which is all for a body that wants no lengths. Throws InvalidArgument.
 inline Body focused(Body body, std::vector<FinePlace> places, const Focus& focus = {}) {
   for (const FinePlace& p : places) require_in_range("finest mesh edge", p.finest_m * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
+  require_in_range("mesh growth with depth", focus.depth_growth, 0.0, 1e3, "");
   require_in_range("mesh edge over the tool's contact radius", focus.of_tool, 0.001, 1000.0, "");
+  if (places.empty()) return body;
   for (FinePlace& p : places) {
     if (body.symmetry.x) p.place_m.x() = std::abs(p.place_m.x());
     if (body.symmetry.y) p.place_m.y() = std::abs(p.place_m.y());
   }
   body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, places = std::move(places),
                          focus](const Vec3d& p) {
-    double edge = coarse(p);
+    double edge = coarse ? coarse(p) : std::numeric_limits<double>::infinity();
     for (const FinePlace& f : places) {
       const double depth = std::max(0.0, (f.place_m - p).z());
       edge = std::min(edge, f.finest_m + focus.growth * (p - f.place_m).norm() + focus.depth_growth * depth);
@@ -4578,9 +5357,6 @@ struct RawFill {
   std::vector<std::int32_t> faces;   ///< 3 vertices of each boundary triangle, in any sense and order
   std::vector<std::int32_t> facets;  ///< for each face, the number of its facet + 1
 };
-
-/// Corners of the face opposite to corner i of a positive tetrahedron, counter-clockwise seen from outside.
-inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
 
 /// Makes a LinearTets of a raw answer, whose coordinates times `scale` are the input's, and checks it against the
 /// surface that was to be filled: finite, positive volumes, faces shared by two tetrahedra of opposite sense or on the
@@ -5856,13 +6632,15 @@ inline Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b,
   return closest_point(p, a, b, c).point;
 }
 
-/// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree. Own code: the
-/// promise is that lumo needs Eigen only.
+/// Boxes about the triangles of a surface, for the distance to it. Own code: the promise is that lumo needs Eigen only.
 class TriangleTree {
  public:
-  explicit TriangleTree(const TriangleSurface& surface) : surface_(&surface), order_(surface.triangles.size()) {
-    std::iota(order_.begin(), order_.end(), 0);
-    if (!order_.empty()) build(0, int(order_.size()));
+  explicit TriangleTree(const TriangleSurface& surface) {
+    for (const auto& t : surface.triangles) {
+      const auto at = [&](std::size_t k) -> const Vec3d& { return surface.vertices[std::size_t(t[k])]; };
+      leaves_.push_back({{at(0), at(1), at(2)}, int(leaves_.size())});
+    }
+    if (!leaves_.empty()) build(0, int(leaves_.size()));
   }
 
   /// The place on the surface that is nearest to a point.
@@ -5887,59 +6665,65 @@ class TriangleTree {
   }
 
  private:
-  struct Node {
-    Vec3d low, high;   ///< corners of its box
-    int first, count;  ///< triangles of a leaf; count 0: the children are at `first` and `second`
-    int second;
+  struct Leaf {
+    std::array<Vec3d, 3> corners;
+    int triangle;
   };
+  struct Node {
+    std::array<double, 3> low{}, high{};  // corners of its box
+    int first = 0, count = 0;             // leaves; count 0: the children are the next node and the one at `first`
 
-  const Vec3d& corner(int triangle, std::size_t k) const {
-    return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])];
-  }
+    double squared_distance(const Vec3d& p) const {
+      double sum = 0.0;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const double off = std::max(std::max(low[a] - p[Eigen::Index(a)], p[Eigen::Index(a)] - high[a]), 0.0);
+        sum += off * off;
+      }
+      return sum;
+    }
+  };
 
   int build(int begin, int end) {
     const int self = int(nodes_.size());
-    nodes_.push_back({{}, {}, begin, end - begin, -1});
     Eigen::AlignedBox3d box;
     for (int i = begin; i < end; ++i)
-      for (std::size_t k = 0; k < 3; ++k) box.extend(corner(order_[std::size_t(i)], k));
-    nodes_[std::size_t(self)].low = box.min();
-    nodes_[std::size_t(self)].high = box.max();
-    if (end - begin <= 4) return self;
+      for (const Vec3d& corner : leaves_[std::size_t(i)].corners) box.extend(corner);
+    const Vec3d low = box.min(), high = box.max();
+    nodes_.push_back({{low[0], low[1], low[2]}, {high[0], high[1], high[2]}, begin, end - begin});
+    if (end - begin <= 2) return self;
     int axis;
     box.sizes().maxCoeff(&axis);
-    const auto middle = [&](int t) { return corner(t, 0)[axis] + corner(t, 1)[axis] + corner(t, 2)[axis]; };
+    const auto middle = [&](const Leaf& t) { return t.corners[0][axis] + t.corners[1][axis] + t.corners[2][axis]; };
     const int half = (begin + end) / 2;
-    std::nth_element(order_.begin() + begin, order_.begin() + half, order_.begin() + end, [&](int a, int b) {
-      const double x = middle(a), y = middle(b);
-      return x < y || (x == y && a < b);
-    });
-    const int left = build(begin, half), right = build(half, end);
-    nodes_[std::size_t(self)].first = left;
+    std::nth_element(
+        leaves_.begin() + begin, leaves_.begin() + half, leaves_.begin() + end, [&](const Leaf& a, const Leaf& b) {
+          const double x = middle(a), y = middle(b);
+          return x < y || (x == y && a.triangle < b.triangle);
+        });
+    build(begin, half);
+    const int right = build(half, end);
+    nodes_[std::size_t(self)].first = right;
     nodes_[std::size_t(self)].count = 0;
-    nodes_[std::size_t(self)].second = right;
     return self;
   }
 
-  void search(int at, const Vec3d& p, double& least, Nearest& best) const {
-    const Node& n = nodes_[std::size_t(at)];
+  void search(int self, const Vec3d& p, double& least, Nearest& best) const {
+    const Node& n = nodes_[std::size_t(self)];
     if (n.count > 0) {
       for (int i = n.first; i < n.first + n.count; ++i) {
-        const int t = order_[std::size_t(i)];
-        const TrianglePoint on = closest_point(p, corner(t, 0), corner(t, 1), corner(t, 2));
+        const Leaf& t = leaves_[std::size_t(i)];
+        const TrianglePoint on = closest_point(p, t.corners[0], t.corners[1], t.corners[2]);
         if (const double squared = (on.point - p).squaredNorm(); squared < least) {
           least = squared;
-          best.triangle = t;
+          best.triangle = t.triangle;
           best.at = on;
         }
       }
       return;
     }
-    int near = n.first, far = n.second;
-    const auto away = [&](const Node& child) {
-      return Eigen::AlignedBox3d(child.low, child.high).squaredExteriorDistance(p);
-    };
-    double to_near = away(nodes_[std::size_t(near)]), to_far = away(nodes_[std::size_t(far)]);
+    int near = self + 1, far = n.first;
+    double to_near = nodes_[std::size_t(near)].squared_distance(p),
+           to_far = nodes_[std::size_t(far)].squared_distance(p);
     if (to_far < to_near) {
       std::swap(near, far);
       std::swap(to_near, to_far);
@@ -5948,28 +6732,16 @@ class TriangleTree {
     if (to_far < least) search(far, p, least, best);
   }
 
-  const TriangleSurface* surface_;
-  std::vector<int> order_;
+  std::vector<Leaf> leaves_;
   std::vector<Node> nodes_;
 };
 
 /// Exact signed distance to a closed surface of triangles, negative inside. The sign is that of the outward direction
 /// at the nearest place, with the normals of the triangles that meet there weighted by their angles. Source: Bærentzen
-/// & Aanæs 2005. The surface must outlive it and be valid (unchecked).
+/// & Aanæs 2005. The surface must outlive it and be valid (unchecked). Of a point that is not finite, all is NaN.
 class SignedDistance {
  public:
-  explicit SignedDistance(const TriangleSurface& surface)
-      : surface_(&surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3d::Zero()) {
-    for (const auto& t : surface.triangles) {
-      const Vec3d n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
-      normal_.push_back(n);
-      for (std::size_t k = 0; k < 3; ++k) {
-        const Vec3d forth = corner(t, (k + 1) % 3) - corner(t, k), back = corner(t, (k + 2) % 3) - corner(t, k);
-        at_corner_[std::size_t(t[k])] += std::atan2(forth.cross(back).norm(), forth.dot(back)) * n;
-        at_edge_.try_emplace(key(t, k), Vec3d::Zero()).first->second += n;
-      }
-    }
-  }
+  explicit SignedDistance(const TriangleSurface& surface);
 
   /// Distance [m] with its first two derivatives; at the surface itself the gradient is the outward direction there.
   struct Sample {
@@ -5977,53 +6749,84 @@ class SignedDistance {
     Vec3d gradient;
     Mat3d hessian;  ///< [1/m]
   };
-  Sample sample(const Vec3d& p) const {
-    const TriangleTree::Nearest n = tree_.nearest(p);
-    const Vec3d out = outward(n), way = p - n.at.point;
-    const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
-    Sample s{
-        sign * n.distance, n.distance > 0.0 ? Vec3d(sign / n.distance * way) : Vec3d(out.normalized()), Mat3d::Zero()};
-    if (n.at.feature == TrianglePoint::inside || !(n.distance > 0.0)) return s;
-    Mat3d turning =
-        Mat3d::Identity() -
-        s.gradient *
-            s.gradient.transpose();  // a plane's distance is straight, an edge's bends across it, a corner's all around
-    if (n.at.feature > 2) {
-      const auto& t = surface_->triangles[std::size_t(n.triangle)];
-      const std::size_t k = std::size_t(n.at.feature) - 3;
-      const Vec3d &end = corner(t, (k + 1) % 3), &start = corner(t, k), along = (end - start).normalized();
-      turning -= along * along.transpose();
-    }
-    s.hessian = turning / s.distance;
-    return s;
-  }
+  Sample sample(const Vec3d& p) const;
 
   /// Distance alone; `near`: a bound [m] that its size is known to keep.
   double distance(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
     const TriangleTree::Nearest n = tree_.nearest(p, near);
-    return n.triangle >= 0 && (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;
+    if (n.triangle < 0) return p.allFinite() ? n.distance : std::numeric_limits<double>::quiet_NaN();
+    return (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;
   }
 
  private:
+  struct Normals {
+    Vec3d own{0.0, 0.0, 0.0};
+    std::array<Vec3d, 3> at_edge;  // sums with the neighbour's; by TrianglePoint's edges
+  };
+
   const Vec3d& corner(const std::array<int, 3>& t, std::size_t k) const {
     return surface_->vertices[std::size_t(t[k])];
   }
-  static std::pair<int, int> key(const std::array<int, 3>& t, std::size_t k) {
-    return std::minmax(int(t[k]), int(t[(k + 1) % 3]));
-  }
-
-  Vec3d outward(const TriangleTree::Nearest& n) const {
-    const auto& t = surface_->triangles[std::size_t(n.triangle)];
-    if (n.at.feature < 3) return at_corner_[std::size_t(t[std::size_t(n.at.feature)])];
-    if (n.at.feature < TrianglePoint::inside) return at_edge_.at(key(t, std::size_t(n.at.feature) - 3));
-    return normal_[std::size_t(n.triangle)];
+  const Vec3d& outward(const TriangleTree::Nearest& n) const {
+    const Normals& own = normals_[std::size_t(n.triangle)];
+    if (n.at.feature == TrianglePoint::inside) return own.own;
+    if (n.at.feature > 2) return own.at_edge[std::size_t(n.at.feature) - 3];
+    return at_corner_[std::size_t(surface_->triangles[std::size_t(n.triangle)][std::size_t(n.at.feature)])];
   }
 
   const TriangleSurface* surface_;
   TriangleTree tree_;
-  std::vector<Vec3d> normal_, at_corner_;
-  std::map<std::pair<int, int>, Vec3d> at_edge_;
+  std::vector<Normals> normals_;
+  std::vector<Vec3d> at_corner_;
 };
+
+inline SignedDistance::SignedDistance(const TriangleSurface& surface)
+    : surface_(&surface),
+      tree_(surface),
+      normals_(surface.triangles.size()),
+      at_corner_(surface.vertices.size(), Vec3d::Zero()) {
+  std::map<std::pair<int, int>, Vec3d> at_edge;
+  const auto edge = [&](const std::array<int, 3>& t, std::size_t k) -> Vec3d& {
+    return at_edge.try_emplace(std::minmax(int(t[k]), int(t[(k + 1) % 3])), Vec3d::Zero()).first->second;
+  };
+  for (std::size_t i = 0; i < normals_.size(); ++i) {
+    const auto& t = surface.triangles[i];
+    const Vec3d n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
+    normals_[i].own = n;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vec3d forth = corner(t, (k + 1) % 3) - corner(t, k), back = corner(t, (k + 2) % 3) - corner(t, k);
+      at_corner_[std::size_t(t[k])] += std::atan2(forth.cross(back).norm(), forth.dot(back)) * n;
+      edge(t, k) += n;
+    }
+  }
+  for (std::size_t i = 0; i < normals_.size(); ++i)
+    for (std::size_t k = 0; k < 3; ++k) normals_[i].at_edge[k] = edge(surface.triangles[i], k);
+}
+
+inline SignedDistance::Sample SignedDistance::sample(const Vec3d& p) const {
+  const TriangleTree::Nearest n = tree_.nearest(p);
+  if (n.triangle < 0) {
+    constexpr double none = std::numeric_limits<double>::quiet_NaN();
+    return {none, Vec3d::Constant(none), Mat3d::Constant(none)};
+  }
+  const Vec3d &out = outward(n), way = p - n.at.point;
+  const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
+  Sample s{sign * n.distance, out.normalized(), Mat3d::Zero()};
+  // A way that is as short as what rounding leaves of it has no direction.
+  const double rounding = 8.0 * std::numeric_limits<double>::epsilon() * p.cwiseAbs().maxCoeff();
+  if (n.at.feature == TrianglePoint::inside || !(n.distance > rounding)) return s;
+  s.gradient = way / s.distance;
+  // A plane's distance is straight, an edge's bends across it, a corner's all around.
+  Mat3d turning = Mat3d::Identity() - s.gradient * s.gradient.transpose();
+  if (n.at.feature > 2) {
+    const auto& t = surface_->triangles[std::size_t(n.triangle)];
+    const std::size_t k = std::size_t(n.at.feature) - 3;
+    const Vec3d along = (corner(t, (k + 1) % 3) - corner(t, k)).normalized();
+    turning -= along * along.transpose();
+  }
+  s.hessian = turning / s.distance;
+  return s;
+}
 
 }  // namespace lumo
 
@@ -6035,215 +6838,57 @@ class SignedDistance {
 
 namespace lumo {
 
-/// Signed distance to a closed triangle surface on a cubic grid, carried on between its points by the cubic spline
-/// through them: twice continuously differentiable, of fourth order where the distance is smooth. Near sharp edges the
-/// spline rounds by a fraction of a cell. From two cells outside the surface's box on it passes, within one cell, into
-/// the exact distance. Source: Unser 1999 (spline through samples).
-class DistanceGrid {
- public:
-  /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument
-  /// for other than 8 … 256 cells.
-  DistanceGrid(const TriangleSurface& surface, int cells);
-  DistanceGrid(const DistanceGrid&) = delete;  // what is exact points into the surface
-  DistanceGrid& operator=(const DistanceGrid&) = delete;
-
-  double distance(const Vec3d& p) const { return sample(p).distance; }
-
-  /// Distance with its derivatives.
-  DistanceSample sample(const Vec3d& p) const;
-
-  double spacing_m() const { return h_; }
-  const TriangleSurface& surface() const { return surface_; }
-  /// Largest difference from the exact distance that was found at the middles of all cells within one spacing of the
-  /// surface [m].
-  double error_m() const { return error_; }
-
- private:
-  static constexpr int pad = 6, rim = 3;  // cells about the surface, of which the outer ones only feed the spline
-
-  double& at(int i, int j, int k) {
-    return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))];
-  }
-  double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
-  Vec3d node(int i, int j, int k) const { return origin_ + h_ * Vec3d(i, j, k); }
-
-  static const TriangleSurface& checked(const TriangleSurface& surface) {
-    validate_surface(surface);
-    return surface;
-  }
-  void fill();
-  void filter();
-  void measure();
-  DistanceSample spline(const Vec3d& p) const;
-  DistanceSample exact(const Vec3d& p) const;
-
-  TriangleSurface surface_;
-  SignedDistance exact_;
-  Vec3d origin_, low_, high_;  // first node; box in which the spline holds
-  std::array<int, 3> n_{};     // nodes each way
-  double h_ = 0.0, error_ = 0.0;
-  std::vector<double> c_;  // spline coefficients
-};
-
-inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells)
-    : surface_(checked(surface)), exact_(surface_) {
-  if (cells < 8 || cells > 256)
-    throw InvalidArgument(message("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
-  Eigen::AlignedBox3d box;
-  for (const Vec3d& v : surface_.vertices) box.extend(v);
-  const Vec3d size = box.sizes();
-  h_ = size.maxCoeff() / cells;
-  origin_ = box.min() - pad * h_ * Vec3d::Ones();
-  for (int a = 0; a < 3; ++a) n_[std::size_t(a)] = int(std::ceil(size[a] / h_ - 1e-9)) + 2 * pad + 1;
-  low_ = origin_ + rim * h_ * Vec3d::Ones();
-  high_ = node(n_[0] - 1 - rim, n_[1] - 1 - rim, n_[2] - 1 - rim);
-  c_.resize(std::size_t(n_[0]) * std::size_t(n_[1]) * std::size_t(n_[2]));
-  fill();
-  filter();
-  measure();
-}
-
-inline void DistanceGrid::fill() {
-  constexpr double reach = 1.001;  // cells: one, and rounding
-  for (int k = 0; k < n_[2]; ++k)
-    for (int j = 0; j < n_[1]; ++j)
-      for (int i = 0; i < n_[0]; ++i)  // from node to node the distance changes by no more than the way
-        at(i, j, k) = exact_.distance(
-            node(i, j, k), i > 0 ? std::abs(at(i - 1, j, k)) + reach * h_ : std::numeric_limits<double>::infinity());
-}
-
-// The spline through the samples, line by line in all three directions, mirrored at the ends.
-inline void DistanceGrid::filter() {
-  const double pole = std::sqrt(3.0) - 2.0;  // of the cubic B-spline (Unser 1999)
-  constexpr int terms = 30;                  // of the sum from the mirrored end: pole^30 is below 1e-17
-  const auto line = [&](int count, auto&& value) {
-    double first = 0.0, power = 1.0;
-    for (int i = 0; i < std::min(count, terms); ++i, power *= pole) first += power * value(i);
-    value(0) = first;
-    for (int i = 1; i < count; ++i) value(i) += pole * value(i - 1);
-    value(count - 1) = pole / (pole * pole - 1.0) * (value(count - 1) + pole * value(count - 2));
-    for (int i = count - 2; i >= 0; --i) value(i) = pole * (value(i + 1) - value(i));
-    for (int i = 0; i < count; ++i) value(i) *= 6.0;
-  };
-  for (int k = 0; k < n_[2]; ++k)
-    for (int j = 0; j < n_[1]; ++j) line(n_[0], [&](int i) -> double& { return at(i, j, k); });
-  for (int k = 0; k < n_[2]; ++k)
-    for (int i = 0; i < n_[0]; ++i) line(n_[1], [&](int j) -> double& { return at(i, j, k); });
-  for (int j = 0; j < n_[1]; ++j)
-    for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
-}
-
-inline void DistanceGrid::measure() {
-  for (int k = rim; k < n_[2] - 1 - rim; ++k)
-    for (int j = rim; j < n_[1] - 1 - rim; ++j)
-      for (int i = rim; i < n_[0] - 1 - rim; ++i) {
-        const Vec3d p = node(i, j, k) + Vec3d::Constant(0.5 * h_);
-        const double d = spline(p).distance;
-        if (std::abs(d) < h_) error_ = std::max(error_, std::abs(d - exact_.distance(p, 3.0 * h_)));
-      }
-}
-
-inline DistanceSample DistanceGrid::spline(const Vec3d& p) const {
-  std::array<int, 3> cell;
-  std::array<std::array<double, 4>, 3> w, dw, ddw;  // weights of the four nodes about p each way, and their derivatives
-  for (std::size_t a = 0; a < 3; ++a) {
-    const double u = (p[Eigen::Index(a)] - origin_[Eigen::Index(a)]) / h_;
-    cell[a] = std::min(int(std::fmin(std::fmax(u, 1.0), n_[a])), n_[a] - 3);  // of NaN, any cell
-    const double t = u - cell[a], s = 1.0 - t;
-    w[a] = {s * s * s / 6.0, 2.0 / 3.0 - 0.5 * t * t * (2.0 - t), 2.0 / 3.0 - 0.5 * s * s * (2.0 - s), t * t * t / 6.0};
-    dw[a] = {-0.5 * s * s / h_, 0.5 * t * (3.0 * t - 4.0) / h_, -0.5 * s * (3.0 * s - 4.0) / h_, 0.5 * t * t / h_};
-    ddw[a] = {s / (h_ * h_), (3.0 * t - 2.0) / (h_ * h_), (3.0 * s - 2.0) / (h_ * h_), t / (h_ * h_)};
-  }
-  DistanceSample d{0.0, Vec3d::Zero(), Mat3d::Zero()};
-  for (std::size_t k = 0; k < 4; ++k)
-    for (std::size_t j = 0; j < 4; ++j) {
-      double f = 0.0, fx = 0.0, fxx = 0.0;
-      for (std::size_t i = 0; i < 4; ++i) {
-        const double c = at(cell[0] + int(i) - 1, cell[1] + int(j) - 1, cell[2] + int(k) - 1);
-        f += w[0][i] * c;
-        fx += dw[0][i] * c;
-        fxx += ddw[0][i] * c;
-      }
-      d.distance += w[1][j] * w[2][k] * f;
-      d.gradient += Vec3d(w[1][j] * w[2][k] * fx, dw[1][j] * w[2][k] * f, w[1][j] * dw[2][k] * f);
-      d.hessian(0, 0) += w[1][j] * w[2][k] * fxx;
-      d.hessian(1, 1) += ddw[1][j] * w[2][k] * f;
-      d.hessian(2, 2) += w[1][j] * ddw[2][k] * f;
-      d.hessian(1, 0) += dw[1][j] * w[2][k] * fx;
-      d.hessian(2, 0) += w[1][j] * dw[2][k] * fx;
-      d.hessian(2, 1) += dw[1][j] * dw[2][k] * f;
-    }
-  d.hessian.triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
-  return d;
-}
-
-inline DistanceSample DistanceGrid::sample(const Vec3d& p) const {
-  // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that
-  // changes.
-  double gone = 0.0;
-  Vec3d slope = Vec3d::Zero();
-  Mat3d bend = Mat3d::Zero();
-  for (int a = 0; a < 3; ++a) {
-    const double side = p[a] < 0.5 * (low_[a] + high_[a]) ? -1.0 : 1.0,
-                 t = (side < 0.0 ? low_[a] - p[a] : p[a] - high_[a]) / h_ + 1.0;
-    if (!(t > 0.0)) continue;
-    if (t >= 1.0) return exact(p);
-    // 1 − Π (1 − w) with w = t³ (10 − 15 t + 6 t²), whose first two derivatives vanish at both ends
-    const double w = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t), dw = side / h_ * 30.0 * t * t * (1.0 - t) * (1.0 - t);
-    const double ddw = 60.0 * t * (1.0 - t) * (1.0 - 2.0 * t) / (h_ * h_);
-    bend *= 1.0 - w;
-    bend.col(a) -= dw * slope;
-    bend.row(a) -= dw * slope.transpose();
-    bend(a, a) += ddw * (1.0 - gone);
-    slope *= 1.0 - w;
-    slope[a] += dw * (1.0 - gone);
-    gone += w * (1.0 - gone);
-  }
-  const DistanceSample near = spline(p);
-  if (gone == 0.0) return near;
-  const DistanceSample far = exact(p);
-  const double apart = far.distance - near.distance;
-  const Vec3d turn = far.gradient - near.gradient;
-  return {near.distance + gone * apart, near.gradient + gone * turn + apart * slope,
-      near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() +
-          apart * bend};
-}
-
-inline DistanceSample DistanceGrid::exact(const Vec3d& p) const {
-  const SignedDistance::Sample s = exact_.sample(p);
-  return {s.distance, s.gradient, s.hessian};
-}
-
-/// Rigid tool of any closed triangle surface, by the signed distance on a grid; the surface's own coordinates are the
-/// tool's frame. Copies share the grid. `MeshIndenter tool(read_surface("knob.stl"))`.
+/// Rigid tool of any closed triangle surface, by the exact distance to its triangles: thin walls, sharp tips and small
+/// parts on long shafts are where the surface has them. The surface's own coordinates are the tool's frame. Copies
+/// share the surface. `MeshIndenter tool(read_surface("knob.stl"))`.
+///
+/// The gradient turns steadily outside of convex edges. It jumps across the planes that halve convex edges inside, and
+/// concave ones outside, by the angle between the facets. Presses bear that: the law's energy has no step there, so
+/// that a line search descends. Rounding the edges instead, on a grid, made another tool of a blade or a cone.
 class MeshIndenter {
  public:
-  /// Throws as DistanceGrid does.
-  explicit MeshIndenter(const TriangleSurface& surface, int cells = 64)
-      : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
+  /// Throws MeshError for a surface that bounds no solid (see validate_surface).
+  explicit MeshIndenter(const TriangleSurface& surface) : field_(std::make_shared<const Field>(surface)) {
     Eigen::AlignedBox3d box;
-    for (const Vec3d& v : surface.vertices) {
-      radius_m_ = std::max(radius_m_, v.norm());
-      box.extend(v);
-    }
+    for (const auto& t : surface.triangles)
+      for (const int n : t) {
+        const Vec3d& v = surface.vertices[std::size_t(n)];
+        radius_m_ = std::max(radius_m_, v.norm());
+        box.extend(v);
+      }
     contact_radius_m_ = 0.5 * box.sizes().minCoeff();
   }
 
-  /// The same surface on as fine a grid.
   bool operator==(const MeshIndenter& other) const {
-    const TriangleSurface &a = grid_->surface(), &b = other.grid_->surface();
-    return grid_ == other.grid_ ||
-           (grid_->spacing_m() == other.grid_->spacing_m() && a.vertices == b.vertices && a.triangles == b.triangles);
+    const TriangleSurface &a = surface(), &b = other.surface();
+    return field_ == other.field_ || (a.vertices == b.vertices && a.triangles == b.triangles);
   }
 
   double radius_m() const { return radius_m_; }
   double contact_radius_m() const { return contact_radius_m_; }
-  double distance(const Vec3d& p) const { return grid_->distance(p); }
-  DistanceSample sample(const Vec3d& p) const { return grid_->sample(p); }
-  const DistanceGrid& grid() const { return *grid_; }
+  double distance(const Vec3d& p) const { return field_->exact.distance(p); }
+  DistanceSample sample(const Vec3d& p) const {
+    const SignedDistance::Sample s = field_->exact.sample(p);
+    return {s.distance, s.gradient, s.hessian};
+  }
+  const TriangleSurface& surface() const { return field_->surface; }
 
  private:
-  std::shared_ptr<const DistanceGrid> grid_;
+  struct Field {
+    explicit Field(const TriangleSurface& s) : surface(checked(s)), exact(surface) {}
+    Field(const Field&) = delete;  // the distance points into the surface
+    Field& operator=(const Field&) = delete;
+
+    static const TriangleSurface& checked(const TriangleSurface& s) {
+      validate_surface(s);
+      return s;
+    }
+
+    TriangleSurface surface;
+    SignedDistance exact;
+  };
+
+  std::shared_ptr<const Field> field_;
   double radius_m_ = 0.0, contact_radius_m_ = 0.0;
 };
 
@@ -7557,7 +8202,8 @@ struct Touch {
 
 /// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools
 /// with edges and far better for round ones. The mesh bounds the patches. Throws InvalidArgument when the
-/// indenter passes by.
+/// indenter passes by, with what is known of why: no patch may be touched, it meets one that may not, or the tool lies
+/// far off its own origin, which is what comes along the line.
 template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
 
 // How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it
@@ -7669,9 +8315,41 @@ template <Indenter Tool> struct PatchSearch {
   }
 };
 
+// A scenario's tool in a message.
+template <Indenter Tool> std::string approach(const Scenario<Tool>& s) {
+  return message("the indenter at y = ", s.y_m * 1e3, " mm and ", s.angle_rad * 180 / pi, " deg");
+}
+
+// Why a tool on this line touches nothing.
+template <Indenter Tool>
+std::string passing_by(const Body& body, const TetMesh& mesh, const std::string& what, const ApproachLine<Tool>& line) {
+  bool may_touch = false;
+  int met = -1;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const BoundaryFace& f : mesh.faces) {
+    if (body.patches[std::size_t(f.patch)].contactable) {
+      may_touch = true;
+      continue;
+    }
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k)
+      if (const double s = line.advance_to(mesh.nodes[std::size_t(f.nodes[k])]); s < nearest) {
+        nearest = s;
+        met = f.patch;
+      }
+  }
+  if (!may_touch) return what + " touches nothing: no patch of the body is contactable";
+  if (met >= 0)
+    return message(
+        what, " meets patch \"", printable(body.patches[std::size_t(met)].name), "\", which may not be touched");
+  const double off = line.tool.distance(Vec3d(0.0, 0.0, 0.0));
+  return what + " passes by the body" +
+         (off > contact_radius(line.tool) ? message("; the tool lies ", off * 1e3, " mm off its own origin") : "");
+}
+
 }  // namespace detail
 
 template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
+  validate(scenario);
   const Vec3d direction = scenario.direction();
   double size = 0.0;
   for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
@@ -7702,9 +8380,7 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
       }
     }
   }
-  if (!std::isfinite(best))
-    throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi,
-        " deg passes by the body"));
+  if (!std::isfinite(best)) throw InvalidArgument(detail::passing_by(body, mesh, detail::approach(scenario), line));
   return {start + best * direction, point};
 }
 
@@ -8597,6 +9273,7 @@ inline void validate(const DescentConfig& c) {
   require_in_range("slip speed", c.slip_speed_m_per_s, 1e-9, 1e3, "m/s");
   require_in_range("distance at which contact is watched", c.detection_m * 1e3, 1e-3, 100.0, "mm");
   require_in_range("largest advance", c.max_advance_m * 1e3, 1e-3, 1e3, "mm");
+  require_in_range("time limit of a scenario", c.time_limit_s, 0.0, 1e12, "s");
 }
 
 namespace detail {
@@ -10531,6 +11208,48 @@ template <class S> S contact_area(const ContactSurface& surface, const std::vect
 
 #endif
 
+// ---- lumo/mechanics/contact/preconditions.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_PRECONDITIONS_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_PRECONDITIONS_HPP
+
+namespace lumo {
+
+/// Throws InvalidArgument for a body that no bonded patch and no carrier holds. Patches must be the body's.
+inline void require_held(const Body& body, const TetMesh& mesh) {
+  for (const BoundaryFace& f : mesh.faces) {
+    const Patch& patch = body.patches[std::size_t(f.patch)];
+    if (patch.bonded || (patch.meets_carrier && !body.carrier.empty())) return;
+  }
+  throw InvalidArgument("no patch is bonded: the body can move as a whole");
+}
+
+/// Throws InvalidArgument if the tool, where it first touches, has already run into nodes of a patch that it may not
+/// touch: contact there is not computed, so that it would go through.
+template <Indenter Tool>
+void require_free_way(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const Touch& touch) {
+  constexpr double precision = 1e-6;  // of the body's size, as of its surface
+  double size = 0.0, least = 0.0;
+  int met = -1;
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
+      const Vec3d& p = mesh.nodes[std::size_t(f.nodes[k])];
+      size = std::max(size, p.lpNorm<Eigen::Infinity>());
+      if (body.patches[std::size_t(f.patch)].contactable) continue;
+      const double gap = scenario.indenter.distance(Vec3d(p - touch.origin));
+      if (gap >= least) continue;
+      least = gap;
+      met = f.patch;
+    }
+  if (least >= -precision * size) return;
+  throw InvalidArgument(
+      message(detail::approach(scenario), " meets patch \"", printable(body.patches[std::size_t(met)].name),
+          "\", which may not be touched, ", -1e3 * least, " mm deep when it first touches the body"));
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/mechanics/contact/traction.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_TRACTION_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_TRACTION_HPP
@@ -10942,6 +11661,18 @@ struct QuasiStaticConfig {
   double time_limit_s = 1e9;  ///< per scenario, wall clock
 };
 
+/// Throws InvalidArgument for settings out of range.
+inline void validate(const QuasiStaticConfig& c) {
+  require_in_range("residual tolerance", c.residual_tolerance, 1e-12, 1e-6, "of the load");  // the certificate's limit
+  require_in_range("iterations per load", c.max_iterations, 1, 1 << 20, "");
+  require_in_range("iterations per stride", c.stride_iterations, 1, 1 << 20, "");
+  require_in_range("contraction of a kept factor", c.chord_contraction, 0.0, 1.0, "");
+  require_in_range("late contraction of a kept factor", c.late_contraction, 0.0, 1.0, "");
+  require_in_range("stride of loads", c.load_stride, 1.001, 1e6, "");
+  require_in_range("largest advance of a step", c.max_advance, 1e-6, 1e3, "radii");
+  require_in_range("time limit of a scenario", c.time_limit_s, 0.0, 1e12, "s");
+}
+
 /// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly
 /// (model: solver policy "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
 ///
@@ -10971,9 +11702,11 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
   static constexpr bool uses_symmetry = true;
   Config config = {};
 
+  /// Throws InvalidArgument for settings out of range.
   template <class Material, class Contact, class Element>
   std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
       const PressPhysics<Material, Contact, Element>& physics) const {
+    validate(config);
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
 
@@ -11316,14 +12049,17 @@ struct Simulator {
   Solver solver = {};
 
   /// Everything that scenarios on one mesh share (elements, symbolic factorisations); thread-safe, so that scenarios
-  /// can run side by side. Throws InvalidArgument for parameters out of range.
+  /// can run side by side. Throws InvalidArgument for parameters out of range and for a body that nothing holds,
+  /// MeshError for a mesh that is not valid or not the body's (require_valid(body, mesh)).
   PreparedBody<Material, Contact, Element, Solver> prepare(const Body& body, const TetMesh& mesh) const {
     validate(material);
     validate(contact);
+    require_valid(body, mesh);
+    require_held(body, mesh);
     return {*this, body, mesh};
   }
 
-  /// One scenario from first touch through its loads.
+  /// One scenario from first touch through its loads. Throws as prepare() and PreparedBody::press() do.
   template <Indenter Tool>
   std::vector<MechanicalState> press(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) const {
     return prepare(body, mesh).press(scenario);
@@ -11348,10 +12084,12 @@ class PreparedBody {
       : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
 
   /// States at the scenario's loads, on the whole mesh. Where body and scenario are symmetric the quasi-static solver
-  /// takes only a half or a quarter; fields that break the symmetry are still tested for stability.
+  /// takes only a half or a quarter; fields that break the symmetry are still tested for stability. Throws
+  /// InvalidArgument for a scenario out of range, and for a tool that passes by or meets first what it may not touch.
   template <Indenter Tool> std::vector<MechanicalState> press(const Scenario<Tool>& scenario) const {
     validate(scenario);
     const Touch touch = first_touch(body_, *mesh_, scenario);
+    require_free_way(body_, *mesh_, scenario, touch);
     // A fixed area per vertex knows no halves of vertices.
     const bool fold = Solver::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
     const Symmetry contact = symmetry_of(scenario),
@@ -11433,6 +12171,147 @@ class PreparedBody {
 
 #endif
 
+// ---- lumo/morphology/region_images.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_REGION_IMAGES_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_REGION_IMAGES_HPP
+
+namespace lumo {
+
+/// Where the mirror images of a body's regions lie in a plane of its symmetry.
+struct RegionImages {
+  enum class Kind {
+    regions,  ///< each region's image is the region `image` names
+    unseen,   ///< no image lies in a region: the body is seen from one side
+    unknown   ///< neither, or not to be found out: contacts do not stand for their mirror images
+  };
+  Kind kind = Kind::unknown;
+  std::vector<int> image;
+};
+
+/// Mirror images of the regions in the plane across `axis` (0: x, 1: y), by asking Body::region at points of the
+/// surface and at their images; `unknown` where the body is not symmetric, and for a region without such a point.
+/// Without facets what the body gives is believed. Throws InvalidArgument for a region_image_x or _y that region()
+/// contradicts.
+inline RegionImages region_images(const Body& body, int axis);
+
+namespace detail {
+
+// Asks region() at points that are spread over the facets by area, and at all their images.
+class RegionSurvey {
+ public:
+  RegionSurvey(const Body& body, int axis)
+      : body_(body),
+        axis_(axis),
+        given_(axis == 0 ? body.region_image_x : body.region_image_y),
+        image_(std::size_t(body.regions), unasked) {
+    require_sound_map();
+    if (given_ && given_->empty())
+      for (int r = 0; r < body.regions; ++r) given_->push_back(r);
+    ask();
+  }
+
+  RegionImages answer() const {
+    using Kind = RegionImages::Kind;
+    if (given_) return {Kind::regions, *given_};
+    if (conflict_) return {};
+    if (std::all_of(image_.begin(), image_.end(), [](int r) { return r == -1; })) return {Kind::unseen, {}};
+    for (std::size_t r = 0; r < image_.size(); ++r)
+      if (image_[r] < 0 || image_[std::size_t(image_[r])] != int(r)) return {};
+    return {Kind::regions, image_};
+  }
+
+ private:
+  static constexpr int unasked = -2;
+  static constexpr double points = 16384.0;  // in all; a triangle has at least four
+
+  const char* name() const { return axis_ == 0 ? "region_image_x" : "region_image_y"; }
+  void require_sound_map() const {
+    if (!given_ || given_->empty()) return;
+    if (given_->size() != image_.size())
+      throw InvalidArgument(message(name(), " has ", given_->size(), " regions, the body has ", image_.size()));
+    for (const int r : *given_) require_in_range(name(), r, 0, body_.regions - 1, "");
+  }
+  void ask() {
+    struct Part {
+      std::array<Vec3d, 3> corners;
+      double area;
+      const Shape* shape;
+    };
+    std::vector<Part> parts;
+    double area = 0.0;
+    for (std::size_t f = 0; f < body_.facets.size(); ++f) {
+      const Facet& facet = body_.facets[f];
+      if (facet.patch == Body::mirror_patch || !body_.patches.at(std::size_t(facet.patch)).visible) continue;
+      const auto triangles =
+          facet_triangles(body_.vertices, facet.loop, polygon_normal(body_.vertices, facet.loop), int(f), 0.0);
+      if (!triangles) continue;  // the mesher says what is wrong with it
+      for (const SurfaceTriangle& t : *triangles) {
+        std::array<Vec3d, 3> c;
+        for (std::size_t k = 0; k < 3; ++k) c[k] = body_.vertices[std::size_t(t.corners[k])];
+        parts.push_back({c, (c[1] - c[0]).cross(c[2] - c[0]).norm(), &body_.patches[std::size_t(facet.patch)].shape});
+        area += parts.back().area;
+      }
+    }
+    for (const Part& p : parts) {
+      const int count = std::max(4, int(points * p.area / area));
+      for (int k = 1; k <= count; ++k) {  // not from 0, which lies on an edge
+        // Additive sequence of the plastic number (Roberts 2018): even, and seldom where regions meet.
+        double u = std::fmod(0.5 + 0.7548776662466927 * k, 1.0), v = std::fmod(0.5 + 0.5698402909980532 * k, 1.0);
+        if (u + v > 1.0) {
+          u = 1.0 - u;
+          v = 1.0 - v;
+        }
+        const auto& [a, b, c] = p.corners;
+        const Vec3d at = closest_point(*p.shape, (1.0 - u - v) * a + u * b + v * c);
+        ask_images(at, outward_normal(*p.shape, at));
+      }
+    }
+  }
+  // A point of the sector stands for one in each of the others.
+  void ask_images(const Vec3d& p, const Vec3d& n) {
+    Vec3d mirror(1.0, 1.0, 1.0);
+    mirror[axis_] = -1.0;
+    for (unsigned sector = 0; sector < 4; ++sector) {
+      if (((sector & 1u) && !body_.symmetry.x) || ((sector & 2u) && !body_.symmetry.y)) continue;
+      const Vec3d s(sector & 1u ? -1.0 : 1.0, sector & 2u ? -1.0 : 1.0, 1.0);
+      const Vec3d here = s.cwiseProduct(p), there = mirror.cwiseProduct(here), normal = s.cwiseProduct(n);
+      const int r = region(here, normal);
+      if (r >= 0) note(r, region(there, mirror.cwiseProduct(normal)), here);
+    }
+  }
+  int region(const Vec3d& p, const Vec3d& n) const {
+    const int r = body_.region(p, n);
+    return r >= 0 && r < body_.regions ? r : -1;
+  }
+  void note(int r, int other, const Vec3d& at) {
+    if (given_ && (*given_)[std::size_t(r)] != other)
+      throw InvalidArgument(message(name(), " says that region ", r, " has its mirror image in region ",
+          (*given_)[std::size_t(r)], ", but region() gives ", other, " for that of (", at.x() * 1e3, ", ", at.y() * 1e3,
+          ", ", at.z() * 1e3, ") mm"));
+    int& known = image_[std::size_t(r)];
+    if (known == unasked) known = other;
+    else if (known != other) conflict_ = true;
+  }
+
+  const Body& body_;
+  int axis_;
+  std::optional<std::vector<int>> given_;
+  std::vector<int> image_;
+  bool conflict_ = false;
+};
+
+}  // namespace detail
+
+inline RegionImages region_images(const Body& body, int axis) {
+  if (!(axis == 0 ? body.symmetry.x : body.symmetry.y) || (body.regions > 0 && !body.region)) return {};
+  if (body.regions == 0) return {RegionImages::Kind::regions, {}};
+  return detail::RegionSurvey(body, axis).answer();
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optics/exit_power.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTICS_EXIT_POWER_HPP
 #define SINGLE_INCLUDE_LUMO_OPTICS_EXIT_POWER_HPP
@@ -11480,8 +12359,11 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
+  /// nullopt unless the images of all regions are regions. Throws as region_images() does.
   std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
-    return axis == 0 ? body.region_image_x : body.region_image_y;
+    RegionImages known = region_images(body, axis);
+    if (known.kind != RegionImages::Kind::regions) return std::nullopt;
+    return std::move(known.image);
   }
 };
 
@@ -12171,6 +13053,98 @@ static_assert(RayScene<BvhScene> && Intersector<Bvh>);
 
 #endif
 
+// ---- lumo/optics/lamp_places.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_LAMP_PLACES_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_LAMP_PLACES_HPP
+
+namespace lumo {
+
+/// Distance of the point p from a triangle. Source: Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
+inline double distance_to_triangle(const Vec3d& p, const std::array<Vec3d, 3>& corners) {
+  const auto& [a, b, c] = corners;
+  const Vec3d ab = b - a, ac = c - a, bc = c - b, n = ab.cross(ac);
+  const auto to_edge = [&](const Vec3d& from, const Vec3d& along) {
+    const double l2 = along.squaredNorm(), t = l2 > 0.0 ? std::clamp(along.dot(p - from) / l2, 0.0, 1.0) : 0.0;
+    return (p - from - t * along).norm();
+  };
+  const bool over = n.dot(ab.cross(p - a)) >= 0.0 && n.dot(bc.cross(p - b)) >= 0.0 && n.dot((p - a).cross(ac)) >= 0.0;
+  if (const double length = n.norm(); over && length > 0.0) return std::abs(n.dot(p - a)) / length;
+  return std::min({to_edge(a, ab), to_edge(b, bc), to_edge(a, ac)});
+}
+
+/// Where light may start in a scene. `triangles`: of the body, then of carrier faces, as the scene was built from.
+template <RayScene Scene> class LampPlaces {
+ public:
+  /// Within `precision_m` of the surface a lamp is on it, which is right for each; where nodes have moved by up to
+  /// `moved_m`, within both.
+  LampPlaces(const std::vector<SceneTriangle>& triangles, const Scene& scene, double precision_m, double moved_m)
+      : triangles_(triangles), scene_(scene), step_m_(precision_m), tolerance_m_(precision_m + moved_m) {}
+
+  /// Throws InvalidArgument for an emitter of which a part lies out of the medium that it radiates into: outside the
+  /// body, or, of one in air, inside it. The message names the lamp, the place and how far from the surface it lies.
+  void require(const std::vector<Emitter>& emitters) const {
+    for (std::size_t k = 0; k < emitters.size(); ++k) {
+      const Worst worst = worst_of(emitters[k]);
+      if (!(worst.distance_m > tolerance_m_)) continue;
+      throw InvalidArgument(message("emitter ", k, " at ", text(emitters[k].center()), " mm radiates into the ",
+          emitters[k].in_air() ? "air, but lies up to " : "body, but lies up to ", worst.distance_m * 1e3,
+          emitters[k].in_air() ? " mm inside the body, at " : " mm outside of it, at ", text(worst.at), " mm"));
+    }
+  }
+
+ private:
+  struct Worst {
+    double distance_m = 0.0;
+    Vec3d at = Vec3d::Zero();
+  };
+  static std::string text(const Vec3d& p) {
+    return message("(", 1e3 * p.x(), ", ", 1e3 * p.y(), ", ", 1e3 * p.z(), ")");
+  }
+  // Light finds first how to leave the body, or first how to enter it. Two of three directions decide: one may meet an
+  // edge. `reach_m`: the surface is at most this far.
+  bool inside(const Vec3d& p, const Vec3d& axis, double& reach_m) const {
+    Vec3d t1, t2;
+    tangents(axis, t1, t2);
+    int votes = 0;
+    for (const Vec3d& side : {Vec3d(0.313 * t1 + 0.171 * t2), Vec3d(-0.289 * t1 + 0.233 * t2), Vec3d(-0.127 * t2)}) {
+      const Vec3d d = (axis + side).normalized();
+      const RayHit leaving = scene_.first_hit(p, d, true), entering = scene_.first_hit(p, d, false);
+      votes += leaving.t < entering.t ? 1 : -1;
+      reach_m = std::min(reach_m, leaving.t);
+      if (entering && !triangles_[std::size_t(entering.triangle)].in_air_only) reach_m = std::min(reach_m, entering.t);
+    }
+    return votes > 0;
+  }
+  double distance(const Vec3d& p) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (const SceneTriangle& t : triangles_)
+      if (!t.in_air_only) least = std::min(least, distance_to_triangle(p, t.corners));
+    return least;
+  }
+  // A point on the surface is on either side, so its neighbours along the axis are looked at.
+  Worst worst_of(const Emitter& e) const {
+    static constexpr std::array<double, 5> places{1e-12, 0.25, 0.5, 0.75, 1.0 - 1e-12};
+    Worst worst;
+    for (const double u : places)
+      for (const double v : places) {
+        const Vec3d at = e.point(u, v), axis = e.axis(), step = step_m_ * axis;
+        double reach_m = std::numeric_limits<double>::infinity();
+        if (inside(at + step, axis, reach_m) != e.in_air() || inside(at - step, axis, reach_m) != e.in_air()) continue;
+        if (reach_m + step_m_ <= tolerance_m_) continue;
+        if (const double apart = distance(at); apart > worst.distance_m) worst = {apart, at};
+      }
+    return worst;
+  }
+
+  const std::vector<SceneTriangle>& triangles_;
+  const Scene& scene_;
+  double step_m_, tolerance_m_;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optics/surface/carrier_cells.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_CARRIER_CELLS_HPP
 #define SINGLE_INCLUDE_LUMO_OPTICS_SURFACE_CARRIER_CELLS_HPP
@@ -12584,7 +13558,7 @@ class OpticalScene {
 
   /// `images`: also label regions for mirror images in the planes of this symmetry.
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
-  /// indices or optics.
+  /// indices or optics, MeshError for patches off their shapes.
   OpticalScene(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry images, const Config& config)
       : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
     require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
@@ -12603,6 +13577,7 @@ class OpticalScene {
         if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
       }
     add_faces(mesh, state);
+    require_on_shapes(body, mesh);
     recover_normals(faces_, mesh.faces, body);
     body_triangles_ = triangles_.size();
     add_carrier(config);
@@ -12663,6 +13638,21 @@ class OpticalScene {
     return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
   }
   int triangles_per_face() const { return int(lattice_.size()); }
+  /// How far a place on the body may be off its surface by rounding: a millionth of its size [m].
+  double precision_m() const {
+    double size = 0.0;
+    for (const QuadraticFace& f : faces_)
+      for (const Vec3d& p : f.reference) size = std::max(size, p.lpNorm<Eigen::Infinity>());
+    return 1e-6 * size;
+  }
+  /// How far a node of the surface has moved, at most [m].
+  double moved_m() const {
+    double moved = 0.0;
+    for (const QuadraticFace& f : faces_)
+      for (std::size_t k = 0; k < f.reference.size(); ++k)
+        moved = std::max(moved, (f.deformed[k] - f.reference[k]).norm());
+    return moved;
+  }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
   double triangle_area(int t) const {
     const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
@@ -12869,7 +13859,10 @@ struct EnergyLedger {
   double absorbed_at_surfaces = 0.0;  ///< at opaque surfaces: carrier and LEDs
   double roulette = 0.0;              ///< ended minus added by Russian roulette; expectation 0, either sign
   double refinement = 0.0;  ///< channels as first traced minus channels as refined; expectation 0, either sign
-  double lost = 0.0;        ///< rays that leaked or bounced too often; target ≤ 1e-6 of emitted
+  double lost = 0.0;        ///< rays that leaked or bounced too often; a result has at most largest_lost of emitted
+
+  static constexpr double largest_lost = 1e-6;       ///< share of the emitted power, by default
+  static constexpr double largest_imbalance = 1e-9;  ///< what rounding may do to imbalance()
 
   double accounted() const {
     return std::accumulate(channels.begin(), channels.end(), 0.0) + to_indenter + elsewhere + absorbed_in_medium +
@@ -12878,6 +13871,18 @@ struct EnergyLedger {
   /// |emitted − accounted| / emitted.
   double imbalance() const { return emitted > 0.0 ? std::abs(emitted - accounted()) / emitted : std::abs(accounted()); }
 };
+
+/// Throws NumericalError unless the balance closes and next to nothing is lost: else light left where the surface is
+/// open, or was still on its way after the last event.
+inline void require_closed(const EnergyLedger& ledger, double largest_lost = EnergyLedger::largest_lost) {
+  const double lost = ledger.emitted > 0.0 ? ledger.lost / ledger.emitted : ledger.lost;
+  if (!(lost <= largest_lost))
+    throw NumericalError(message("light: ", lost, " of the emitted power is lost, at most ", largest_lost,
+        ": the surface is open, or max_events is too small"));
+  if (!(ledger.imbalance() <= EnergyLedger::largest_imbalance))
+    throw NumericalError(message("light: ", ledger.imbalance(), " of the emitted power is unaccounted for, at most ",
+        EnergyLedger::largest_imbalance));
+}
 
 /// Adds `factor` × the accounts of `part`, `emitted` too.
 inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {
@@ -14480,7 +15485,10 @@ class Tracer {
     double roulette_below = 0.02;  ///< branches below this share of their path's start weight may be ended
     double scattered_below = 0.5;  ///< the same for the many branches that were scattered in the medium
     int max_events = 4096;         ///< a branch that meets more surfaces is booked as lost
-    std::uint64_t seed = 0;        ///< another number, another independent pattern
+    /// Share of the emitted power beyond which a result is refused. Only light that is caught for good, in a body that
+    /// absorbs nothing, needs more.
+    double largest_lost = EnergyLedger::largest_lost;
+    std::uint64_t seed = 0;  ///< another number, another independent pattern
     OpticalScene::Config scene{};
   };
 
@@ -14532,7 +15540,8 @@ class Tracer {
   }
 
   /// `count` of the replicates from `first` on, as a tracer of its own: tasks that can run side by side. joined() makes
-  /// of their responses that of all replicates, to the bit for the same division.
+  /// of their responses that of all replicates, to the bit for the same division. A portion is not refused for what
+  /// it loses: that is for require_closed() of the joined ledger.
   Tracer portion(int first, int count) const {
     Tracer t = *this;
     t.first_ = first_ + first;
@@ -14574,7 +15583,9 @@ class Tracer {
   /// Response of a surface that is given node by node.
   /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
   /// `focus` must have the symmetry; `guide` is of this body, mesh and tracer, and read-out through openings does
-  /// without. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  /// without. Throws InvalidArgument for broken numbers, sizes or settings and for an emitter that lies out of the
+  /// medium that it radiates into (by more than nodes have moved: LampPlaces), MeshError for patches off their shapes
+  /// (require_on_shapes), NumericalError if light is lost (require_closed); never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry symmetry = {},
       const RayFocus& focus = {}, const RayGuide& guide = {}) const {
     check(body, symmetry, focus);
@@ -14582,9 +15593,7 @@ class Tracer {
     const OpticalScene surface(body, mesh, state, symmetry, config_.scene);
     const auto scene = backend_.build(surface.triangles());
     using Scene = std::remove_const_t<decltype(scene)>;
-    if (!guide.sent_W_m2.empty() && guide.sent_W_m2.size() != surface.triangles().size())
-      throw InvalidArgument(
-          message("ray guide for ", guide.sent_W_m2.size(), " triangles, the scene has ", surface.triangles().size()));
+    check(body, surface, scene, guide);
     const LightNodes nodes(surface, symmetry, guide);
     const double replicates = config_.replicates;
     const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide);
@@ -14633,7 +15642,9 @@ class Tracer {
     }
     response.rays = path.rays;
     response.segments = path.segments;
-    return averaged(std::move(response));
+    response = averaged(std::move(response));
+    if (count_ == 0) require_closed(response.ledger, config_.largest_lost);
+    return response;
   }
 
   /// Learns how these states' light differs from that of the undeformed body, all on one mesh: empty unless emitters
@@ -14714,6 +15725,7 @@ class Tracer {
     require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
     require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
     require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
+    require_in_range("largest share of lost light", config_.largest_lost, 0.0, 1.0, "");
     if (body.surroundings.extinction_per_m != 0.0)
       throw InvalidArgument(
           message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
@@ -14725,6 +15737,14 @@ class Tracer {
       throw InvalidArgument(
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
+  }
+  /// Throws InvalidArgument unless lamps and guide fit the scene.
+  template <class Scene>
+  static void check(const Body& body, const OpticalScene& surface, const Scene& scene, const RayGuide& guide) {
+    LampPlaces<Scene>(surface.triangles(), scene, surface.precision_m(), surface.moved_m()).require(body.emitters);
+    if (!guide.sent_W_m2.empty() && guide.sent_W_m2.size() != surface.triangles().size())
+      throw InvalidArgument(
+          message("ray guide for ", guide.sent_W_m2.size(), " triangles, the scene has ", surface.triangles().size()));
   }
   template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
       std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path,
@@ -14842,7 +15862,7 @@ struct ContactTerms {
   std::optional<Estimate> form;    ///< q_form: patch radius at 2 N over indenter radius
   std::optional<Estimate> stable;  ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
   std::optional<Estimate> stiff;   ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
-  /// (q_form q_stable q_stiff)^(1/3).
+  /// (q_form q_stable q_stiff)^(1/3); nullopt if a term is empty, out of [0, 1] or not finite.
   std::optional<Estimate> score() const;
 };
 
@@ -14851,12 +15871,17 @@ struct ContactTerms {
 /// cover nine of ten differences on meshes of 0.7 to 5.6 times the default's edges
 /// (benchmarks/refinement/results.md).
 struct MechanicalError {
-  double area = 0.42;       ///< of an area, where the nodes are as far apart as the contact's radius is long
-  double area_power = 1.6;  ///< of that ratio
-  double outside = 0.75;    ///< of an area, times the outside part of the force to the power 2/3
-  double unresolved = 0.4;  ///< of an area: beyond that it is not known
-  double stiffness = 0.9;   ///< of a secant stiffness, times the energy's error
+  double area = 0.42;         ///< of an area, where the nodes are as far apart as the contact's radius is long
+  double area_power = 1.6;    ///< of that ratio
+  double outside = 0.75;      ///< of an area, times the outside part of the force to the power 2/3
+  double coarsest = 1.0;      ///< of that ratio: beyond it there is no area to speak of
+  double most_outside = 0.5;  ///< of the force; the same
+  double stiffness = 0.9;     ///< of a secant stiffness, times the energy's error
 
+  bool resolves(const ContactSpot& spot) const {
+    return spot.area_m2 > 0.0 && spot.edge_m <= coarsest * spot.radius_m() &&
+           spot.force_outside_N <= most_outside * spot.force_N;
+  }
   /// Relative, of one contact.
   double of_area(const ContactSpot& spot) const {
     if (!(spot.area_m2 > 0.0)) return 1.0;
@@ -14895,8 +15920,11 @@ std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::v
 }
 
 /// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper
-/// Table II.
+/// Table II. Throws InvalidArgument for a depth that is negative or not finite, and for a baseline that is not
+/// positive.
 inline double progressive_constraint_gain(double depth, double baseline_depth) {
+  require_in_range("depth", depth, 0.0, 1e3, "");
+  require_in_range("baseline's depth", baseline_depth, 1e-12, 1e3, "");
   return 100.0 * (1.0 - depth / baseline_depth);
 }
 
@@ -14906,6 +15934,13 @@ namespace detail {
 inline Estimate clipped(const Estimate& e) {
   const double value = std::clamp(e.value, 0.0, 1.0);
   return {value, std::max(0.0, e.error - std::abs(e.value - value))};
+}
+
+/// Are the numbers finite that terms are made of?
+inline bool is_sound(const MechanicalState& s) {
+  return std::isfinite(s.force_N) && std::isfinite(s.depth_m) && std::isfinite(s.contact_area_m2) &&
+         s.contact_area_m2 >= 0.0 &&
+         std::none_of(s.contact_field.begin(), s.contact_field.end(), [](double gap) { return std::isnan(gap); });
 }
 
 }  // namespace detail
@@ -14921,7 +15956,7 @@ inline double MechanicalError::of_area(const MechanicalState& state) const {
 
 inline double MechanicalError::wanted_edge(const ContactSpot& spot) const {
   constexpr double of_radius = 0.25, of_edge = 0.15;  // the latter where the contact has no radius that means something
-  if (!(of_area(spot) > unresolved)) return spot.edge_m;
+  if (resolves(spot)) return spot.edge_m;
   const double trusted = spot.radius_m() > of_radius * spot.edge_m ? of_radius * spot.radius_m() : 0.0;
   return std::max(trusted, of_edge * spot.edge_m);
 }
@@ -14930,9 +15965,9 @@ inline std::optional<Unresolved> MechanicalError::unresolved_in(const Mechanical
   constexpr double least_part = 0.01;  // of the load
   std::optional<Unresolved> worst;
   if (state.status == Status::held) return worst;
-  double largest = unresolved;
+  double largest = 0.0;
   for (const ContactSpot& s : state.spots)
-    if (s.force_N >= least_part * state.load_N && of_area(s) > largest) {
+    if (s.force_N >= least_part * state.load_N && !resolves(s) && of_area(s) > largest) {
       largest = of_area(s);
       worst = Unresolved{state.load_N, s.radius_m(), s.edge_m};
     }
@@ -14941,6 +15976,8 @@ inline std::optional<Unresolved> MechanicalError::unresolved_in(const Mechanical
 
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
+  for (const Estimate& e : {*form, *stable, *stiff})
+    if (!(e.value >= 0.0 && e.value <= 1.0 && e.error >= 0.0 && std::isfinite(e.error))) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
   const auto with = [&](double f, double s, double k) {
     return std::abs(std::cbrt(std::max(0.0, f) * std::max(0.0, s) * std::max(0.0, k)) - value);
@@ -14956,12 +15993,16 @@ inline std::optional<Estimate> ContactTerms::score() const {
 }
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
-/// count.
+/// count, with finite numbers. Throws InvalidArgument for a radius, error or load out of range.
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
     double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
+  require_positive("radius of the indenter", radius_m, "m");
+  for (const double e : {error.area, error.overlap, error.stiffness})
+    require_in_range("error of the contact's terms", e, 0.0, 1e3, "");
   const auto at = [&](double load) -> const MechanicalState* {
+    require_positive("load of the contact's terms", load, "N");
     for (const MechanicalState& s : states)
-      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
+      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true) && detail::is_sound(s)) return &s;
     return nullptr;
   };
   const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third),
@@ -15027,8 +16068,24 @@ struct OpticalError {
   double mesh = 0.12;
 };
 
-/// (r − r_0)/P_emit by replicate.
+namespace detail {
+
+inline void require_same_shape(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  if (a.rows() != b.rows() || a.cols() != b.cols() || a.rows() < 1)
+    throw InvalidArgument(message("responses of ", a.rows(), " and ", b.rows(), " replicates of ", a.cols(), " and ",
+        b.cols(), " channels, must be as many, at least 1 replicate"));
+  constexpr double largest = 1e150;  // squares do not overflow
+  if (!(a.array().abs() <= largest).all() || !(b.array().abs() <= largest).all())
+    throw InvalidArgument("responses: a number is not finite, or beyond +-1e150");
+}
+
+}  // namespace detail
+
+/// (r − r_0)/P_emit by replicate. Throws InvalidArgument for responses of different shape or that are not finite, or
+/// without emitted power.
 inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
+  detail::require_same_shape(loaded.replicates, unloaded.replicates);
+  require_positive("emitted power", loaded.ledger.emitted, "W");
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 
@@ -15041,8 +16098,10 @@ inline bool comparable(const ObservedState& a, const ObservedState& b) {
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
 /// mean over pairs of *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding
 /// 1948): noise does not raise it, unlike the square of the mean difference. The distance is 0 if noise makes the
-/// square negative. The error is that of the larger of distance and noise.
+/// square negative. The error is that of the larger of distance and noise. Throws InvalidArgument for changes of
+/// different shape, without replicates, or that are not finite.
 inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  detail::require_same_shape(a, b);
   const Eigen::MatrixXd d = a - b;
   const Eigen::RowVectorXd mean = d.colwise().mean();
   const double n = double(d.rows());
@@ -15082,6 +16141,7 @@ struct Undecided {
 /// done, or if no states can be compared. A pure function: a campaign that retraces these states (Tracer::refined)
 /// stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
+  require_in_range("tolerance of J_obs", tolerance, 0.0, 1e3, "");
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
@@ -15105,6 +16165,7 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
 /// nullopt if no two states can be compared. Cost: all pairs.
 inline std::optional<Separation> optical_separation(
     const std::vector<ObservedState>& states, const OpticalError& error = {}) {
+  require_in_range("relative error of J_obs by the mesh", error.mesh, 0.0, 1e3, "");
   const std::vector<Separation> pairs = detail::separations(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(),
       [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
@@ -15432,7 +16493,8 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   }
 
   /// Lights these states, and the unloaded body on their meshes with the same rays. Patterns of different size are
-  /// independent. `report(count)` is called after each of `count` jobs.
+  /// independent. `report(count)` is called after each of `count` jobs. Throws NumericalError if too much light is
+  /// lost.
   template <Executor E, class Report>
   void trace(const std::vector<Wanted>& wanted, const E& executor, Report&& report) {
     if (guides_.empty()) learn(executor);
@@ -15582,7 +16644,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
 
   void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
     std::vector<Response> lit;
-    for (const std::vector<Response>& p : parts) lit.push_back(Light::joined(p));
+    for (const std::vector<Response>& p : parts) {
+      lit.push_back(Light::joined(p));
+      require_closed(lit.back().ledger, light_.config().largest_lost);
+    }
     for (std::size_t j = 0; j < jobs.size(); ++j) {
       if (ledger.emitted == 0.0 || lit[j].ledger.imbalance() >= ledger.imbalance()) ledger = lit[j].ledger;
       if (jobs[j].state == nullptr) unloaded_[jobs[j].bare] = lit[j];
@@ -15708,8 +16773,9 @@ struct LitSides {
       images = {std::vector<int>{}, std::vector<int>{}};
       return;
     }
-    if (body.symmetry.x && !body.region_image_x) both = with_both_sides(body);
-    if (both && light.channels(*both) != 2 * channels) both.reset();  // this light knows nothing of regions
+    if (body.symmetry.x && body.region) both = with_both_sides(body);
+    const bool knows_regions = both && light.channels(*both) == 2 * channels;
+    if (!knows_regions || region_images(body, 0).kind != RegionImages::Kind::unseen) both.reset();
     const int of_color = channels / colors;
     for (int c = 0; c < colors; ++c)
       for (int k = 0; k < of_color; ++k) seen.push_back(c * (both ? 2 : 1) * of_color + k);
@@ -15894,7 +16960,7 @@ bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, con
 
 /// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
 /// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
-/// every executor. Throws InvalidArgument, also unless has_image_channels().
+/// every executor. Throws InvalidArgument, also unless has_image_channels(), and as Tracer::trace() does.
 template <class P, class Pad, Indenter Tool, Executor E> Observations observe(const Body& body,
     const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;
@@ -16059,14 +17125,25 @@ template <class P, Indenter Tool, Executor E, ObservedObjective... Objectives> S
 
 namespace lumo {
 
-/// Density of the standard normal distribution.
-inline double normal_density(double z) { return 0.39894228040143267794 * std::exp(-0.5 * z * z); }
+namespace detail {
+
+/// Throws InvalidArgument for NaN; infinite numbers are ends of the distribution.
+inline double number(double z) {
+  if (std::isnan(z)) throw InvalidArgument("normal distribution: nan is no number");
+  return z;
+}
+
+}  // namespace detail
+
+/// Density of the standard normal distribution. Like all here, it throws InvalidArgument for NaN.
+inline double normal_density(double z) { return 0.39894228040143267794 * std::exp(-0.5 * detail::number(z) * z); }
 
 /// P(Z ≤ z) of the standard normal distribution, accurate in both tails.
-inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * z); }
+inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * detail::number(z)); }
 
 /// z with P(Z ≤ z) = p; ∓∞ at 0 and 1. A rational start (Abramowitz & Stegun 1964, 26.2.23), then Halley's iteration.
 inline double normal_quantile(double p) {
+  detail::number(p);
   if (!(p > 0.0)) return -std::numeric_limits<double>::infinity();
   if (!(p < 1.0)) return std::numeric_limits<double>::infinity();
   const bool upper = p > 0.5;
@@ -16143,6 +17220,7 @@ class ExcessTable {
 /// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a =
 /// −38.
 inline double expected_excess(double a) {
+  detail::number(a);
   if (a >= detail::ExcessTable::edge) return a;
   if (a >= -detail::ExcessTable::edge) return detail::ExcessTable::get()(a);
   return a > -39.0 ? normal_density(a) * detail::scaled_excess_tail(a) : 0.0;
@@ -16151,12 +17229,15 @@ inline double expected_excess(double a) {
 /// log E[(Z + a)⁺], finite for every finite a. Source: Ament, Daulton, Eriksson, Balandat & Bakshy, "Unexpected
 /// Improvements to Expected Improvement for Bayesian Optimization", NeurIPS 2023.
 inline double log_expected_excess(double a) {
+  detail::number(a);
   if (a <= -8.0) return -0.5 * a * a - 0.5 * std::log(2.0 * pi) + std::log(detail::scaled_excess_tail(a));
   return std::log(a * normal_probability(a) + normal_density(a));
 }
 
 /// log(eˣ − eʸ) for x ≥ y; −∞ if they are equal.
 inline double log_difference(double x, double y) {
+  detail::number(x);
+  detail::number(y);
   if (!(y < x)) return -std::numeric_limits<double>::infinity();
   const double d = y - x;
   return x + (d > -0.69314718055994530942 ? std::log(-std::expm1(d)) : std::log1p(-std::exp(d)));
@@ -16165,7 +17246,7 @@ inline double log_difference(double x, double y) {
 /// log Σ exp of the numbers in [first, last); −∞ for none.
 template <class Iterator> double log_sum_exp(Iterator first, Iterator last) {
   double top = -std::numeric_limits<double>::infinity();
-  for (Iterator i = first; i != last; ++i) top = std::max(top, double(*i));
+  for (Iterator i = first; i != last; ++i) top = std::max(top, detail::number(*i));
   if (!std::isfinite(top)) return top;
   double sum = 0.0;
   for (Iterator i = first; i != last; ++i)
@@ -16231,18 +17312,33 @@ struct Hyperparameters {
   double mean = 0.0;
 };
 
-/// ln x is normal with mean `location` and standard deviation `scale`.
+/// ln x is normal with mean `location` and standard deviation `scale`. Throws InvalidArgument for an x that is not
+/// positive, and for numbers that are no distribution.
 struct LogNormalPrior {
   double location = 0.0;
   double scale = 1.0;
 
   double log_density(double x) const {
+    check(x);
     const double z = (std::log(x) - location) / scale;
     return -std::log(x) - std::log(scale) - 0.5 * std::log(2.0 * pi) - 0.5 * z * z;
   }
   /// d log_density / d ln x.
-  double log_slope(double x) const { return -1.0 - (std::log(x) - location) / (scale * scale); }
-  double mode() const { return std::exp(location - scale * scale); }
+  double log_slope(double x) const {
+    check(x);
+    return -1.0 - (std::log(x) - location) / (scale * scale);
+  }
+  double mode() const {
+    check(1.0);
+    return std::exp(location - scale * scale);
+  }
+
+ private:
+  void check(double x) const {
+    require_positive("argument of a log-normal prior", x, "");
+    require_in_range("location of a log-normal prior", location, -500.0, 500.0, "");
+    require_in_range("scale of a log-normal prior", scale, 1e-6, 1e3, "");
+  }
 };
 
 /// Priors and bounds under which hyper-parameters are fitted. The mean has no prior.
@@ -16385,7 +17481,8 @@ struct QuasiNewton {
 
   /// `function(x, gradient)` returns the value and fills the gradient. The search steps back from values that are not
   /// finite. `start` is moved between the bounds. `hessian`, positive definite, from the search for a like minimum
-  /// saves steps. Throws InvalidArgument if sizes differ or the value at the start is not finite.
+  /// saves steps. Throws InvalidArgument if sizes differ, for a start or bounds that are no numbers, or if the value at
+  /// the start is not finite.
   template <class Function> Minimum minimize(Function&& function, const Eigen::VectorXd& start,
       const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
       const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
@@ -16448,6 +17545,8 @@ template <class Function> Minimum QuasiNewton::minimize(Function&& function, con
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(
         message("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
+  if (!start.allFinite() || !(lower.array() <= upper.array()).all())
+    throw InvalidArgument("minimiser: the start must be finite, lower bounds at most the upper ones");
   Minimum best;
   best.x = start.cwiseMax(lower).cwiseMin(upper);
   best.gradient.resize(n);
@@ -16591,9 +17690,11 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// Takes hyper-parameters as given. Throws as fit(), and if no bounded jitter makes the covariance positive definite.
   GaussianProcess(const TrainingData& data, const Hyperparameters& h, const Config& config = {})
       : GaussianProcess(data, config) {
-    if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
+    if (h.length_scale.size() != x_.rows() || !h.length_scale.allFinite() || !(h.length_scale.minCoeff() > 0.0) ||
+        !(h.noise >= 0.0 && std::isfinite(h.noise)))
       throw InvalidArgument(message("Gaussian process: needs ", x_.rows(),
           " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
+    require_finite("mean of a Gaussian process", h.mean, "");
     condition(h);
   }
 
@@ -16607,7 +17708,8 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return (value.log_likelihood + value.log_prior) / double(size());
   }
 
-  /// Mean and variance of the latent function (without observation noise) at the columns of `x`.
+  /// Mean and variance of the latent function (without observation noise) at the columns of `x`. All that takes places
+  /// throws InvalidArgument for another number of inputs, and for numbers that are not finite.
   struct Prediction {
     Eigen::VectorXd mean, variance;
   };
@@ -16630,9 +17732,9 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// Joint samples at the columns of `x`: points × samples, from standard normal numbers of the same shape. nullopt if
   /// the covariance cannot be factorised.
   std::optional<Eigen::MatrixXd> sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const {
-    if (normals.rows() != x.cols())
+    if (normals.rows() != x.cols() || !normals.allFinite())
       throw InvalidArgument(
-          message("samples at ", x.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
+          message("samples at ", x.cols(), " points need as many rows of finite normal numbers, not ", normals.rows()));
     const auto factor = jittered_factor(covariance(x, x));
     if (!factor) return std::nullopt;
     return (factor->lower * normals).colwise() + predict(x).mean;
@@ -16663,7 +17765,14 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return config_.kernel.correlation(r2);
   }
   Eigen::MatrixXd normalized(const Eigen::MatrixXd& x) const {
-    return ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix();
+    if (x.rows() != lower_.size() || !x.allFinite())
+      throw InvalidArgument(
+          message("Gaussian process: places have ", x.rows(), " inputs, must have ", lower_.size(), " finite ones"));
+    Eigen::MatrixXd unit = ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix();
+    constexpr double largest = 1e100;  // squares of differences do not overflow
+    if (!(unit.array().abs() <= largest).all())
+      throw InvalidArgument("Gaussian process: a place is more than 1e100 widths of the bounds away");
+    return unit;
   }
   const Eigen::VectorXd& weights() const { return whitened_y_; }  ///< L⁻¹(y − mean), standardised
   double output_mean() const { return output_mean_; }
@@ -16973,8 +18082,10 @@ concept Acquisition = requires(const A& acquisition, const Models& models, const
 
 /// Standard normal numbers, points × draws: each row is an Owen-scrambled Sobol dimension, so that every point sees
 /// evenly spread draws. Blocks of 32 dimensions are scrambled independently. Row `point` does not depend on the number
-/// of rows.
+/// of rows. Throws InvalidArgument for negative numbers or more than a million.
 inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std::uint64_t seed) {
+  require_in_range("points of base draws", double(points), 0.0, 1e6, "");
+  require_in_range("base draws", double(draws), 0.0, 1e6, "");
   Eigen::MatrixXd z(points, draws);
   for (Eigen::Index i = 0; i < points; ++i) {
     const OwenSobol sequence{combine(seed, std::uint64_t(i / Sobol::dimensions))};
@@ -17018,9 +18129,18 @@ template <class A, class B> bool dominates(const Eigen::DenseBase<A>& a, const E
   return (a.derived().array() >= b.derived().array()).all() && (a.derived().array() > b.derived().array()).any();
 }
 
+namespace detail {
+
+inline void require_finite_objectives(const Eigen::MatrixXd& y) {
+  if (!y.allFinite()) throw InvalidArgument("objectives must be finite numbers");
+}
+
+}  // namespace detail
+
 /// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by
-/// index.
+/// index. Throws InvalidArgument, like all here, for objectives that are not finite.
 inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
+  detail::require_finite_objectives(y);
   std::vector<Eigen::Index> order(std::size_t(y.cols()));
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) {
@@ -17088,6 +18208,8 @@ struct BoxSlicer {
 inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
     throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
+  detail::require_finite_objectives(y);
+  detail::require_finite_objectives(reference);
   std::vector<Eigen::Index> above;
   for (Eigen::Index i = 0; i < y.cols(); ++i)
     if ((y.col(i).array() > reference.array()).all()) above.push_back(i);
@@ -17111,6 +18233,8 @@ inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& refer
   const Eigen::Index m = reference.size();
   if (m < 1 || (y.cols() > 0 && y.rows() != m))
     throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", m));
+  detail::require_finite_objectives(y);
+  detail::require_finite_objectives(reference);
   std::vector<Eigen::Index> order;
   for (Eigen::Index i = 0; i < y.cols(); ++i)
     if ((y.col(i).array() > reference.array()).all()) order.push_back(i);
@@ -17147,7 +18271,8 @@ class ExpectedHypervolume {
   ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference)
       : boxes_(nondominated_boxes(y, reference)) {}
 
-  /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
+  /// log of the expected improvement, finite for all `mean` and positive `deviation` within 1e153; others throw
+  /// InvalidArgument.
   template <class Mean, class Deviation> double log_value(const Mean& mean, const Deviation& deviation) const {
     const double sum = value(mean, deviation);
     if (sum > 1e-280 && std::isfinite(sum)) return std::log(sum);
@@ -17158,6 +18283,10 @@ class ExpectedHypervolume {
   /// front.
   template <class Mean, class Deviation> double value(const Mean& mean, const Deviation& deviation) const {
     const Eigen::Index m = boxes_.lower.rows(), count = boxes_.lower.cols();
+    for (Eigen::Index j = 0; j < m; ++j) {
+      require_in_range("mean of an objective", mean[j], -largest, largest, "");
+      require_positive("deviation of an objective", deviation[j], "");
+    }
     if (m != 2) return std::exp(log_sum(mean, deviation));
     double sum = 0.0, above = 0.0, side = std::numeric_limits<double>::quiet_NaN(), excess = 0.0;
     for (Eigen::Index k = count; k-- > 0;) {  // from the topmost slice, which has no upper end, downwards
@@ -17175,6 +18304,8 @@ class ExpectedHypervolume {
   const BoxDecomposition& boxes() const { return boxes_; }
 
  private:
+  static constexpr double largest = 1e153;  ///< squares do not overflow
+
   /// log ∫ P(Y > t) dt over [low, high] for Y normal.
   static double log_side(double mean, double deviation, double low, double high) {
     const double a = (mean - low) / deviation;
@@ -18656,10 +19787,13 @@ inline TrialResult trial_result(const MeshError& e) {
 namespace lumo {
 
 /// The design to build: argmax of min(J_contact/max J_contact, J_obs/max J_obs), the first of equals. Pairs (J_contact,
-/// J_obs); nullopt without pairs, or if an objective is positive in none. Source: paper §III-D.
+/// J_obs); nullopt without pairs, or if an objective is positive in none. Throws InvalidArgument for one that is not
+/// finite. Source: paper §III-D.
 inline std::optional<std::size_t> balanced_choice(const std::vector<std::pair<double, double>>& objectives) {
   double contact = 0.0, observation = 0.0;
   for (const auto& [c, o] : objectives) {
+    require_finite("J_contact", c, "");
+    require_finite("J_obs", o, "");
     contact = std::max(contact, c);
     observation = std::max(observation, o);
   }

@@ -130,7 +130,8 @@ class MeshError : public NumericalError {
     timed_out,          ///< the mesher ran out of time
     out_of_memory,      ///< the mesher ran out of memory
     inverted,           ///< an element whose Jacobian is not positive everywhere
-    inaccurate          ///< the mesh's volume or surface is not the body's
+    inaccurate,         ///< the mesh's volume or surface is not the body's
+    asymmetric          ///< not its own mirror image where it claims to be
   };
   MeshError(Reason reason, const std::string& text) : NumericalError(text), reason_(reason) {}
   Reason reason() const { return reason_; }
@@ -187,6 +188,12 @@ struct Limits {
 
 inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) {
   require_in_range(what, value, limits.low, limits.high, unit);
+}
+
+/// Throws InvalidArgument unless `value` is finite.
+inline void require_finite(const char* what, double value, const char* unit) {
+  if (std::isfinite(value)) return;
+  throw InvalidArgument(message(what, " is ", exact(value), " ", unit, ", must be finite"));
 }
 
 /// Throws InvalidArgument unless `value` is finite and positive.
@@ -1356,6 +1363,14 @@ struct FingerOptions {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
           factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
+    /// For a look in a fifth of the time. About a stem's edges, where equilibria are lost first, they stay finer.
+    static constexpr double quick_edges = 1.8, quick_stem_edges = 1.25;
+    constexpr Mesh quick() const {
+      Mesh mesh = scaled(quick_edges);
+      mesh.shortest_chord = quick_stem_edges * shortest_chord;
+      mesh.stem_edge = quick_stem_edges * stem_edge;
+      return mesh;
+    }
     bool operator==(const Mesh&) const = default;
   };
   /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the
@@ -2000,8 +2015,9 @@ struct Body {
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
   /// Light that leaves against this direction is not seen; 0: all is.
   Vec3d seen_towards = Vec3d::Zero();
-  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
-  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: what region() says of mirror images
+  /// (region_images). One that contradicts region() is refused.
+  std::optional<std::vector<int>> region_image_x, region_image_y;
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch
@@ -3109,8 +3125,12 @@ inline void check_edges(const ClosedSurface& input) {
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
     while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
-    const auto edge =
-        message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
+    const auto place = [&](int vertex) {
+      const Vec3d& p = input.vertices[static_cast<std::size_t>(vertex)];
+      return message(vertex, " at (", p.x(), ", ", p.y(), ", ", p.z(), ")");
+    };
+    const auto edge = message(
+        "the edge from vertex ", place(sides[i].low), " to ", place(sides[i].high), " of facet ", sides[i].facet);
     if (end - i == 1) throw MeshError(Reason::open, message("surface: ", edge, " has 1 facet, must have 2"));
     if (end - i > 2)
       throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));

@@ -146,7 +146,8 @@ class MeshError : public NumericalError {
     timed_out,          ///< the mesher ran out of time
     out_of_memory,      ///< the mesher ran out of memory
     inverted,           ///< an element whose Jacobian is not positive everywhere
-    inaccurate          ///< the mesh's volume or surface is not the body's
+    inaccurate,         ///< the mesh's volume or surface is not the body's
+    asymmetric          ///< not its own mirror image where it claims to be
   };
   MeshError(Reason reason, const std::string& text) : NumericalError(text), reason_(reason) {}
   Reason reason() const { return reason_; }
@@ -203,6 +204,12 @@ struct Limits {
 
 inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) {
   require_in_range(what, value, limits.low, limits.high, unit);
+}
+
+/// Throws InvalidArgument unless `value` is finite.
+inline void require_finite(const char* what, double value, const char* unit) {
+  if (std::isfinite(value)) return;
+  throw InvalidArgument(message(what, " is ", exact(value), " ", unit, ", must be finite"));
 }
 
 /// Throws InvalidArgument unless `value` is finite and positive.
@@ -1532,8 +1539,9 @@ struct Body {
   bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
   /// Light that leaves against this direction is not seen; 0: all is.
   Vec3d seen_towards = Vec3d::Zero();
-  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: the image is no region.
-  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nullopt: what region() says of mirror images
+  /// (region_images). One that contradicts region() is refused.
+  std::optional<std::vector<int>> region_image_x, region_image_y;
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch
@@ -1913,8 +1921,10 @@ struct ClockMap {
   double residual_s = 0.0;  ///< RMS residual of a fit; 0 if the map was given
   bool operator==(const ClockMap&) const = default;
 
-  /// Saturates at the limit of stamps.
+  /// Saturates at the limit of stamps. Throws InvalidArgument for an offset or drift that is not finite.
   std::int64_t operator()(std::int64_t from_ns) const {
+    require_finite("offset of a clock", offset_s, "s");
+    require_finite("drift of a clock", drift, "");
     constexpr double limit = double(stamp_limit_ns);
     const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
     return std::clamp<std::int64_t>(
@@ -1969,7 +1979,7 @@ class TimeSeries {
           message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
   }
 
-  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s`.
+  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s` (NaN: in each).
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
     const Eigen::MatrixXd& value = value_;
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
@@ -1978,7 +1988,7 @@ class TimeSeries {
     if (*after == stamp_ns) return Eigen::VectorXd(value.col(j));
     if (after == stamp_.begin()) return std::nullopt;
     const double gap = double(*after - *(after - 1));
-    if (1e-9 * gap > max_gap_s) return std::nullopt;
+    if (!(1e-9 * gap <= max_gap_s)) return std::nullopt;
     const double share = double(stamp_ns - *(after - 1)) / gap;
     return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
   }
@@ -3355,6 +3365,438 @@ inline sense::Image HandLab::image(std::size_t k) const {
 
 #endif
 
+// ---- lumo/geometry/predicates.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_PREDICATES_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_PREDICATES_HPP
+
+// Exact signs of orientation determinants. A rounded value with an error bound decides nearly always; what is too close
+// to call is computed without error as an unevaluated sum of doubles of falling size. Own code: exact predicates of
+// libraries come with CGAL or as C that sets the processor's rounding. Source: Shewchuk 1997, Adaptive
+// precision floating-point arithmetic and fast robust geometric predicates; his error bounds, his expansions, without
+// his intermediate stages. Needs IEEE doubles rounded to nearest (no -ffast-math); exact as long as nothing overflows
+// or underflows (lengths 1e-60 … 1e60).
+
+namespace lumo {
+
+using Point2 = std::array<double, 2>;
+
+/// Sign of (b − a) × (c − a): +1 if a, b, c turn left, −1 right, 0 if they are exactly on a line.
+inline int orient2d(const Point2& a, const Point2& b, const Point2& c);
+
+/// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly
+/// in the plane.
+inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
+
+namespace detail {
+
+inline constexpr double half_ulp = 0.5 * std::numeric_limits<double>::epsilon();
+
+/// A sum of doubles that do not overlap, smallest first, without zeros.
+struct Expansion {
+  std::size_t size = 0;
+  std::array<double, 192> parts;  // as many as a 3 × 3 determinant of differences can need
+
+  void push(double part) {
+    if (part != 0.0) parts[size++] = part;
+  }
+  int sign() const { return size == 0 ? 0 : parts[size - 1] > 0.0 ? 1 : -1; }
+};
+
+struct SumAndError {
+  double sum;
+  double error;
+};
+
+inline SumAndError two_sum(double a, double b) {
+  const double sum = a + b;
+  const double b_part = sum - a;
+  const double a_part = sum - b_part;
+  return {sum, (a - a_part) + (b - b_part)};
+}
+
+/// a − b without error.
+inline Expansion exact_difference(double a, double b) {
+  const auto [sum, error] = two_sum(a, -b);
+  Expansion result;
+  result.push(error);
+  result.push(sum);
+  return result;
+}
+
+/// Merges by size, then carries the rounding errors along.
+inline Expansion operator+(const Expansion& e, const Expansion& f) {
+  Expansion result;
+  double carry = 0.0;
+  for (std::size_t i = 0, j = 0; i < e.size || j < f.size;) {
+    const bool from_e = j == f.size || (i < e.size && std::abs(e.parts[i]) < std::abs(f.parts[j]));
+    const auto [sum, error] = two_sum(carry, from_e ? e.parts[i++] : f.parts[j++]);
+    result.push(error);
+    carry = sum;
+  }
+  result.push(carry);
+  return result;
+}
+
+inline Expansion operator*(const Expansion& e, double factor) {
+  Expansion result;
+  double carry = 0.0;
+  for (std::size_t i = 0; i < e.size; ++i) {
+    const double product = e.parts[i] * factor;
+    const double tail = std::fma(e.parts[i], factor, -product);
+    const auto low = two_sum(carry, tail);
+    const auto high = two_sum(product, low.sum);
+    result.push(low.error);
+    result.push(high.error);
+    carry = high.sum;
+  }
+  result.push(carry);
+  return result;
+}
+
+inline Expansion operator*(const Expansion& e, const Expansion& f) {  // f is a difference: at most two parts
+  Expansion result;
+  for (std::size_t i = 0; i < f.size; ++i) result = result + e * f.parts[i];
+  return result;
+}
+
+/// a d − b c of differences, without error.
+inline Expansion exact_minor(const Expansion& a, const Expansion& b, const Expansion& c, const Expansion& d) {
+  return a * d + (b * c) * -1.0;
+}
+
+}  // namespace detail
+
+/// The sign if rounding errors cannot change it, else 0.
+inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
+  const double left = (b[0] - a[0]) * (c[1] - a[1]);
+  const double right = (b[1] - a[1]) * (c[0] - a[0]);
+  const double bound = 4.0 * detail::half_ulp * (std::abs(left) + std::abs(right));
+  return left - right > bound ? 1 : left - right < -bound ? -1 : 0;
+}
+
+/// The sign if rounding errors cannot change it, else 0.
+inline int sure_orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+  const Vec3d u = b - a;
+  const Vec3d v = c - a;
+  const Vec3d w = d - a;
+  double value = 0.0;
+  double size = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    const int j = (i + 1) % 3;
+    const int k = (i + 2) % 3;
+    const double left = u[j] * v[k];
+    const double right = u[k] * v[j];
+    value += w[i] * (left - right);
+    size += std::abs(w[i]) * (std::abs(left) + std::abs(right));
+  }
+  const double bound = 8.0 * detail::half_ulp * size;
+  return value > bound ? 1 : value < -bound ? -1 : 0;
+}
+
+inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
+  if (const int sure = sure_orient2d(a, b, c); sure != 0) return sure;
+  return detail::exact_minor(detail::exact_difference(b[0], a[0]), detail::exact_difference(b[1], a[1]),
+      detail::exact_difference(c[0], a[0]), detail::exact_difference(c[1], a[1]))
+      .sign();
+}
+
+inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+  if (const int sure = sure_orient3d(a, b, c, d); sure != 0) return sure;
+  std::array<std::array<detail::Expansion, 3>, 3> rows;
+  for (int k = 0; k < 3; ++k) {
+    rows[0][static_cast<std::size_t>(k)] = detail::exact_difference(b[k], a[k]);
+    rows[1][static_cast<std::size_t>(k)] = detail::exact_difference(c[k], a[k]);
+    rows[2][static_cast<std::size_t>(k)] = detail::exact_difference(d[k], a[k]);
+  }
+  detail::Expansion sum;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::size_t j = (i + 1) % 3;
+    const std::size_t k = (i + 2) % 3;
+    sum = sum + detail::exact_minor(rows[0][j], rows[0][k], rows[1][j], rows[1][k]) * rows[2][i];
+  }
+  return sum.sign();
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/facet_triangles.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_FACET_TRIANGLES_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_FACET_TRIANGLES_HPP
+
+namespace lumo {
+
+/// A triangle of a surface, by vertex numbers, and the facet that it is part of.
+struct SurfaceTriangle {
+  std::array<int, 3> corners;
+  int facet;
+};
+
+/// Twice the area vector of a polygon (Newell's sum), taken about its first corner to keep digits.
+inline Vec3d polygon_normal(const std::vector<Vec3d>& vertices, const std::vector<int>& loop) {
+  const Vec3d& origin = vertices[static_cast<std::size_t>(loop[0])];
+  Vec3d sum = Vec3d::Zero();
+  for (std::size_t i = 1; i + 1 < loop.size(); ++i)
+    sum += (vertices[static_cast<std::size_t>(loop[i])] - origin)
+               .cross(vertices[static_cast<std::size_t>(loop[i + 1])] - origin);
+  return sum;
+}
+
+/// Drops one coordinate and keeps the sense of rotation of what faces along `normal`. Exact: nothing is computed.
+struct Projection {
+  std::size_t first = 0;
+  std::size_t second = 1;
+
+  explicit Projection(const Vec3d& normal) {
+    int axis = 0;
+    normal.cwiseAbs().maxCoeff(&axis);
+    first = static_cast<std::size_t>((axis + 1) % 3);
+    second = static_cast<std::size_t>((axis + 2) % 3);
+    if (normal[axis] < 0.0) std::swap(first, second);
+  }
+  Point2 operator()(const Vec3d& p) const {
+    return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]};
+  }
+};
+
+/// Whether p, known to be on the line through a and b, is between them or at an end.
+inline bool between_ends(const Point2& a, const Point2& b, const Point2& p) {
+  const std::size_t axis = std::abs(b[0] - a[0]) >= std::abs(b[1] - a[1]) ? 0 : 1;
+  return std::min(a[axis], b[axis]) <= p[axis] && p[axis] <= std::max(a[axis], b[axis]);
+}
+
+/// Whether two closed line segments of the plane have a point in common. Exact.
+inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, const Point2& d) {
+  const int ac = orient2d(a, b, c);
+  const int ad = orient2d(a, b, d);
+  const int ca = orient2d(c, d, a);
+  const int cb = orient2d(c, d, b);
+  if (ac * ad < 0 && ca * cb < 0) return true;
+  return (ac == 0 && between_ends(a, b, c)) || (ad == 0 && between_ends(a, b, d)) ||
+         (ca == 0 && between_ends(c, d, a)) || (cb == 0 && between_ends(c, d, b));
+}
+
+/// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the
+/// number of corners.
+inline bool outline_crosses(const std::vector<Point2>& points) {
+  const std::size_t n = points.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    const Point2& a = points[i];
+    const Point2& b = points[(i + 1) % n];
+    const Point2& c = points[(i + 2) % n];
+    const bool back = (a[0] - b[0]) * (c[0] - b[0]) + (a[1] - b[1]) * (c[1] - b[1]) > 0.0;
+    if (back && orient2d(a, b, c) == 0) return true;
+    for (std::size_t j = i + 2; j < n; ++j)
+      if ((j + 1) % n != i && segments_meet(a, b, points[j], points[(j + 1) % n])) return true;
+  }
+  return false;
+}
+
+/// Signed height of p over the line from a to b, positive on its left.
+inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
+  const double x = b[0] - a[0];
+  const double y = b[1] - a[1];
+  return (x * (p[1] - a[1]) - y * (p[0] - a[0])) / std::hypot(x, y);
+}
+
+/// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and
+/// no others. Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
+/// nullopt if the outline is not simple or not counter-clockwise about `normal`.
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(
+    const std::vector<Vec3d>& vertices, const std::vector<int>& loop, const Vec3d& normal, int facet, double slack) {
+  std::vector<SurfaceTriangle> triangles;
+  if (loop.size() == 3) {
+    triangles.push_back({{loop[0], loop[1], loop[2]}, facet});
+    return triangles;
+  }
+  const Projection project(normal);
+  std::vector<Point2> points;
+  for (int vertex : loop) points.push_back(project(vertices[static_cast<std::size_t>(vertex)]));
+  if (outline_crosses(points)) return std::nullopt;
+
+  std::vector<std::size_t> left(loop.size());
+  for (std::size_t i = 0; i < left.size(); ++i) left[i] = i;
+  const auto is_ear = [&](std::size_t at, bool careful) {
+    const std::size_t before = left[(at + left.size() - 1) % left.size()];
+    const std::size_t here = left[at];
+    const std::size_t after = left[(at + 1) % left.size()];
+    const Point2& a = points[before];
+    const Point2& b = points[here];
+    const Point2& c = points[after];
+    if (orient2d(a, b, c) <= 0 || (careful && height_over(a, c, b) > -slack)) return false;
+    return std::none_of(left.begin(), left.end(), [&](std::size_t other) {
+      if (other == before || other == here || other == after) return false;
+      const Point2& p = points[other];
+      if (careful)
+        return height_over(a, b, p) > -slack && height_over(b, c, p) > -slack && height_over(c, a, p) > -slack;
+      return orient2d(a, b, p) >= 0 && orient2d(b, c, p) >= 0 && orient2d(c, a, p) >= 0;
+    });
+  };
+  for (std::size_t at = 0; left.size() > 3;) {
+    std::size_t tried = 0;
+    while (tried < 2 * left.size() && !is_ear(at % left.size(), tried < left.size())) {
+      ++at;
+      ++tried;
+    }
+    if (tried == 2 * left.size()) return std::nullopt;
+    at %= left.size();
+    triangles.push_back(
+        {{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]},
+            facet});
+    left.erase(left.begin() + static_cast<std::ptrdiff_t>(at));
+    ++at;  // the next corner but one: fewer slender triangles than a fan
+  }
+  if (orient2d(points[left[0]], points[left[1]], points[left[2]]) <= 0) return std::nullopt;
+  triangles.push_back({{loop[left[0]], loop[left[1]], loop[left[2]]}, facet});
+  return triangles;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/region_images.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_REGION_IMAGES_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_REGION_IMAGES_HPP
+
+namespace lumo {
+
+/// Where the mirror images of a body's regions lie in a plane of its symmetry.
+struct RegionImages {
+  enum class Kind {
+    regions,  ///< each region's image is the region `image` names
+    unseen,   ///< no image lies in a region: the body is seen from one side
+    unknown   ///< neither, or not to be found out: contacts do not stand for their mirror images
+  };
+  Kind kind = Kind::unknown;
+  std::vector<int> image;
+};
+
+/// Mirror images of the regions in the plane across `axis` (0: x, 1: y), by asking Body::region at points of the
+/// surface and at their images; `unknown` where the body is not symmetric, and for a region without such a point.
+/// Without facets what the body gives is believed. Throws InvalidArgument for a region_image_x or _y that region()
+/// contradicts.
+inline RegionImages region_images(const Body& body, int axis);
+
+namespace detail {
+
+// Asks region() at points that are spread over the facets by area, and at all their images.
+class RegionSurvey {
+ public:
+  RegionSurvey(const Body& body, int axis)
+      : body_(body),
+        axis_(axis),
+        given_(axis == 0 ? body.region_image_x : body.region_image_y),
+        image_(std::size_t(body.regions), unasked) {
+    require_sound_map();
+    if (given_ && given_->empty())
+      for (int r = 0; r < body.regions; ++r) given_->push_back(r);
+    ask();
+  }
+
+  RegionImages answer() const {
+    using Kind = RegionImages::Kind;
+    if (given_) return {Kind::regions, *given_};
+    if (conflict_) return {};
+    if (std::all_of(image_.begin(), image_.end(), [](int r) { return r == -1; })) return {Kind::unseen, {}};
+    for (std::size_t r = 0; r < image_.size(); ++r)
+      if (image_[r] < 0 || image_[std::size_t(image_[r])] != int(r)) return {};
+    return {Kind::regions, image_};
+  }
+
+ private:
+  static constexpr int unasked = -2;
+  static constexpr double points = 16384.0;  // in all; a triangle has at least four
+
+  const char* name() const { return axis_ == 0 ? "region_image_x" : "region_image_y"; }
+  void require_sound_map() const {
+    if (!given_ || given_->empty()) return;
+    if (given_->size() != image_.size())
+      throw InvalidArgument(message(name(), " has ", given_->size(), " regions, the body has ", image_.size()));
+    for (const int r : *given_) require_in_range(name(), r, 0, body_.regions - 1, "");
+  }
+  void ask() {
+    struct Part {
+      std::array<Vec3d, 3> corners;
+      double area;
+      const Shape* shape;
+    };
+    std::vector<Part> parts;
+    double area = 0.0;
+    for (std::size_t f = 0; f < body_.facets.size(); ++f) {
+      const Facet& facet = body_.facets[f];
+      if (facet.patch == Body::mirror_patch || !body_.patches.at(std::size_t(facet.patch)).visible) continue;
+      const auto triangles =
+          facet_triangles(body_.vertices, facet.loop, polygon_normal(body_.vertices, facet.loop), int(f), 0.0);
+      if (!triangles) continue;  // the mesher says what is wrong with it
+      for (const SurfaceTriangle& t : *triangles) {
+        std::array<Vec3d, 3> c;
+        for (std::size_t k = 0; k < 3; ++k) c[k] = body_.vertices[std::size_t(t.corners[k])];
+        parts.push_back({c, (c[1] - c[0]).cross(c[2] - c[0]).norm(), &body_.patches[std::size_t(facet.patch)].shape});
+        area += parts.back().area;
+      }
+    }
+    for (const Part& p : parts) {
+      const int count = std::max(4, int(points * p.area / area));
+      for (int k = 1; k <= count; ++k) {  // not from 0, which lies on an edge
+        // Additive sequence of the plastic number (Roberts 2018): even, and seldom where regions meet.
+        double u = std::fmod(0.5 + 0.7548776662466927 * k, 1.0), v = std::fmod(0.5 + 0.5698402909980532 * k, 1.0);
+        if (u + v > 1.0) {
+          u = 1.0 - u;
+          v = 1.0 - v;
+        }
+        const auto& [a, b, c] = p.corners;
+        const Vec3d at = closest_point(*p.shape, (1.0 - u - v) * a + u * b + v * c);
+        ask_images(at, outward_normal(*p.shape, at));
+      }
+    }
+  }
+  // A point of the sector stands for one in each of the others.
+  void ask_images(const Vec3d& p, const Vec3d& n) {
+    Vec3d mirror(1.0, 1.0, 1.0);
+    mirror[axis_] = -1.0;
+    for (unsigned sector = 0; sector < 4; ++sector) {
+      if (((sector & 1u) && !body_.symmetry.x) || ((sector & 2u) && !body_.symmetry.y)) continue;
+      const Vec3d s(sector & 1u ? -1.0 : 1.0, sector & 2u ? -1.0 : 1.0, 1.0);
+      const Vec3d here = s.cwiseProduct(p), there = mirror.cwiseProduct(here), normal = s.cwiseProduct(n);
+      const int r = region(here, normal);
+      if (r >= 0) note(r, region(there, mirror.cwiseProduct(normal)), here);
+    }
+  }
+  int region(const Vec3d& p, const Vec3d& n) const {
+    const int r = body_.region(p, n);
+    return r >= 0 && r < body_.regions ? r : -1;
+  }
+  void note(int r, int other, const Vec3d& at) {
+    if (given_ && (*given_)[std::size_t(r)] != other)
+      throw InvalidArgument(message(name(), " says that region ", r, " has its mirror image in region ",
+          (*given_)[std::size_t(r)], ", but region() gives ", other, " for that of (", at.x() * 1e3, ", ", at.y() * 1e3,
+          ", ", at.z() * 1e3, ") mm"));
+    int& known = image_[std::size_t(r)];
+    if (known == unasked) known = other;
+    else if (known != other) conflict_ = true;
+  }
+
+  const Body& body_;
+  int axis_;
+  std::optional<std::vector<int>> given_;
+  std::vector<int> image_;
+  bool conflict_ = false;
+};
+
+}  // namespace detail
+
+inline RegionImages region_images(const Body& body, int axis) {
+  if (!(axis == 0 ? body.symmetry.x : body.symmetry.y) || (body.regions > 0 && !body.region)) return {};
+  if (body.regions == 0) return {RegionImages::Kind::regions, {}};
+  return detail::RegionSurvey(body, axis).answer();
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optics/exit_power.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTICS_EXIT_POWER_HPP
 #define SINGLE_INCLUDE_LUMO_OPTICS_EXIT_POWER_HPP
@@ -3402,8 +3844,11 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
+  /// nullopt unless the images of all regions are regions. Throws as region_images() does.
   std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
-    return axis == 0 ? body.region_image_x : body.region_image_y;
+    RegionImages known = region_images(body, axis);
+    if (known.kind != RegionImages::Kind::regions) return std::nullopt;
+    return std::move(known.image);
   }
 };
 
@@ -3647,6 +4092,9 @@ struct BoundaryFace {
 /// Corners at the ends of a tetrahedron's edges, in the order of their middle nodes.
 inline constexpr int tet_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
 
+/// Corners of the face opposite to corner i of a positive tetrahedron, counter-clockwise seen from outside.
+inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+
 /// Tetrahedral mesh of the *whole* body in its reference configuration.
 /// Tet nodes: corners 0…3 (positive orientation), then the middles of tet_edges (−1 in a linear mesh).
 struct TetMesh {
@@ -3679,7 +4127,8 @@ struct Touch {
 
 /// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools
 /// with edges and far better for round ones. The mesh bounds the patches. Throws InvalidArgument when the
-/// indenter passes by.
+/// indenter passes by, with what is known of why: no patch may be touched, it meets one that may not, or the tool lies
+/// far off its own origin, which is what comes along the line.
 template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
 
 // How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it
@@ -3791,9 +4240,41 @@ template <Indenter Tool> struct PatchSearch {
   }
 };
 
+// A scenario's tool in a message.
+template <Indenter Tool> std::string approach(const Scenario<Tool>& s) {
+  return message("the indenter at y = ", s.y_m * 1e3, " mm and ", s.angle_rad * 180 / pi, " deg");
+}
+
+// Why a tool on this line touches nothing.
+template <Indenter Tool>
+std::string passing_by(const Body& body, const TetMesh& mesh, const std::string& what, const ApproachLine<Tool>& line) {
+  bool may_touch = false;
+  int met = -1;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const BoundaryFace& f : mesh.faces) {
+    if (body.patches[std::size_t(f.patch)].contactable) {
+      may_touch = true;
+      continue;
+    }
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k)
+      if (const double s = line.advance_to(mesh.nodes[std::size_t(f.nodes[k])]); s < nearest) {
+        nearest = s;
+        met = f.patch;
+      }
+  }
+  if (!may_touch) return what + " touches nothing: no patch of the body is contactable";
+  if (met >= 0)
+    return message(
+        what, " meets patch \"", printable(body.patches[std::size_t(met)].name), "\", which may not be touched");
+  const double off = line.tool.distance(Vec3d(0.0, 0.0, 0.0));
+  return what + " passes by the body" +
+         (off > contact_radius(line.tool) ? message("; the tool lies ", off * 1e3, " mm off its own origin") : "");
+}
+
 }  // namespace detail
 
 template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
+  validate(scenario);
   const Vec3d direction = scenario.direction();
   double size = 0.0;
   for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
@@ -3824,9 +4305,7 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
       }
     }
   }
-  if (!std::isfinite(best))
-    throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi,
-        " deg passes by the body"));
+  if (!std::isfinite(best)) throw InvalidArgument(detail::passing_by(body, mesh, detail::approach(scenario), line));
   return {start + best * direction, point};
 }
 
@@ -3834,34 +4313,116 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
 
 #endif
 
-// ---- lumo/mesh/mesher.hpp
-#ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
-#define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+// ---- lumo/mesh/mesh_sides.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_MESH_SIDES_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_MESH_SIDES_HPP
 
-namespace lumo {
+namespace lumo::detail {
 
-/// A closed surface to be filled, with a wanted edge length. Vertices of no facet are interior points.
-struct MeshInput : ClosedSurface {
-  std::function<double(const Vec3d&)> edge;  ///< wanted edge length, same unit; may be empty
-  bool keep_surface = false;                 ///< do not split the given facets
+// A side of an element, or a boundary face as a side of what is outside: each must have one partner of opposite sense.
+struct MeshSide {
+  int middle, most;  // corners; the least one is the bucket that it lies in
+  int from;          // 4 × element + corner opposite; −1 − face
+  bool odd;          // sorting its corners was an odd permutation
+
+  bool operator<(const MeshSide& o) const { return std::tie(middle, most, from) < std::tie(o.middle, o.most, o.from); }
+  bool same_corners(const MeshSide& o) const { return middle == o.middle && most == o.most; }
 };
 
-/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry
-/// their facet's patch.
-struct LinearTets {
-  std::vector<Vec3d> vertices;
-  std::vector<std::array<int, 4>> tets;  ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
-  std::vector<std::array<int, 3>> faces;
-  std::vector<int> patches;  ///< one per face
+class MeshSides {
+ public:
+  explicit MeshSides(const TetMesh& mesh) : mesh_(mesh), begin_(mesh.nodes.size() + 1, 0) {
+    for_each([&](const std::array<int, 3>& c, int) { ++begin_[std::size_t(std::min({c[0], c[1], c[2]})) + 1]; });
+    std::partial_sum(begin_.begin(), begin_.end(), begin_.begin());
+    sides_.resize(begin_.back());
+    std::vector<std::size_t> end(begin_);
+    for_each([&](std::array<int, 3> c, int from) {
+      bool odd = from < 0;  // seen from the other side
+      const auto order = [&](std::size_t i, std::size_t j) {
+        if (c[i] <= c[j]) return;
+        std::swap(c[i], c[j]);
+        odd = !odd;
+      };
+      order(0, 1);
+      order(1, 2);
+      order(0, 1);
+      sides_[end[std::size_t(c[0])]++] = {c[1], c[2], from, odd};
+    });
+  }
+
+  /// Throws unless all have their partners.
+  void require_pairs() {
+    for (std::size_t node = 0; node + 1 < begin_.size(); ++node) {
+      const auto first = sides_.begin() + std::ptrdiff_t(begin_[node]),
+                 last = sides_.begin() + std::ptrdiff_t(begin_[node + 1]);
+      std::sort(first, last);
+      for (auto side = first; side != last;) {
+        const auto end = std::find_if(side, last, [&](const MeshSide& s) { return !s.same_corners(*side); });
+        require_pair({side, end});
+        side = end;
+      }
+    }
+  }
+
+ private:
+  template <class Visit> void for_each(Visit&& visit) const {
+    for (std::size_t e = 0; e < mesh_.tets.size(); ++e)
+      for (std::size_t k = 0; k < 4; ++k) visit(corners(int(4 * e + k)), int(4 * e + k));
+    for (std::size_t f = 0; f < mesh_.faces.size(); ++f) visit(corners(-1 - int(f)), -1 - int(f));
+  }
+  std::array<int, 3> corners(int from) const {
+    if (from < 0) {
+      const auto& n = mesh_.faces[std::size_t(-1 - from)].nodes;
+      return {n[0], n[1], n[2]};
+    }
+    const auto& t = mesh_.tets[std::size_t(from / 4)];
+    const auto& [a, b, c] = outward_faces[std::size_t(from % 4)];
+    return {t[std::size_t(a)], t[std::size_t(b)], t[std::size_t(c)]};
+  }
+  // Middle nodes of a side, each where the corner opposite to it is in ascending order.
+  std::array<int, 3> middles(int from) const {
+    // Of the edges that lie opposite to the corners, in the order of outward_faces.
+    static constexpr std::array<std::array<std::size_t, 3>, 4> opposite{{{9, 8, 5}, {9, 6, 7}, {8, 7, 4}, {5, 4, 6}}};
+    std::array<int, 3> c = corners(from), m{};
+    for (std::size_t k = 0; k < 3; ++k)
+      m[k] = from < 0 ? mesh_.faces[std::size_t(-1 - from)].nodes[3 + (k + 1) % 3]
+                      : mesh_.tets[std::size_t(from / 4)][opposite[std::size_t(from % 4)][k]];
+    const auto order = [&](std::size_t i, std::size_t j) {
+      if (c[i] <= c[j]) return;
+      std::swap(c[i], c[j]);
+      std::swap(m[i], m[j]);
+    };
+    order(0, 1);
+    order(1, 2);
+    order(0, 1);
+    return m;
+  }
+  static std::string name(int from) { return from < 0 ? message("face ", -1 - from) : message("element ", from / 4); }
+  void require_pair(std::span<const MeshSide> same) const {
+    using Reason = MeshError::Reason;
+    const MeshSide& one = same[0];
+    if (same.size() == 1 && one.from < 0)
+      throw MeshError(Reason::bad_index, message("mesh ", name(one.from), " is no side of an element"));
+    if (same.size() == 1)
+      throw MeshError(Reason::open, message("mesh ", name(one.from), " has a side without neighbour or boundary face"));
+    const MeshSide& other = same[1];
+    if (same.size() > 2)
+      throw MeshError(Reason::not_manifold,
+          message("mesh ", name(one.from), ", ", name(other.from), " and ", name(same[2].from), " share one side"));
+    if (one.odd == other.odd)
+      throw MeshError(Reason::not_manifold, message("mesh ", name(one.from), " and ", name(other.from),
+                                                " lie on one side of their common face: one is inside out"));
+    if (mesh_.order == 2 && middles(one.from) != middles(other.from))
+      throw MeshError(Reason::open, message("mesh ", name(one.from), " and ", name(other.from),
+                                        " share three corners, but not the middle nodes between them"));
+  }
+
+  const TetMesh& mesh_;
+  std::vector<std::size_t> begin_;  // of each node's bucket
+  std::vector<MeshSide> sides_;
 };
 
-/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
-template <class M>
-concept Mesher = requires(const M& mesher, const MeshInput& input) {
-  { mesher.fill(input) } -> std::same_as<LinearTets>;
-};
-
-}  // namespace lumo
+}  // namespace lumo::detail
 
 #endif
 
@@ -3886,11 +4447,19 @@ inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std:
 /// Measures without judging.
 inline MeshQuality measure(const TetMesh& mesh);
 
-/// Throws MeshError unless all Jacobians are positive over the whole element, the surface is a closed manifold, and the
-/// volume is within `volume_tolerance` of `exact_volume_m3` (0: not checked).
+/// Throws MeshError, which says what and where, unless nodes are finite and all in use, indices in range, middle nodes
+/// there in a quadratic mesh only, all Jacobians positive over the whole element, elements joined side by side, `faces`
+/// their boundary and a closed manifold, both sides of a plane of symmetry mirror images, and the volume within
+/// `volume_tolerance` of `exact_volume_m3` (0: not checked). Linear in the size of the mesh.
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3 = 0.0, double volume_tolerance = 0.01);
 
 namespace detail {
+
+// Six times the volume of the corner tetrahedron, with its sign.
+inline double corner_jacobian(const TetMesh& mesh, const std::array<int, 10>& t) {
+  const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
+  return (x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0));
+}
 
 // Symmetric multilinear form whose diagonal is the determinant.
 inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) {
@@ -3905,7 +4474,7 @@ inline double mixed_determinant(const Mat3d& a, const Mat3d& b, const Mat3d& c) 
 
 inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
   const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
-  if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
+  if (mesh.order == 1) return {detail::corner_jacobian(mesh, t)};
   // The Jacobian of a quadratic map is linear in the barycentric coordinates: its values at the four corners determine
   // it.
   static constexpr int mid[4][4] = {{-1, 4, 6, 7}, {4, -1, 5, 8}, {6, 5, -1, 9}, {7, 8, 9, -1}};
@@ -3948,31 +4517,278 @@ inline MeshQuality measure(const TetMesh& mesh) {
   return q;
 }
 
+namespace detail {
+
+// The parts of require_valid().
+inline void require_indices(const TetMesh& mesh);
+inline void require_orientation(const TetMesh& mesh);
+inline void require_manifold(const TetMesh& mesh);
+inline void require_mirror_images(const TetMesh& mesh, int axis);
+
+}  // namespace detail
+
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double volume_tolerance) {
-  using Reason = MeshError::Reason;
-  for (const Vec3d& x : mesh.nodes)
-    if (!x.allFinite()) throw MeshError(Reason::not_finite, "mesh has a node that is not finite");
-  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
-    for (double c : jacobian_coefficients(mesh, mesh.tets[e]))
-      if (!(c > 0.0))
-        throw MeshError(Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", c * 1e9,
-                                              " mm3, must be > 0 over the whole element"));
-  std::map<std::pair<int, int>, int> edges;  // directed edges of the closed surface must pair up
-  for (const BoundaryFace& f : mesh.faces)
-    for (std::size_t k = 0; k < 3; ++k) ++edges[{f.nodes[k], f.nodes[(k + 1) % 3]}];
-  for (const auto& [edge, count] : edges) {
-    const auto back = edges.find({edge.second, edge.first});
-    if (count != 1 || back == edges.end() || back->second != 1)
-      throw MeshError(count != 1 ? Reason::not_manifold : Reason::open,
-          message("mesh surface is not a closed manifold at edge ", edge.first, "-", edge.second));
-  }
+  detail::require_indices(mesh);
+  detail::require_orientation(mesh);
+  detail::MeshSides(mesh).require_pairs();
+  detail::require_manifold(mesh);
+  if (mesh.symmetry.x) detail::require_mirror_images(mesh, 0);
+  if (mesh.symmetry.y) detail::require_mirror_images(mesh, 1);
   if (exact_volume_m3 > 0.0) {
     const double volume = measure(mesh).volume_m3;
     if (!(std::abs(volume / exact_volume_m3 - 1.0) <= volume_tolerance))
-      throw MeshError(Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
-                                              100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
+      throw MeshError(
+          MeshError::Reason::inaccurate, message("mesh volume is ", volume * 1e9, " mm3, must be within ",
+                                             100 * volume_tolerance, " % of ", exact_volume_m3 * 1e9, " mm3"));
   }
 }
+
+namespace detail {
+
+// In a linear mesh the places of middle nodes are empty.
+template <std::size_t N>
+void require_nodes(const char* what, std::size_t number, const std::array<int, N>& nodes, int used, std::size_t there) {
+  for (std::size_t k = 0; k < N; ++k) {
+    const bool named = k < std::size_t(used), known = nodes[k] >= 0 && std::size_t(nodes[k]) < there;
+    if (named && !known)
+      throw MeshError(MeshError::Reason::bad_index,
+          message("mesh ", what, " ", number, " names node ", nodes[k], ", the mesh has nodes 0 to ", int(there) - 1));
+    if (!named && nodes[k] != -1)
+      throw MeshError(MeshError::Reason::bad_index,
+          message("mesh ", what, " ", number, " has middle node ", nodes[k], " in a linear mesh, must be -1"));
+  }
+}
+
+inline void require_indices(const TetMesh& mesh) {
+  using Reason = MeshError::Reason;
+  if (mesh.order != 1 && mesh.order != 2)
+    throw MeshError(Reason::bad_index, message("mesh order is ", mesh.order, ", must be 1 or 2"));
+  if (mesh.tets.empty()) throw MeshError(Reason::degenerate, "mesh has no elements");
+  const std::size_t count = mesh.nodes.size();
+  for (std::size_t k = 0; k < count; ++k)
+    if (!mesh.nodes[k].allFinite())
+      throw MeshError(Reason::not_finite, message("mesh node ", k, " is not at a finite place"));
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
+    require_nodes("element", e, mesh.tets[e], mesh.nodes_per_tet(), count);
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    require_nodes("face", f, mesh.faces[f].nodes, mesh.nodes_per_face(), count);
+  std::vector<char> used(count, 0);
+  for (const auto& t : mesh.tets)
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_tet()); ++k) used[std::size_t(t[k])] = 1;
+  if (const auto loose = std::find(used.begin(), used.end(), 0); loose != used.end())
+    throw MeshError(Reason::bad_index, message("mesh node ", loose - used.begin(), " belongs to no element"));
+}
+
+// How far, at most, the coefficients of a quadratic element lie from the Jacobian of its corners. They are determinants
+// of edges, each moved by no more than four times the sum of how far middle nodes lie off the middles.
+inline double largest_bend(const TetMesh& mesh, const std::array<int, 10>& t) {
+  const auto x = [&](int k) -> const Vec3d& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
+  double moved = 0.0;
+  for (int k = 0; k < 6; ++k) moved += 4.0 * (x(4 + k) - 0.5 * (x(tet_edges[k][0]) + x(tet_edges[k][1]))).norm();
+  const double a = (x(1) - x(0)).norm(), b = (x(2) - x(0)).norm(), c = (x(3) - x(0)).norm();
+  return (a + moved) * (b + moved) * (c + moved) - a * b * c;
+}
+
+inline void require_orientation(const TetMesh& mesh) {
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    const auto& t = mesh.tets[e];
+    double least = corner_jacobian(mesh, t);
+    if (mesh.order == 2 && !(least > 2.0 * largest_bend(mesh, t))) {  // twice: rounding
+      const std::vector<double> c = jacobian_coefficients(mesh, t);
+      least = *std::min_element(c.begin(), c.end());
+    }
+    if (!(least > 0.0))
+      throw MeshError(MeshError::Reason::inverted, message("mesh element ", e, " has a Jacobian bound of ", least * 1e9,
+                                                       " mm3, must be > 0 over the whole element"));
+  }
+}
+
+// Directed edges of the closed surface must pair up.
+inline void require_manifold(const TetMesh& mesh) {
+  const auto key = [](int from, int to) { return std::uint64_t(unsigned(from)) << 32u | unsigned(to); };
+  std::vector<std::uint64_t> edges, back;
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < 3; ++k) {
+      edges.push_back(key(f.nodes[k], f.nodes[(k + 1) % 3]));
+      back.push_back(key(f.nodes[(k + 1) % 3], f.nodes[k]));
+    }
+  std::sort(edges.begin(), edges.end());
+  std::sort(back.begin(), back.end());
+  for (std::size_t k = 0; k < edges.size(); ++k) {
+    const bool twice = k + 1 < edges.size() && edges[k + 1] == edges[k];
+    if (!twice && back[k] == edges[k]) continue;
+    const std::uint64_t edge = twice ? edges[k] : std::min(edges[k], back[k]);
+    throw MeshError(twice ? MeshError::Reason::not_manifold : MeshError::Reason::open,
+        message("mesh surface is not a closed manifold at edge ", edge >> 32u, "-", unsigned(edge)));
+  }
+}
+
+inline void require_mirror_images(const TetMesh& mesh, int axis) {
+  using Reason = MeshError::Reason;
+  const std::vector<int>& image = axis == 0 ? mesh.mirror_x : mesh.mirror_y;
+  const char* plane = axis == 0 ? "x = 0" : "y = 0";
+  if (image.size() != mesh.nodes.size())
+    throw MeshError(Reason::bad_index, message("mesh has ", image.size(), " mirror images of nodes in ", plane,
+                                           ", must have as many as nodes, ", mesh.nodes.size()));
+  for (std::size_t k = 0; k < image.size(); ++k) {
+    if (image[k] < 0 || std::size_t(image[k]) >= image.size())
+      throw MeshError(Reason::bad_index, message("mesh node ", k, " has mirror image ", image[k], " in ", plane,
+                                             ", the mesh has nodes 0 to ", int(image.size()) - 1));
+    Vec3d mirrored = mesh.nodes[k];
+    mirrored[axis] = -mirrored[axis];
+    if (mesh.nodes[std::size_t(image[k])] != mirrored)
+      throw MeshError(Reason::asymmetric,
+          message("mesh node ", image[k], " is not the exact mirror image of node ", k, " in ", plane));
+  }
+  std::ptrdiff_t more = 0;  // elements on the positive side than on the other
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    double low = 0.0, high = 0.0;
+    for (std::size_t k = 0; k < 4; ++k) {
+      const double at = mesh.nodes[std::size_t(mesh.tets[e][k])][axis];
+      low = std::min(low, at);
+      high = std::max(high, at);
+    }
+    if (low < 0.0 && high > 0.0)
+      throw MeshError(Reason::asymmetric, message("mesh element ", e, " crosses its plane of symmetry, ", plane));
+    more += high > 0.0 ? 1 : -1;
+  }
+  if (more != 0)
+    throw MeshError(Reason::asymmetric,
+        message("mesh has ", std::abs(more), " elements more on one side of ", plane, " than on the other"));
+}
+
+}  // namespace detail
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/body_check.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_BODY_CHECK_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_BODY_CHECK_HPP
+
+namespace lumo {
+
+/// Throws MeshError, which says what and where, unless the mesh is valid, each face's patch is one of the body's, and
+/// the carrier's boxes are finite, of positive size, and rounded by no more than their half edges.
+inline void require_valid(const Body& body, const TetMesh& mesh);
+
+/// Throws MeshError unless nodes of the boundary lie on their patches' exact shapes, within a millionth of the body's
+/// size; mesh_body() places them so, middle nodes too. The message names the worst patch and its largest distance.
+/// Indices must be in range.
+inline void require_on_shapes(const Body& body, const TetMesh& mesh);
+
+/// The same for the vertices of the body's facets: what is meshed is moved onto the shapes, however far. Throws
+/// MeshError, also for a facet of a patch or with a vertex that is not there.
+inline void require_on_shapes(const Body& body);
+
+inline void require_valid(const Body& body, const TetMesh& mesh) {
+  using Reason = MeshError::Reason;
+  require_valid(mesh);
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    if (const int patch = mesh.faces[f].patch; patch < 0 || std::size_t(patch) >= body.patches.size())
+      throw MeshError(Reason::bad_index, message("mesh face ", f, " is of patch ", patch,
+                                             ", the body has patches 0 to ", int(body.patches.size()) - 1));
+  for (std::size_t k = 0; k < body.carrier.size(); ++k) {
+    const RigidBox& box = body.carrier[k];
+    if (!box.center.allFinite() || !box.half.allFinite() || !std::isfinite(box.edge_radius))
+      throw MeshError(Reason::not_finite, message("carrier box ", k, " has a number that is not finite"));
+    if (const double least = box.half.minCoeff(); !(least > 0.0))
+      throw MeshError(
+          Reason::degenerate, message("carrier box ", k, " has a half edge of ", least * 1e3, " mm, must be > 0 mm"));
+    if (!(box.edge_radius >= 0.0 && box.edge_radius <= box.half.minCoeff()))
+      throw MeshError(Reason::degenerate, message("carrier box ", k, " is rounded by ", box.edge_radius * 1e3,
+                                              " mm, must lie in [0, ", box.half.minCoeff() * 1e3, "] mm"));
+  }
+}
+
+namespace detail {
+
+// How far points are off the shapes of the patches that they should lie on.
+class ShapeCheck {
+ public:
+  explicit ShapeCheck(const Body& body) : body_(body) {}
+
+  void add(int patch, const Vec3d& at) {
+    const Vec3d p(body_.symmetry.x ? std::abs(at.x()) : at.x(), body_.symmetry.y ? std::abs(at.y()) : at.y(), at.z());
+    size_ = std::max(size_, p.lpNorm<Eigen::Infinity>());
+    const double apart = (closest_point(body_.patches[std::size_t(patch)].shape, p) - p).norm();
+    if (apart <= worst_ || std::isnan(worst_)) return;
+    worst_ = apart;
+    patch_ = patch;
+  }
+  void require(const char* points) const {
+    constexpr double precision = 1e-6;  // of the body's size: coordinates that went through single precision pass
+    if (worst_ <= precision * size_) return;
+    throw MeshError(std::isfinite(worst_) ? MeshError::Reason::inaccurate : MeshError::Reason::not_finite,
+        message("patch \"", printable(body_.patches[std::size_t(patch_)].name), "\" has ", points, " up to ",
+            worst_ * 1e3, " mm off its shape, at most ", precision * size_ * 1e3, " mm"));
+  }
+
+ private:
+  const Body& body_;
+  double size_ = 0.0, worst_ = 0.0;
+  int patch_ = -1;
+};
+
+}  // namespace detail
+
+inline void require_on_shapes(const Body& body, const TetMesh& mesh) {
+  detail::ShapeCheck check(body);
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k)
+      check.add(f.patch, mesh.nodes[std::size_t(f.nodes[k])]);
+  check.require("nodes");
+}
+
+inline void require_on_shapes(const Body& body) {
+  detail::ShapeCheck check(body);
+  for (std::size_t f = 0; f < body.facets.size(); ++f) {
+    const Facet& facet = body.facets[f];
+    if (facet.patch == Body::mirror_patch) continue;
+    if (facet.patch < 0 || std::size_t(facet.patch) >= body.patches.size())
+      throw MeshError(MeshError::Reason::bad_index, message("facet ", f, " is of patch ", facet.patch,
+                                                        ", the body has patches 0 to ", int(body.patches.size()) - 1));
+    for (const int vertex : facet.loop) {
+      if (vertex < 0 || std::size_t(vertex) >= body.vertices.size())
+        throw MeshError(MeshError::Reason::bad_index,
+            message("facet ", f, " names vertex ", vertex, ", the body has ", body.vertices.size()));
+      check.add(facet.patch, body.vertices[std::size_t(vertex)]);
+    }
+  }
+  check.require("vertices");
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/mesher.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+
+namespace lumo {
+
+/// A closed surface to be filled, with a wanted edge length. Vertices of no facet are interior points.
+struct MeshInput : ClosedSurface {
+  std::function<double(const Vec3d&)> edge;  ///< wanted edge length, same unit; may be empty
+  bool keep_surface = false;                 ///< do not split the given facets
+};
+
+/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry
+/// their facet's patch.
+struct LinearTets {
+  std::vector<Vec3d> vertices;
+  std::vector<std::array<int, 4>> tets;  ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
+  std::vector<std::array<int, 3>> faces;
+  std::vector<int> patches;  ///< one per face
+};
+
+/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
+template <class M>
+concept Mesher = requires(const M& mesher, const MeshInput& input) {
+  { mesher.fill(input) } -> std::same_as<LinearTets>;
+};
 
 }  // namespace lumo
 
@@ -4036,7 +4852,8 @@ inline TetMesh mirrored(const TetMesh& half, int axis) {
 
 /// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle
 /// nodes (also on the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric
-/// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
+/// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate:
+/// require_valid(), and require_on_shapes() of the facets' vertices.
 template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
 
 namespace detail {
@@ -4080,6 +4897,7 @@ template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int ord
   if (order != 1 && order != 2) throw InvalidArgument(message("mesh order is ", order, ", must be 1 or 2"));
   const double stretch = body.sizing.stretch_y;
   require_positive("mesh stretch along y", stretch, "");
+  require_on_shapes(body);
   MeshInput input;
   input.facets = body.facets;
   // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away
@@ -4259,18 +5077,20 @@ struct FinePlace {
 };
 
 /// The body with its mesh sizing refined about the given places and their mirror images; `focus` says how edges grow
-/// from there. Throws InvalidArgument.
+/// from there, which is all for a body that wants no lengths. Throws InvalidArgument.
 inline Body focused(Body body, std::vector<FinePlace> places, const Focus& focus = {}) {
   for (const FinePlace& p : places) require_in_range("finest mesh edge", p.finest_m * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
+  require_in_range("mesh growth with depth", focus.depth_growth, 0.0, 1e3, "");
   require_in_range("mesh edge over the tool's contact radius", focus.of_tool, 0.001, 1000.0, "");
+  if (places.empty()) return body;
   for (FinePlace& p : places) {
     if (body.symmetry.x) p.place_m.x() = std::abs(p.place_m.x());
     if (body.symmetry.y) p.place_m.y() = std::abs(p.place_m.y());
   }
   body.sizing.edge = [coarse = body.sizing.edge, under_touch = body.sizing.edge_under_touch, places = std::move(places),
                          focus](const Vec3d& p) {
-    double edge = coarse(p);
+    double edge = coarse ? coarse(p) : std::numeric_limits<double>::infinity();
     for (const FinePlace& f : places) {
       const double depth = std::max(0.0, (f.place_m - p).z());
       edge = std::min(edge, f.finest_m + focus.growth * (p - f.place_m).norm() + focus.depth_growth * depth);
@@ -7002,6 +7822,48 @@ template <class S> S contact_area(const ContactSurface& surface, const std::vect
 
 #endif
 
+// ---- lumo/mechanics/contact/preconditions.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_PRECONDITIONS_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_PRECONDITIONS_HPP
+
+namespace lumo {
+
+/// Throws InvalidArgument for a body that no bonded patch and no carrier holds. Patches must be the body's.
+inline void require_held(const Body& body, const TetMesh& mesh) {
+  for (const BoundaryFace& f : mesh.faces) {
+    const Patch& patch = body.patches[std::size_t(f.patch)];
+    if (patch.bonded || (patch.meets_carrier && !body.carrier.empty())) return;
+  }
+  throw InvalidArgument("no patch is bonded: the body can move as a whole");
+}
+
+/// Throws InvalidArgument if the tool, where it first touches, has already run into nodes of a patch that it may not
+/// touch: contact there is not computed, so that it would go through.
+template <Indenter Tool>
+void require_free_way(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const Touch& touch) {
+  constexpr double precision = 1e-6;  // of the body's size, as of its surface
+  double size = 0.0, least = 0.0;
+  int met = -1;
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
+      const Vec3d& p = mesh.nodes[std::size_t(f.nodes[k])];
+      size = std::max(size, p.lpNorm<Eigen::Infinity>());
+      if (body.patches[std::size_t(f.patch)].contactable) continue;
+      const double gap = scenario.indenter.distance(Vec3d(p - touch.origin));
+      if (gap >= least) continue;
+      least = gap;
+      met = f.patch;
+    }
+  if (least >= -precision * size) return;
+  throw InvalidArgument(
+      message(detail::approach(scenario), " meets patch \"", printable(body.patches[std::size_t(met)].name),
+          "\", which may not be touched, ", -1e3 * least, " mm deep when it first touches the body"));
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/mechanics/contact/traction.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_TRACTION_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_CONTACT_TRACTION_HPP
@@ -7413,6 +8275,18 @@ struct QuasiStaticConfig {
   double time_limit_s = 1e9;  ///< per scenario, wall clock
 };
 
+/// Throws InvalidArgument for settings out of range.
+inline void validate(const QuasiStaticConfig& c) {
+  require_in_range("residual tolerance", c.residual_tolerance, 1e-12, 1e-6, "of the load");  // the certificate's limit
+  require_in_range("iterations per load", c.max_iterations, 1, 1 << 20, "");
+  require_in_range("iterations per stride", c.stride_iterations, 1, 1 << 20, "");
+  require_in_range("contraction of a kept factor", c.chord_contraction, 0.0, 1.0, "");
+  require_in_range("late contraction of a kept factor", c.late_contraction, 0.0, 1.0, "");
+  require_in_range("stride of loads", c.load_stride, 1.001, 1e6, "");
+  require_in_range("largest advance of a step", c.max_advance, 1e-6, 1e3, "radii");
+  require_in_range("time limit of a scenario", c.time_limit_s, 0.0, 1e12, "s");
+}
+
 /// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly
 /// (model: solver policy "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
 ///
@@ -7442,9 +8316,11 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
   static constexpr bool uses_symmetry = true;
   Config config = {};
 
+  /// Throws InvalidArgument for settings out of range.
   template <class Material, class Contact, class Element>
   std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
       const PressPhysics<Material, Contact, Element>& physics) const {
+    validate(config);
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
 
@@ -7787,14 +8663,17 @@ struct Simulator {
   Solver solver = {};
 
   /// Everything that scenarios on one mesh share (elements, symbolic factorisations); thread-safe, so that scenarios
-  /// can run side by side. Throws InvalidArgument for parameters out of range.
+  /// can run side by side. Throws InvalidArgument for parameters out of range and for a body that nothing holds,
+  /// MeshError for a mesh that is not valid or not the body's (require_valid(body, mesh)).
   PreparedBody<Material, Contact, Element, Solver> prepare(const Body& body, const TetMesh& mesh) const {
     validate(material);
     validate(contact);
+    require_valid(body, mesh);
+    require_held(body, mesh);
     return {*this, body, mesh};
   }
 
-  /// One scenario from first touch through its loads.
+  /// One scenario from first touch through its loads. Throws as prepare() and PreparedBody::press() do.
   template <Indenter Tool>
   std::vector<MechanicalState> press(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) const {
     return prepare(body, mesh).press(scenario);
@@ -7819,10 +8698,12 @@ class PreparedBody {
       : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
 
   /// States at the scenario's loads, on the whole mesh. Where body and scenario are symmetric the quasi-static solver
-  /// takes only a half or a quarter; fields that break the symmetry are still tested for stability.
+  /// takes only a half or a quarter; fields that break the symmetry are still tested for stability. Throws
+  /// InvalidArgument for a scenario out of range, and for a tool that passes by or meets first what it may not touch.
   template <Indenter Tool> std::vector<MechanicalState> press(const Scenario<Tool>& scenario) const {
     validate(scenario);
     const Touch touch = first_touch(body_, *mesh_, scenario);
+    require_free_way(body_, *mesh_, scenario, touch);
     // A fixed area per vertex knows no halves of vertices.
     const bool fold = Solver::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
     const Symmetry contact = symmetry_of(scenario),
@@ -8037,7 +8918,10 @@ struct EnergyLedger {
   double absorbed_at_surfaces = 0.0;  ///< at opaque surfaces: carrier and LEDs
   double roulette = 0.0;              ///< ended minus added by Russian roulette; expectation 0, either sign
   double refinement = 0.0;  ///< channels as first traced minus channels as refined; expectation 0, either sign
-  double lost = 0.0;        ///< rays that leaked or bounced too often; target ≤ 1e-6 of emitted
+  double lost = 0.0;        ///< rays that leaked or bounced too often; a result has at most largest_lost of emitted
+
+  static constexpr double largest_lost = 1e-6;       ///< share of the emitted power, by default
+  static constexpr double largest_imbalance = 1e-9;  ///< what rounding may do to imbalance()
 
   double accounted() const {
     return std::accumulate(channels.begin(), channels.end(), 0.0) + to_indenter + elsewhere + absorbed_in_medium +
@@ -8046,6 +8930,18 @@ struct EnergyLedger {
   /// |emitted − accounted| / emitted.
   double imbalance() const { return emitted > 0.0 ? std::abs(emitted - accounted()) / emitted : std::abs(accounted()); }
 };
+
+/// Throws NumericalError unless the balance closes and next to nothing is lost: else light left where the surface is
+/// open, or was still on its way after the last event.
+inline void require_closed(const EnergyLedger& ledger, double largest_lost = EnergyLedger::largest_lost) {
+  const double lost = ledger.emitted > 0.0 ? ledger.lost / ledger.emitted : ledger.lost;
+  if (!(lost <= largest_lost))
+    throw NumericalError(message("light: ", lost, " of the emitted power is lost, at most ", largest_lost,
+        ": the surface is open, or max_events is too small"));
+  if (!(ledger.imbalance() <= EnergyLedger::largest_imbalance))
+    throw NumericalError(message("light: ", ledger.imbalance(), " of the emitted power is unaccounted for, at most ",
+        EnergyLedger::largest_imbalance));
+}
 
 /// Adds `factor` × the accounts of `part`, `emitted` too.
 inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {
@@ -8396,6 +9292,98 @@ struct Bvh {
 };
 
 static_assert(RayScene<BvhScene> && Intersector<Bvh>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/lamp_places.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_LAMP_PLACES_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_LAMP_PLACES_HPP
+
+namespace lumo {
+
+/// Distance of the point p from a triangle. Source: Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
+inline double distance_to_triangle(const Vec3d& p, const std::array<Vec3d, 3>& corners) {
+  const auto& [a, b, c] = corners;
+  const Vec3d ab = b - a, ac = c - a, bc = c - b, n = ab.cross(ac);
+  const auto to_edge = [&](const Vec3d& from, const Vec3d& along) {
+    const double l2 = along.squaredNorm(), t = l2 > 0.0 ? std::clamp(along.dot(p - from) / l2, 0.0, 1.0) : 0.0;
+    return (p - from - t * along).norm();
+  };
+  const bool over = n.dot(ab.cross(p - a)) >= 0.0 && n.dot(bc.cross(p - b)) >= 0.0 && n.dot((p - a).cross(ac)) >= 0.0;
+  if (const double length = n.norm(); over && length > 0.0) return std::abs(n.dot(p - a)) / length;
+  return std::min({to_edge(a, ab), to_edge(b, bc), to_edge(a, ac)});
+}
+
+/// Where light may start in a scene. `triangles`: of the body, then of carrier faces, as the scene was built from.
+template <RayScene Scene> class LampPlaces {
+ public:
+  /// Within `precision_m` of the surface a lamp is on it, which is right for each; where nodes have moved by up to
+  /// `moved_m`, within both.
+  LampPlaces(const std::vector<SceneTriangle>& triangles, const Scene& scene, double precision_m, double moved_m)
+      : triangles_(triangles), scene_(scene), step_m_(precision_m), tolerance_m_(precision_m + moved_m) {}
+
+  /// Throws InvalidArgument for an emitter of which a part lies out of the medium that it radiates into: outside the
+  /// body, or, of one in air, inside it. The message names the lamp, the place and how far from the surface it lies.
+  void require(const std::vector<Emitter>& emitters) const {
+    for (std::size_t k = 0; k < emitters.size(); ++k) {
+      const Worst worst = worst_of(emitters[k]);
+      if (!(worst.distance_m > tolerance_m_)) continue;
+      throw InvalidArgument(message("emitter ", k, " at ", text(emitters[k].center()), " mm radiates into the ",
+          emitters[k].in_air() ? "air, but lies up to " : "body, but lies up to ", worst.distance_m * 1e3,
+          emitters[k].in_air() ? " mm inside the body, at " : " mm outside of it, at ", text(worst.at), " mm"));
+    }
+  }
+
+ private:
+  struct Worst {
+    double distance_m = 0.0;
+    Vec3d at = Vec3d::Zero();
+  };
+  static std::string text(const Vec3d& p) {
+    return message("(", 1e3 * p.x(), ", ", 1e3 * p.y(), ", ", 1e3 * p.z(), ")");
+  }
+  // Light finds first how to leave the body, or first how to enter it. Two of three directions decide: one may meet an
+  // edge. `reach_m`: the surface is at most this far.
+  bool inside(const Vec3d& p, const Vec3d& axis, double& reach_m) const {
+    Vec3d t1, t2;
+    tangents(axis, t1, t2);
+    int votes = 0;
+    for (const Vec3d& side : {Vec3d(0.313 * t1 + 0.171 * t2), Vec3d(-0.289 * t1 + 0.233 * t2), Vec3d(-0.127 * t2)}) {
+      const Vec3d d = (axis + side).normalized();
+      const RayHit leaving = scene_.first_hit(p, d, true), entering = scene_.first_hit(p, d, false);
+      votes += leaving.t < entering.t ? 1 : -1;
+      reach_m = std::min(reach_m, leaving.t);
+      if (entering && !triangles_[std::size_t(entering.triangle)].in_air_only) reach_m = std::min(reach_m, entering.t);
+    }
+    return votes > 0;
+  }
+  double distance(const Vec3d& p) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (const SceneTriangle& t : triangles_)
+      if (!t.in_air_only) least = std::min(least, distance_to_triangle(p, t.corners));
+    return least;
+  }
+  // A point on the surface is on either side, so its neighbours along the axis are looked at.
+  Worst worst_of(const Emitter& e) const {
+    static constexpr std::array<double, 5> places{1e-12, 0.25, 0.5, 0.75, 1.0 - 1e-12};
+    Worst worst;
+    for (const double u : places)
+      for (const double v : places) {
+        const Vec3d at = e.point(u, v), axis = e.axis(), step = step_m_ * axis;
+        double reach_m = std::numeric_limits<double>::infinity();
+        if (inside(at + step, axis, reach_m) != e.in_air() || inside(at - step, axis, reach_m) != e.in_air()) continue;
+        if (reach_m + step_m_ <= tolerance_m_) continue;
+        if (const double apart = distance(at); apart > worst.distance_m) worst = {apart, at};
+      }
+    return worst;
+  }
+
+  const std::vector<SceneTriangle>& triangles_;
+  const Scene& scene_;
+  double step_m_, tolerance_m_;
+};
 
 }  // namespace lumo
 
@@ -8814,7 +9802,7 @@ class OpticalScene {
 
   /// `images`: also label regions for mirror images in the planes of this symmetry.
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
-  /// indices or optics.
+  /// indices or optics, MeshError for patches off their shapes.
   OpticalScene(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry images, const Config& config)
       : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
     require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
@@ -8833,6 +9821,7 @@ class OpticalScene {
         if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
       }
     add_faces(mesh, state);
+    require_on_shapes(body, mesh);
     recover_normals(faces_, mesh.faces, body);
     body_triangles_ = triangles_.size();
     add_carrier(config);
@@ -8893,6 +9882,21 @@ class OpticalScene {
     return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
   }
   int triangles_per_face() const { return int(lattice_.size()); }
+  /// How far a place on the body may be off its surface by rounding: a millionth of its size [m].
+  double precision_m() const {
+    double size = 0.0;
+    for (const QuadraticFace& f : faces_)
+      for (const Vec3d& p : f.reference) size = std::max(size, p.lpNorm<Eigen::Infinity>());
+    return 1e-6 * size;
+  }
+  /// How far a node of the surface has moved, at most [m].
+  double moved_m() const {
+    double moved = 0.0;
+    for (const QuadraticFace& f : faces_)
+      for (std::size_t k = 0; k < f.reference.size(); ++k)
+        moved = std::max(moved, (f.deformed[k] - f.reference[k]).norm());
+    return moved;
+  }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
   double triangle_area(int t) const {
     const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
@@ -10700,7 +11704,10 @@ class Tracer {
     double roulette_below = 0.02;  ///< branches below this share of their path's start weight may be ended
     double scattered_below = 0.5;  ///< the same for the many branches that were scattered in the medium
     int max_events = 4096;         ///< a branch that meets more surfaces is booked as lost
-    std::uint64_t seed = 0;        ///< another number, another independent pattern
+    /// Share of the emitted power beyond which a result is refused. Only light that is caught for good, in a body that
+    /// absorbs nothing, needs more.
+    double largest_lost = EnergyLedger::largest_lost;
+    std::uint64_t seed = 0;  ///< another number, another independent pattern
     OpticalScene::Config scene{};
   };
 
@@ -10752,7 +11759,8 @@ class Tracer {
   }
 
   /// `count` of the replicates from `first` on, as a tracer of its own: tasks that can run side by side. joined() makes
-  /// of their responses that of all replicates, to the bit for the same division.
+  /// of their responses that of all replicates, to the bit for the same division. A portion is not refused for what
+  /// it loses: that is for require_closed() of the joined ledger.
   Tracer portion(int first, int count) const {
     Tracer t = *this;
     t.first_ = first_ + first;
@@ -10794,7 +11802,9 @@ class Tracer {
   /// Response of a surface that is given node by node.
   /// One of two mirror images in a plane of `symmetry` is traced, and booked for both: the caller vouches for it.
   /// `focus` must have the symmetry; `guide` is of this body, mesh and tracer, and read-out through openings does
-  /// without. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  /// without. Throws InvalidArgument for broken numbers, sizes or settings and for an emitter that lies out of the
+  /// medium that it radiates into (by more than nodes have moved: LampPlaces), MeshError for patches off their shapes
+  /// (require_on_shapes), NumericalError if light is lost (require_closed); never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const SurfaceState& state, Symmetry symmetry = {},
       const RayFocus& focus = {}, const RayGuide& guide = {}) const {
     check(body, symmetry, focus);
@@ -10802,9 +11812,7 @@ class Tracer {
     const OpticalScene surface(body, mesh, state, symmetry, config_.scene);
     const auto scene = backend_.build(surface.triangles());
     using Scene = std::remove_const_t<decltype(scene)>;
-    if (!guide.sent_W_m2.empty() && guide.sent_W_m2.size() != surface.triangles().size())
-      throw InvalidArgument(
-          message("ray guide for ", guide.sent_W_m2.size(), " triangles, the scene has ", surface.triangles().size()));
+    check(body, surface, scene, guide);
     const LightNodes nodes(surface, symmetry, guide);
     const double replicates = config_.replicates;
     const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide);
@@ -10853,7 +11861,9 @@ class Tracer {
     }
     response.rays = path.rays;
     response.segments = path.segments;
-    return averaged(std::move(response));
+    response = averaged(std::move(response));
+    if (count_ == 0) require_closed(response.ledger, config_.largest_lost);
+    return response;
   }
 
   /// Learns how these states' light differs from that of the undeformed body, all on one mesh: empty unless emitters
@@ -10934,6 +11944,7 @@ class Tracer {
     require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
     require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
     require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
+    require_in_range("largest share of lost light", config_.largest_lost, 0.0, 1.0, "");
     if (body.surroundings.extinction_per_m != 0.0)
       throw InvalidArgument(
           message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
@@ -10945,6 +11956,14 @@ class Tracer {
       throw InvalidArgument(
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
+  }
+  /// Throws InvalidArgument unless lamps and guide fit the scene.
+  template <class Scene>
+  static void check(const Body& body, const OpticalScene& surface, const Scene& scene, const RayGuide& guide) {
+    LampPlaces<Scene>(surface.triangles(), scene, surface.precision_m(), surface.moved_m()).require(body.emitters);
+    if (!guide.sent_W_m2.empty() && guide.sent_W_m2.size() != surface.triangles().size())
+      throw InvalidArgument(
+          message("ray guide for ", guide.sent_W_m2.size(), " triangles, the scene has ", surface.triangles().size()));
   }
   template <class Scene> void trace_emitters(const LitBody<Scene, Medium, Readout>& body, const RayPattern& pattern,
       std::optional<double> film_closes_m, const OwenSobol& sequence, PathTracer<Scene, Medium, Readout>& path,
@@ -11062,7 +12081,7 @@ struct ContactTerms {
   std::optional<Estimate> form;    ///< q_form: patch radius at 2 N over indenter radius
   std::optional<Estimate> stable;  ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
   std::optional<Estimate> stiff;   ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
-  /// (q_form q_stable q_stiff)^(1/3).
+  /// (q_form q_stable q_stiff)^(1/3); nullopt if a term is empty, out of [0, 1] or not finite.
   std::optional<Estimate> score() const;
 };
 
@@ -11071,12 +12090,17 @@ struct ContactTerms {
 /// cover nine of ten differences on meshes of 0.7 to 5.6 times the default's edges
 /// (benchmarks/refinement/results.md).
 struct MechanicalError {
-  double area = 0.42;       ///< of an area, where the nodes are as far apart as the contact's radius is long
-  double area_power = 1.6;  ///< of that ratio
-  double outside = 0.75;    ///< of an area, times the outside part of the force to the power 2/3
-  double unresolved = 0.4;  ///< of an area: beyond that it is not known
-  double stiffness = 0.9;   ///< of a secant stiffness, times the energy's error
+  double area = 0.42;         ///< of an area, where the nodes are as far apart as the contact's radius is long
+  double area_power = 1.6;    ///< of that ratio
+  double outside = 0.75;      ///< of an area, times the outside part of the force to the power 2/3
+  double coarsest = 1.0;      ///< of that ratio: beyond it there is no area to speak of
+  double most_outside = 0.5;  ///< of the force; the same
+  double stiffness = 0.9;     ///< of a secant stiffness, times the energy's error
 
+  bool resolves(const ContactSpot& spot) const {
+    return spot.area_m2 > 0.0 && spot.edge_m <= coarsest * spot.radius_m() &&
+           spot.force_outside_N <= most_outside * spot.force_N;
+  }
   /// Relative, of one contact.
   double of_area(const ContactSpot& spot) const {
     if (!(spot.area_m2 > 0.0)) return 1.0;
@@ -11115,8 +12139,11 @@ std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::v
 }
 
 /// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper
-/// Table II.
+/// Table II. Throws InvalidArgument for a depth that is negative or not finite, and for a baseline that is not
+/// positive.
 inline double progressive_constraint_gain(double depth, double baseline_depth) {
+  require_in_range("depth", depth, 0.0, 1e3, "");
+  require_in_range("baseline's depth", baseline_depth, 1e-12, 1e3, "");
   return 100.0 * (1.0 - depth / baseline_depth);
 }
 
@@ -11126,6 +12153,13 @@ namespace detail {
 inline Estimate clipped(const Estimate& e) {
   const double value = std::clamp(e.value, 0.0, 1.0);
   return {value, std::max(0.0, e.error - std::abs(e.value - value))};
+}
+
+/// Are the numbers finite that terms are made of?
+inline bool is_sound(const MechanicalState& s) {
+  return std::isfinite(s.force_N) && std::isfinite(s.depth_m) && std::isfinite(s.contact_area_m2) &&
+         s.contact_area_m2 >= 0.0 &&
+         std::none_of(s.contact_field.begin(), s.contact_field.end(), [](double gap) { return std::isnan(gap); });
 }
 
 }  // namespace detail
@@ -11141,7 +12175,7 @@ inline double MechanicalError::of_area(const MechanicalState& state) const {
 
 inline double MechanicalError::wanted_edge(const ContactSpot& spot) const {
   constexpr double of_radius = 0.25, of_edge = 0.15;  // the latter where the contact has no radius that means something
-  if (!(of_area(spot) > unresolved)) return spot.edge_m;
+  if (resolves(spot)) return spot.edge_m;
   const double trusted = spot.radius_m() > of_radius * spot.edge_m ? of_radius * spot.radius_m() : 0.0;
   return std::max(trusted, of_edge * spot.edge_m);
 }
@@ -11150,9 +12184,9 @@ inline std::optional<Unresolved> MechanicalError::unresolved_in(const Mechanical
   constexpr double least_part = 0.01;  // of the load
   std::optional<Unresolved> worst;
   if (state.status == Status::held) return worst;
-  double largest = unresolved;
+  double largest = 0.0;
   for (const ContactSpot& s : state.spots)
-    if (s.force_N >= least_part * state.load_N && of_area(s) > largest) {
+    if (s.force_N >= least_part * state.load_N && !resolves(s) && of_area(s) > largest) {
       largest = of_area(s);
       worst = Unresolved{state.load_N, s.radius_m(), s.edge_m};
     }
@@ -11161,6 +12195,8 @@ inline std::optional<Unresolved> MechanicalError::unresolved_in(const Mechanical
 
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
+  for (const Estimate& e : {*form, *stable, *stiff})
+    if (!(e.value >= 0.0 && e.value <= 1.0 && e.error >= 0.0 && std::isfinite(e.error))) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
   const auto with = [&](double f, double s, double k) {
     return std::abs(std::cbrt(std::max(0.0, f) * std::max(0.0, s) * std::max(0.0, k)) - value);
@@ -11176,12 +12212,16 @@ inline std::optional<Estimate> ContactTerms::score() const {
 }
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
-/// count.
+/// count, with finite numbers. Throws InvalidArgument for a radius, error or load out of range.
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
     double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
+  require_positive("radius of the indenter", radius_m, "m");
+  for (const double e : {error.area, error.overlap, error.stiffness})
+    require_in_range("error of the contact's terms", e, 0.0, 1e3, "");
   const auto at = [&](double load) -> const MechanicalState* {
+    require_positive("load of the contact's terms", load, "N");
     for (const MechanicalState& s : states)
-      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
+      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true) && detail::is_sound(s)) return &s;
     return nullptr;
   };
   const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third),
@@ -11247,8 +12287,24 @@ struct OpticalError {
   double mesh = 0.12;
 };
 
-/// (r − r_0)/P_emit by replicate.
+namespace detail {
+
+inline void require_same_shape(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  if (a.rows() != b.rows() || a.cols() != b.cols() || a.rows() < 1)
+    throw InvalidArgument(message("responses of ", a.rows(), " and ", b.rows(), " replicates of ", a.cols(), " and ",
+        b.cols(), " channels, must be as many, at least 1 replicate"));
+  constexpr double largest = 1e150;  // squares do not overflow
+  if (!(a.array().abs() <= largest).all() || !(b.array().abs() <= largest).all())
+    throw InvalidArgument("responses: a number is not finite, or beyond +-1e150");
+}
+
+}  // namespace detail
+
+/// (r − r_0)/P_emit by replicate. Throws InvalidArgument for responses of different shape or that are not finite, or
+/// without emitted power.
 inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
+  detail::require_same_shape(loaded.replicates, unloaded.replicates);
+  require_positive("emitted power", loaded.ledger.emitted, "W");
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 
@@ -11261,8 +12317,10 @@ inline bool comparable(const ObservedState& a, const ObservedState& b) {
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
 /// mean over pairs of *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding
 /// 1948): noise does not raise it, unlike the square of the mean difference. The distance is 0 if noise makes the
-/// square negative. The error is that of the larger of distance and noise.
+/// square negative. The error is that of the larger of distance and noise. Throws InvalidArgument for changes of
+/// different shape, without replicates, or that are not finite.
 inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  detail::require_same_shape(a, b);
   const Eigen::MatrixXd d = a - b;
   const Eigen::RowVectorXd mean = d.colwise().mean();
   const double n = double(d.rows());
@@ -11302,6 +12360,7 @@ struct Undecided {
 /// done, or if no states can be compared. A pure function: a campaign that retraces these states (Tracer::refined)
 /// stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
+  require_in_range("tolerance of J_obs", tolerance, 0.0, 1e3, "");
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
@@ -11325,6 +12384,7 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
 /// nullopt if no two states can be compared. Cost: all pairs.
 inline std::optional<Separation> optical_separation(
     const std::vector<ObservedState>& states, const OpticalError& error = {}) {
+  require_in_range("relative error of J_obs by the mesh", error.mesh, 0.0, 1e3, "");
   const std::vector<Separation> pairs = detail::separations(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(),
       [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
@@ -11535,7 +12595,8 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
   }
 
   /// Lights these states, and the unloaded body on their meshes with the same rays. Patterns of different size are
-  /// independent. `report(count)` is called after each of `count` jobs.
+  /// independent. `report(count)` is called after each of `count` jobs. Throws NumericalError if too much light is
+  /// lost.
   template <Executor E, class Report>
   void trace(const std::vector<Wanted>& wanted, const E& executor, Report&& report) {
     if (guides_.empty()) learn(executor);
@@ -11685,7 +12746,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
 
   void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
     std::vector<Response> lit;
-    for (const std::vector<Response>& p : parts) lit.push_back(Light::joined(p));
+    for (const std::vector<Response>& p : parts) {
+      lit.push_back(Light::joined(p));
+      require_closed(lit.back().ledger, light_.config().largest_lost);
+    }
     for (std::size_t j = 0; j < jobs.size(); ++j) {
       if (ledger.emitted == 0.0 || lit[j].ledger.imbalance() >= ledger.imbalance()) ledger = lit[j].ledger;
       if (jobs[j].state == nullptr) unloaded_[jobs[j].bare] = lit[j];
@@ -11811,8 +12875,9 @@ struct LitSides {
       images = {std::vector<int>{}, std::vector<int>{}};
       return;
     }
-    if (body.symmetry.x && !body.region_image_x) both = with_both_sides(body);
-    if (both && light.channels(*both) != 2 * channels) both.reset();  // this light knows nothing of regions
+    if (body.symmetry.x && body.region) both = with_both_sides(body);
+    const bool knows_regions = both && light.channels(*both) == 2 * channels;
+    if (!knows_regions || region_images(body, 0).kind != RegionImages::Kind::unseen) both.reset();
     const int of_color = channels / colors;
     for (int c = 0; c < colors; ++c)
       for (int k = 0; k < of_color; ++k) seen.push_back(c * (both ? 2 : 1) * of_color + k);
@@ -11997,7 +13062,7 @@ bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, con
 
 /// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
 /// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
-/// every executor. Throws InvalidArgument, also unless has_image_channels().
+/// every executor. Throws InvalidArgument, also unless has_image_channels(), and as Tracer::trace() does.
 template <class P, class Pad, Indenter Tool, Executor E> Observations observe(const Body& body,
     const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;

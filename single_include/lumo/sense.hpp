@@ -145,7 +145,8 @@ class MeshError : public NumericalError {
     timed_out,          ///< the mesher ran out of time
     out_of_memory,      ///< the mesher ran out of memory
     inverted,           ///< an element whose Jacobian is not positive everywhere
-    inaccurate          ///< the mesh's volume or surface is not the body's
+    inaccurate,         ///< the mesh's volume or surface is not the body's
+    asymmetric          ///< not its own mirror image where it claims to be
   };
   MeshError(Reason reason, const std::string& text) : NumericalError(text), reason_(reason) {}
   Reason reason() const { return reason_; }
@@ -202,6 +203,12 @@ struct Limits {
 
 inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) {
   require_in_range(what, value, limits.low, limits.high, unit);
+}
+
+/// Throws InvalidArgument unless `value` is finite.
+inline void require_finite(const char* what, double value, const char* unit) {
+  if (std::isfinite(value)) return;
+  throw InvalidArgument(message(what, " is ", exact(value), " ", unit, ", must be finite"));
 }
 
 /// Throws InvalidArgument unless `value` is finite and positive.
@@ -569,8 +576,10 @@ struct ClockMap {
   double residual_s = 0.0;  ///< RMS residual of a fit; 0 if the map was given
   bool operator==(const ClockMap&) const = default;
 
-  /// Saturates at the limit of stamps.
+  /// Saturates at the limit of stamps. Throws InvalidArgument for an offset or drift that is not finite.
   std::int64_t operator()(std::int64_t from_ns) const {
+    require_finite("offset of a clock", offset_s, "s");
+    require_finite("drift of a clock", drift, "");
     constexpr double limit = double(stamp_limit_ns);
     const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
     return std::clamp<std::int64_t>(
@@ -625,7 +634,7 @@ class TimeSeries {
           message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
   }
 
-  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s`.
+  /// Value at a time; nullopt outside of the series, or in a gap longer than `max_gap_s` (NaN: in each).
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
     const Eigen::MatrixXd& value = value_;
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
@@ -634,7 +643,7 @@ class TimeSeries {
     if (*after == stamp_ns) return Eigen::VectorXd(value.col(j));
     if (after == stamp_.begin()) return std::nullopt;
     const double gap = double(*after - *(after - 1));
-    if (1e-9 * gap > max_gap_s) return std::nullopt;
+    if (!(1e-9 * gap <= max_gap_s)) return std::nullopt;
     const double share = double(stamp_ns - *(after - 1)) / gap;
     return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
   }
@@ -3435,24 +3444,25 @@ struct AxisMap {
   double centroid_sigma_px = 0.0;  ///< assumed or found, whichever is larger
   double residual_px = 0.0;        ///< RMS of the fit
 
-  double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
+  double u_px(const Eigen::Vector2d& pixel) const { return finite((pixel - origin_px).dot(direction)); }
+  /// This and all below throw InvalidArgument for NaN and beyond the line's ends, where the map is not finite.
   double y_m(double u) const {
     const double s = u / half_length_px;
-    return (coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s);
+    return finite((coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s));
   }
-  /// Inverse of y_m.
+  /// Inverse of y_m; infinite at the horizon.
   double u_px(double y) const {
-    return half_length_px * (y - coefficients[0]) / (coefficients[1] - coefficients[2] * y);
+    return half_length_px * (finite(y) - coefficients[0]) / (coefficients[1] - coefficients[2] * y);
   }
   /// dy/du [m/px].
   double scale_m_per_px(double u) const {
     const double w = 1.0 + coefficients[2] * u / half_length_px;
-    return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
+    return finite((coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w));
   }
   /// Variance of y at u [m²] that comes from the map itself.
   double variance_m2(double u) const {
     const Eigen::Vector3d g = gradient(u);
-    return g.dot(covariance * g);
+    return finite(g.dot(covariance * g));
   }
   /// ∂y/∂(a, b, c).
   Eigen::Vector3d gradient(double u) const {
@@ -3466,6 +3476,10 @@ struct AxisMap {
   static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
 
  private:
+  static double finite(double value) {
+    require_finite("place on an axis map", value, "");
+    return value;
+  }
   static constexpr double max_perspective = 0.5;  ///< of |c|: beyond, the line's end lies near the camera
   static constexpr int most_steps = 20;           ///< of Gauss–Newton
   static constexpr double least_step = 1e-14;     ///< [m]: rounding
@@ -3792,9 +3806,16 @@ struct LocationEstimate {
   double probability = 1.0;                ///< of this number of contacts under the model
 };
 
+/// Can a response be worked with: are its values finite, and their squares?
+inline bool is_usable(const Profile& response) {
+  constexpr double largest = 1e100;
+  return (response.value.array().abs() <= largest).all();
+}
+
 /// Locates contacts from responses: profiles minus the unloaded reference.
-/// Laws: causal, the estimate depends on this and earlier responses only; finite for finite responses; a response that
-/// is not newer than its predecessor changes only the answer's stamp; after `reset` the estimator is as new.
+/// Laws: causal, the estimate depends on this and earlier responses only; always finite; a response that is not newer
+/// than its predecessor, or not usable (is_usable), changes only the answer's stamp, but that a gap without usable ones
+/// is forgotten; after `reset` the estimator is as new.
 template <class L>
 concept LocationEstimator = requires(L& localizer, const Profile& response) {
   { localizer.update(response) } -> std::same_as<LocationEstimate>;
@@ -3820,8 +3841,13 @@ struct GridMoments {
 /// Weights below this share of the mode's do not count: what new contacts leave, which may be anywhere.
 inline constexpr double least_grid_weight = 1e-4;
 
-/// Moments about the mode. As many weights as places, one of them positive.
+/// Moments about the mode. Throws InvalidArgument unless there are as many weights as places, all are finite, and the
+/// largest weight is positive.
 inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
+  if (place.size() != weight.size() || weight.size() < 1 || !(place.array().abs() <= 1e100).all() ||
+      !(weight.array().abs() <= 1e100).all() || !(weight.maxCoeff() > 0.0))
+    throw InvalidArgument(message("grid has ", place.size(), " places and ", weight.size(),
+        " weights, must have as many, within 1e100, the largest weight > 0"));
   GridMoments m{0.0, 0.0, 0};
   const double most = weight.maxCoeff(&m.mode);
   double sum = 0.0, first = 0.0, second = 0.0;
@@ -3944,7 +3970,7 @@ inline void BayesLocalizer::require_valid(const Config& c) {
   if (n < 3 || c.noise.size() != n || (c.unloaded.size() != 0 && c.unloaded.size() != n))
     throw InvalidArgument(message("localiser has ", n, " positions, ", c.noise.size(), " noises and ",
         c.unloaded.size(), " unloaded values, must have as many, at least 3"));
-  for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", c.noise[i], "");
+  for (Eigen::Index i = 0; i < n; ++i) require_in_range("noise of a profile's value", c.noise[i], 1e-100, 1e100, "");
   require_ascending_positions(c.position_m);
   if (c.unloaded.size() && !c.unloaded.allFinite()) throw InvalidArgument("localiser: unloaded values must be finite");
   require_in_range("relative change of the lamps", c.lamp_sigma, 0.0, 1e3, "");
@@ -3955,7 +3981,7 @@ inline void BayesLocalizer::require_valid(const Config& c) {
   for (const double w : c.width_m) require_positive("width of a bump", w, "m");
   require_in_range("end of the pad", c.end_m, 0.0, 10.0, "m");
   require_in_range("share of the light that the pad's ends throw back", c.end_share, 0.0, 1.0, "");
-  require_positive("height of a bump", c.amplitude_sigma, "");
+  require_in_range("height of a bump", c.amplitude_sigma, 1e-100, 1e100, "");
   require_in_range("shape error", c.shape_error, 0.0, 1.0, "");
   require_in_range("share of the weaker contact", c.min_share, 0.0, 1.0, "");
   require_positive("rate of change of contacts", c.change_rate_per_s, "1/s");
@@ -4156,6 +4182,10 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
         message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
   const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
   if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
+  if (!is_usable(response)) {
+    if (step_s > config_.gap_s) reset();
+    return answer(response.stamp_ns);
+  }
   if (fresh_ || step_s > config_.gap_s) {
     number_ = Eigen::Vector3d(1.0, 1.0, 1.0) / 3.0;
     place_.setConstant(1.0 / double(grid_.size()));
@@ -4265,6 +4295,10 @@ class PeakLocalizer {
           message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
     const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
     if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
+    if (!is_usable(response)) {
+      if (step_s > config_.gap_s) reset();
+      return answer(response.stamp_ns);
+    }
     if (fresh_ || step_s > config_.gap_s) {
       filtered_ = response.value;
       share_ = 1.0;
@@ -4357,6 +4391,12 @@ concept ContactJacobian = requires(const J& j, const JointVector& q, const Conta
   { j.slope(q, c) } -> std::same_as<JointVector>;
 };
 
+/// Throws InvalidArgument for a place or an angle that is not finite.
+inline void require_finite_pose(const JointVector& q, const ContactPoint& c) {
+  require_finite("place of a contact", c.y_m, "m");
+  for (const double angle : q) require_finite("angle of a joint", angle, "rad");
+}
+
 /// Torques of unit normal forces at several contacts, joints × contacts [m].
 template <ContactJacobian J>
 Eigen::MatrixXd contact_columns(const J& jacobian, const JointVector& q, std::span<const ContactPoint> contacts) {
@@ -4381,8 +4421,11 @@ struct MomentArm {
   double sign = 1.0;                ///< −1 where the motor turns the other way: positive torque lifts the pad off
 
   int joints() const { return 1; }
+  /// Throws InvalidArgument for numbers that are not finite.
   JointVector column(const JointVector&, const ContactPoint& c) const {
-    return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m));
+    const double arm_m = sign * (joint_to_origin_m + c.y_m);
+    require_finite("moment arm of a contact", arm_m, "m");
+    return JointVector::Constant(1, arm_m);
   }
   JointVector slope(const JointVector&, const ContactPoint&) const { return JointVector::Constant(1, sign); }
 };
@@ -4431,6 +4474,7 @@ class PlanarFinger {
       throw InvalidArgument(message("contact lies on link ", c.link, ", the planar finger's pad on link ", pad_link()));
     if (q.size() != joints())
       throw InvalidArgument(message("planar finger has ", joints(), " joints, got ", q.size(), " angles"));
+    require_finite_pose(q, c);
   }
   std::vector<double> way_m_;
   double last_m_;
@@ -4478,22 +4522,22 @@ class SerialChain {
   int joints() const { return int(links_.size()); }
 
   JointVector column(const JointVector& q, const ContactPoint& c) const {
-    const Pose p = pose(q, c.link);
+    const Pose p = pose(q, c);
     const Eigen::Isometry3d& finger = p.finger;
     return torques(p, finger * Vec3d(0.0, c.y_m, 0.0), finger.linear().col(2), true);
   }
   JointVector slope(const JointVector& q, const ContactPoint& c) const {
-    const Pose p = pose(q, c.link);
+    const Pose p = pose(q, c);
     const Eigen::Isometry3d& finger = p.finger;
     return torques(p, finger.linear().col(1), finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
   Vec3d position(const JointVector& q, const ContactPoint& c) const {
-    return pose(q, c.link).finger * Vec3d(0.0, c.y_m, 0.0);
+    return pose(q, c).finger * Vec3d(0.0, c.y_m, 0.0);
   }
   /// Outward normal of the pad there, in the base's frame.
   Vec3d normal(const JointVector& q, const ContactPoint& c) const {
-    const Eigen::Isometry3d finger = pose(q, c.link).finger;
+    const Eigen::Isometry3d finger = pose(q, c).finger;
     return finger.linear().col(2);
   }
 
@@ -4504,11 +4548,13 @@ class SerialChain {
     Eigen::Isometry3d finger;
   };
 
-  Pose pose(const JointVector& q, int link) const {
+  Pose pose(const JointVector& q, const ContactPoint& c) const {
+    const int link = c.link;
     if (link < 0 || link >= joints())
       throw InvalidArgument(message("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints())
       throw InvalidArgument(message("chain has ", joints(), " joints, got ", q.size(), " angles"));
+    require_finite_pose(q, c);
     Pose p;
     p.axis.resize(3, link + 1);
     p.origin.resize(3, link + 1);
@@ -4955,8 +5001,11 @@ inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& 
   if (n < 1 || a.rows() != b.size() || scale.size() != n)
     throw InvalidArgument(message("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(),
         " observations and ", scale.size(), " scales"));
-  if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all())
-    throw InvalidArgument("identification: numbers must be finite, scales positive");
+  if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all() || !(scale.array() <= 1e100).all())
+    throw InvalidArgument("identification: numbers must be finite, scales positive and at most 1e100");
+  require_in_range("standard deviation of an observation", sigma, 0.0, 1e100, "");
+  require_in_range("tolerance of the identification", tolerance, 0.0, 1.0, "");
+  require_in_range("known scales of the identification", known, 0.0, 1e100, "");
   Identification r;
   const Eigen::MatrixXd scaled = a * scale.asDiagonal();
   if (a.rows() == 0 || scaled.cwiseAbs().maxCoeff() == 0.0) {
@@ -5124,6 +5173,8 @@ struct ForceSolutionConfig {
 /// joint's axis.
 template <ContactJacobian J> Identification solve_forces(const J& jacobian, const JointVector& q,
     const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+  for (const double t : contact_torque_Nm) require_in_range("torque of the contacts", t, -1e6, 1e6, "N·m");
+  require_in_range("error of the torque", torque_sigma_Nm, 0.0, 1e6, "N·m");
   const auto m = Eigen::Index(contacts.size());
   const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
   const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
@@ -5149,7 +5200,12 @@ template <ContactJacobian J> TorqueOnlySolution solve_torque_only(const J& jacob
   using Config = ForceSolutionConfig;
   const int link = range.link;
   const double from_m = range.from_m, to_m = range.to_m;
+  require_in_range("start of the finger", from_m, -10.0, 10.0, "m");
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
+  for (const double t : contact_torque_Nm) require_in_range("torque of the contacts", t, -1e6, 1e6, "N·m");
+  if (contact_torque_Nm.size() != jacobian.joints())
+    throw InvalidArgument(
+        message("torques of ", contact_torque_Nm.size(), " joints, the finger has ", jacobian.joints()));
   require_positive("error of the torque", torque_sigma_Nm, "N·m");
   const auto force_at = [&](double y, double& misfit) {
     const JointVector a = jacobian.column(q, {link, y});
@@ -5870,8 +5926,9 @@ class UnloadedReference {
   int count() const { return count_; }
   const Eigen::VectorXd& mean() const { return mean_; }
   /// Standard deviation of one response at each position, the mean's own error included. It is at least `floor`: an
-  /// 8-bit camera that repeats a number is not free of noise.
+  /// 8-bit camera that repeats a number is not free of noise. Throws InvalidArgument for a floor that is not positive.
   Eigen::VectorXd noise(double floor = 0.02) const {
+    require_positive("least noise of a profile", floor, "");
     if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
     const Eigen::VectorXd& squares = squares_;
@@ -6868,8 +6925,9 @@ template <class Chosen> double mean_error_N(std::span<const TorqueForce> samples
 inline std::optional<TorqueScale> torque_scale(std::span<const TorqueForce> samples, int fitted_on = 0) {
   std::map<int, SequenceScale> sequences;
   for (const TorqueForce& s : samples) {
-    if (!std::isfinite(s.force_N) || !std::isfinite(s.true_force_N))
-      throw InvalidArgument("torque scale: forces must be finite");
+    require_in_range("force of the torque scale", s.force_N, -1e6, 1e6, "N");
+    require_in_range("true force of the torque scale", s.true_force_N, -1e6, 1e6, "N");
+    require_in_range("place of the torque scale", s.true_y_m, -10.0, 10.0, "m");
     SequenceScale& of = sequences[s.sequence];
     of.sequence = s.sequence;
     of.y_m += (s.true_y_m - of.y_m) / double(++of.samples);
@@ -7249,6 +7307,9 @@ inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<con
   if (depth_m.size() != force_N.size())
     throw InvalidArgument(
         message("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
+  for (const double d : depth_m) require_finite("depth of a press curve", d, "m");
+  for (const double f : force_N) require_finite("force of a press curve", f, "N");
+  require_in_range("independent samples of a press curve", independent, 0, 1e9, "");
   const auto n = Eigen::Index(depth_m.size());
   StiffnessFit fit{{1.0, 1.0, 1.0}, 0.0, 0.0};
   constexpr int most_steps = 30;                        // of Gauss–Newton; some five are needed
@@ -7450,8 +7511,13 @@ concept Decoder = requires(const D& decoder, const LabelledResponses& training, 
   { decoder.fit(training).decode(response) } -> std::same_as<Decoding>;
 };
 
-/// Softmax of log weights, and its mode.
+/// Softmax of log weights, and its mode; −∞ is a weight of 0. Throws InvalidArgument unless the largest is finite, as
+/// it is not for a response that is not.
 inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
+  constexpr double infinite = std::numeric_limits<double>::infinity();
+  if (!(log_weight.array() < infinite).all() || !(log_weight.array() > -infinite).any())
+    throw InvalidArgument(
+        message("decoder: of ", log_weight.size(), " log weights one must be finite, none NaN or +inf"));
   Decoding d;
   Eigen::Index top = 0;
   const double most = log_weight.maxCoeff(&top);
@@ -7617,12 +7683,15 @@ class PlaceFilter {
     require_in_range("number of places", places, 2, 1e6, "");
     require_in_range("change of place per step", change, 0.0, 1.0, "");
   }
-  /// Takes the log likelihoods of the places (up to a constant) under the next response.
+  /// Takes the log likelihoods of the places (up to a constant) under the next response. Throws InvalidArgument, and
+  /// stays as it was, for another number of places and as decoding_of() does.
   const Eigen::VectorXd& update(const Eigen::VectorXd& log_likelihood) {
     Eigen::VectorXd& p = probability_;
     const double n = double(p.size());
-    p = ((1.0 - change_) * p.array() + change_ / n).max(1e-300);
-    p = decoding_of((p.array().log() + log_likelihood.array()).matrix()).probability;
+    if (log_likelihood.size() != p.size())
+      throw InvalidArgument(message("place filter has ", p.size(), " places, got ", log_likelihood.size()));
+    const Eigen::VectorXd prior = ((1.0 - change_) * p.array() + change_ / n).max(1e-300);
+    p = decoding_of((prior.array().log() + log_likelihood.array()).matrix()).probability;
     return probability_;
   }
   const Eigen::VectorXd& probability() const { return probability_; }
@@ -7839,18 +7908,33 @@ struct Hyperparameters {
   double mean = 0.0;
 };
 
-/// ln x is normal with mean `location` and standard deviation `scale`.
+/// ln x is normal with mean `location` and standard deviation `scale`. Throws InvalidArgument for an x that is not
+/// positive, and for numbers that are no distribution.
 struct LogNormalPrior {
   double location = 0.0;
   double scale = 1.0;
 
   double log_density(double x) const {
+    check(x);
     const double z = (std::log(x) - location) / scale;
     return -std::log(x) - std::log(scale) - 0.5 * std::log(2.0 * pi) - 0.5 * z * z;
   }
   /// d log_density / d ln x.
-  double log_slope(double x) const { return -1.0 - (std::log(x) - location) / (scale * scale); }
-  double mode() const { return std::exp(location - scale * scale); }
+  double log_slope(double x) const {
+    check(x);
+    return -1.0 - (std::log(x) - location) / (scale * scale);
+  }
+  double mode() const {
+    check(1.0);
+    return std::exp(location - scale * scale);
+  }
+
+ private:
+  void check(double x) const {
+    require_positive("argument of a log-normal prior", x, "");
+    require_in_range("location of a log-normal prior", location, -500.0, 500.0, "");
+    require_in_range("scale of a log-normal prior", scale, 1e-6, 1e3, "");
+  }
 };
 
 /// Priors and bounds under which hyper-parameters are fitted. The mean has no prior.
@@ -7993,7 +8077,8 @@ struct QuasiNewton {
 
   /// `function(x, gradient)` returns the value and fills the gradient. The search steps back from values that are not
   /// finite. `start` is moved between the bounds. `hessian`, positive definite, from the search for a like minimum
-  /// saves steps. Throws InvalidArgument if sizes differ or the value at the start is not finite.
+  /// saves steps. Throws InvalidArgument if sizes differ, for a start or bounds that are no numbers, or if the value at
+  /// the start is not finite.
   template <class Function> Minimum minimize(Function&& function, const Eigen::VectorXd& start,
       const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
       const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
@@ -8056,6 +8141,8 @@ template <class Function> Minimum QuasiNewton::minimize(Function&& function, con
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(
         message("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
+  if (!start.allFinite() || !(lower.array() <= upper.array()).all())
+    throw InvalidArgument("minimiser: the start must be finite, lower bounds at most the upper ones");
   Minimum best;
   best.x = start.cwiseMax(lower).cwiseMin(upper);
   best.gradient.resize(n);
@@ -8199,9 +8286,11 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// Takes hyper-parameters as given. Throws as fit(), and if no bounded jitter makes the covariance positive definite.
   GaussianProcess(const TrainingData& data, const Hyperparameters& h, const Config& config = {})
       : GaussianProcess(data, config) {
-    if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
+    if (h.length_scale.size() != x_.rows() || !h.length_scale.allFinite() || !(h.length_scale.minCoeff() > 0.0) ||
+        !(h.noise >= 0.0 && std::isfinite(h.noise)))
       throw InvalidArgument(message("Gaussian process: needs ", x_.rows(),
           " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
+    require_finite("mean of a Gaussian process", h.mean, "");
     condition(h);
   }
 
@@ -8215,7 +8304,8 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return (value.log_likelihood + value.log_prior) / double(size());
   }
 
-  /// Mean and variance of the latent function (without observation noise) at the columns of `x`.
+  /// Mean and variance of the latent function (without observation noise) at the columns of `x`. All that takes places
+  /// throws InvalidArgument for another number of inputs, and for numbers that are not finite.
   struct Prediction {
     Eigen::VectorXd mean, variance;
   };
@@ -8238,9 +8328,9 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// Joint samples at the columns of `x`: points × samples, from standard normal numbers of the same shape. nullopt if
   /// the covariance cannot be factorised.
   std::optional<Eigen::MatrixXd> sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const {
-    if (normals.rows() != x.cols())
+    if (normals.rows() != x.cols() || !normals.allFinite())
       throw InvalidArgument(
-          message("samples at ", x.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
+          message("samples at ", x.cols(), " points need as many rows of finite normal numbers, not ", normals.rows()));
     const auto factor = jittered_factor(covariance(x, x));
     if (!factor) return std::nullopt;
     return (factor->lower * normals).colwise() + predict(x).mean;
@@ -8271,7 +8361,14 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     return config_.kernel.correlation(r2);
   }
   Eigen::MatrixXd normalized(const Eigen::MatrixXd& x) const {
-    return ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix();
+    if (x.rows() != lower_.size() || !x.allFinite())
+      throw InvalidArgument(
+          message("Gaussian process: places have ", x.rows(), " inputs, must have ", lower_.size(), " finite ones"));
+    Eigen::MatrixXd unit = ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix();
+    constexpr double largest = 1e100;  // squares of differences do not overflow
+    if (!(unit.array().abs() <= largest).all())
+      throw InvalidArgument("Gaussian process: a place is more than 1e100 widths of the bounds away");
+    return unit;
   }
   const Eigen::VectorXd& weights() const { return whitened_y_; }  ///< L⁻¹(y − mean), standardised
   double output_mean() const { return output_mean_; }
@@ -8659,8 +8756,8 @@ inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eig
 
 /// 100 (1 − W/W_base) [%]: by how much a variation is smaller than the baseline's.
 inline double reduction_percent(double value, double baseline) {
-  require_positive("baseline's value", baseline, "");
-  constexpr double most = std::numeric_limits<double>::max();
+  constexpr double most = 1e150;  // their ratio does not overflow
+  require_in_range("baseline's value", baseline, 1.0 / most, most, "");
   require_in_range("value", value, -most, most, "");
   return 100.0 * (1.0 - value / baseline);
 }
