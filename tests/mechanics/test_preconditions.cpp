@@ -97,7 +97,7 @@ TEST_CASE("what nothing holds, and a tool that meets what it may not touch, is s
 TEST_CASE("a tool that lies far off its own origin is named as such when it passes by") {
   const auto [body, mesh] = small_block();
   const auto scenario = [](const Vec3d& at) {
-    return Scenario<MeshIndenter>{MeshIndenter(tetrahedron_at(at, 3e-3), 16), 0.0, 0.0, {0.2}};
+    return Scenario<MeshIndenter>{MeshIndenter(tetrahedron_at(at, 3e-3)), 0.0, 0.0, {0.2}};
   };
   CHECK_THROWS_WITH(first_touch(body, mesh, scenario({0.1, 0.1, 0.0})), Catch::Contains("mm off its own origin"));
   CHECK_NOTHROW(first_touch(body, mesh, scenario({0.0, 0.0, 0.1})));  // on the line: it is only far

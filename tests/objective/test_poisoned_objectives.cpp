@@ -43,6 +43,8 @@ struct TermsOfFourLoads {
       s.force_N = x[8 + 4 * k];
       s.depth_m = x[9 + 4 * k];
       s.contact_area_m2 = x[10 + 4 * k];
+      s.energy_error = 0.01 * x[9 + 4 * k];
+      s.spots = {{.force_N = x[8 + 4 * k], .area_m2 = x[10 + 4 * k], .rim_m = 1e-2, .edge_m = x[11 + 4 * k]}};
       s.contact_field.assign(mesh.nodes.size(), -1e-3);
       for (std::size_t n = 0; n < mesh.nodes.size(); n += 2) s.contact_field[n] = 1e-3 * double(k);
       s.contact_field[mesh.nodes.size() / 2] = x[11 + 4 * k];
