@@ -15939,7 +15939,12 @@ inline Estimate clipped(const Estimate& e) {
 /// Are the numbers finite that terms are made of?
 inline bool is_sound(const MechanicalState& s) {
   return std::isfinite(s.force_N) && std::isfinite(s.depth_m) && std::isfinite(s.contact_area_m2) &&
-         s.contact_area_m2 >= 0.0 &&
+         s.contact_area_m2 >= 0.0 && s.energy_error >= 0.0 && std::isfinite(s.energy_error) &&
+         std::all_of(s.spots.begin(), s.spots.end(),
+             [](const ContactSpot& spot) {
+               return spot.force_N > 0.0 && spot.force_outside_N >= 0.0 && spot.area_m2 >= 0.0 && spot.rim_m >= 0.0 &&
+                      std::isfinite(spot.force_N + spot.force_outside_N + spot.area_m2 + spot.rim_m + spot.edge_m);
+             }) &&
          std::none_of(s.contact_field.begin(), s.contact_field.end(), [](double gap) { return std::isnan(gap); });
 }
 
@@ -15997,7 +16002,8 @@ inline std::optional<Estimate> ContactTerms::score() const {
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
     double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
   require_positive("radius of the indenter", radius_m, "m");
-  for (const double e : {error.area, error.overlap, error.stiffness})
+  for (const double e :
+      {error.area, error.area_power, error.outside, error.coarsest, error.most_outside, error.stiffness})
     require_in_range("error of the contact's terms", e, 0.0, 1e3, "");
   const auto at = [&](double load) -> const MechanicalState* {
     require_positive("load of the contact's terms", load, "N");
@@ -16365,7 +16371,10 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
     kept.penetration_m = s.penetration_m;
     kept.depth_error_m = error.of_stiffness(s) * s.depth_m;
     kept.contact_area_error_m2 = error.of_area(s) * s.contact_area_m2;
-    if (const auto spot = error.unresolved_in(s); spot && !record.unresolved) record.unresolved = spot;
+    if (const auto spot = error.unresolved_in(s)) {
+      kept.contact_area_error_m2 += pi * spot->edge_m * spot->edge_m;
+      if (!record.unresolved) record.unresolved = spot;
+    }
   }
   if (record.unresolved && is_scored(record.status, true)) record.status = Status::unresolved;
   return record;

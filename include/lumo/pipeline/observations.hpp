@@ -79,7 +79,10 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
     kept.penetration_m = s.penetration_m;
     kept.depth_error_m = error.of_stiffness(s) * s.depth_m;
     kept.contact_area_error_m2 = error.of_area(s) * s.contact_area_m2;
-    if (const auto spot = error.unresolved_in(s); spot && !record.unresolved) record.unresolved = spot;
+    if (const auto spot = error.unresolved_in(s)) {
+      kept.contact_area_error_m2 += pi * spot->edge_m * spot->edge_m;
+      if (!record.unresolved) record.unresolved = spot;
+    }
   }
   if (record.unresolved && is_scored(record.status, true)) record.status = Status::unresolved;
   return record;
