@@ -23,8 +23,8 @@ std::vector<Start> starts(double z_m, std::optional<double> closes_m) {
   ray.origin = {1e-4, 2e-4, z_m};
   ray.direction = Vec3d(0.5, 0.0, 0.8).normalized();
   std::vector<Start> all;
-  FilmLaunch(scene, closes_m)(ray, Vec3d::UnitZ(), [&](const PrimaryRay& from, double share, bool inside) {
-    all.push_back({from, share, inside});
+  FilmLaunch(scene, closes_m)(ray, Vec3d::UnitZ(), [&](const PrimaryRay& from, double share, bool in_body) {
+    all.push_back({from, share, in_body});
   });
   for (const Start& s : all) CHECK(s.ray.direction == ray.direction);
   return all;
