@@ -111,7 +111,9 @@ TEST_CASE("light that is lost beyond a millionth is no result, also of what is j
     CHECK_THROWS_AS(Tracer<BeerLambert>(config).trace(m.body, m.mesh), InvalidArgument);
   }
 
-  EnergyLedger ledger{.emitted = 2.0, .elsewhere = 2.0};
+  EnergyLedger ledger;
+  ledger.emitted = 2.0;
+  ledger.elsewhere = 2.0;
   CHECK_NOTHROW(require_closed(ledger));
   ledger.elsewhere = 2.0 - 1e-6;
   ledger.lost = 1e-6;

@@ -17,7 +17,7 @@ Numbers list(const Eigen::MatrixXd& m) { return Numbers(m.data(), m.data() + m.s
 // Documented infinities at the ends of a distribution become ±1e300.
 Numbers ended(double v) { return {std::clamp(v, -1e300, 1e300)}; }
 
-Eigen::MatrixXd columns(const Numbers& x, std::size_t from, Eigen::Index rows, Eigen::Index count) {
+Eigen::MatrixXd taken(const Numbers& x, std::size_t from, Eigen::Index rows, Eigen::Index count) {
   return Eigen::Map<const Eigen::MatrixXd>(x.data() + from, rows, count);
 }
 
@@ -62,24 +62,24 @@ std::vector<test::PoisonedCase> cases_of_models() {
           }},
       {"GaussianProcess::fit", {0.0, 0.5, 1.0, 1.0, 2.0, 1.5, 0.0, 1.0},
           [](const Numbers& x) {
-            const auto fitted = GaussianProcess<>::fit(
-                {columns(x, 0, 1, 3), columns(x, 3, 3, 1), columns(x, 6, 1, 1), columns(x, 7, 1, 1)});
+            const auto fitted =
+                GaussianProcess<>::fit({taken(x, 0, 1, 3), taken(x, 3, 3, 1), taken(x, 6, 1, 1), taken(x, 7, 1, 1)});
             return list(fitted.predict(Eigen::MatrixXd::Constant(1, 1, 0.4)).mean);
           }},
-      {"predict", {0.4}, [gp = process()](const Numbers& x) { return list(gp.predict(columns(x, 0, 1, 1)).mean); }},
-      {"mean", {0.4}, [gp = process()](const Numbers& x) { return list(gp.mean(columns(x, 0, 1, 1))); }},
+      {"predict", {0.4}, [gp = process()](const Numbers& x) { return list(gp.predict(taken(x, 0, 1, 1)).mean); }},
+      {"mean", {0.4}, [gp = process()](const Numbers& x) { return list(gp.mean(taken(x, 0, 1, 1))); }},
       {"covariance", {0.4, 0.6},
-          [gp = process()](const Numbers& x) { return list(gp.covariance(columns(x, 0, 1, 1), columns(x, 1, 1, 1))); }},
+          [gp = process()](const Numbers& x) { return list(gp.covariance(taken(x, 0, 1, 1), taken(x, 1, 1, 1))); }},
       {"sample", {0.4, 0.6, 0.1, -0.2},
           [gp = process()](const Numbers& x) {
-            const auto s = gp.sample(columns(x, 0, 1, 2), columns(x, 2, 2, 1));
+            const auto s = gp.sample(taken(x, 0, 1, 2), taken(x, 2, 2, 1));
             return s ? list(0.5 * *s) : Numbers{};
           }},
       {"SuccessModel", {0.1, 0.9, 0.4},
           [](const Numbers& x) {
             const SuccessModel<> model(
-                columns(x, 0, 1, 1), columns(x, 1, 1, 1), Eigen::VectorXd::Zero(1), Eigen::VectorXd::Ones(1));
-            return list(model.log_probability(columns(x, 2, 1, 1)));
+                taken(x, 0, 1, 1), taken(x, 1, 1, 1), Eigen::VectorXd::Zero(1), Eigen::VectorXd::Ones(1));
+            return list(model.log_probability(taken(x, 2, 1, 1)));
           }},
       {"QuasiNewton", {0.5, -1.0, 2.0},
           [](const Numbers& x) {
@@ -87,8 +87,7 @@ std::vector<test::PoisonedCase> cases_of_models() {
               slope = 2.0 * at;
               return at.squaredNorm();
             };
-            const auto least =
-                QuasiNewton{}.minimize(bowl, columns(x, 0, 1, 1), columns(x, 1, 1, 1), columns(x, 2, 1, 1));
+            const auto least = QuasiNewton{}.minimize(bowl, taken(x, 0, 1, 1), taken(x, 1, 1, 1), taken(x, 2, 1, 1));
             return ended(least.value);
           }},
   };
@@ -99,16 +98,15 @@ std::vector<test::PoisonedCase> cases_of_searches() {
       {"pareto_front", front,
           [](const Numbers& x) {
             Numbers all;
-            for (const Eigen::Index i : pareto_front(columns(x, 0, 2, 3))) all.push_back(double(i));
+            for (const Eigen::Index i : pareto_front(taken(x, 0, 2, 3))) all.push_back(double(i));
             return all;
           }},
       {"nondominated_boxes", front,
-          [](const Numbers& x) { return list(nondominated_boxes(columns(x, 0, 2, 3), columns(x, 6, 2, 1)).lower); }},
-      {"hypervolume", front,
-          [](const Numbers& x) { return ended(hypervolume(columns(x, 0, 2, 3), columns(x, 6, 2, 1))); }},
+          [](const Numbers& x) { return list(nondominated_boxes(taken(x, 0, 2, 3), taken(x, 6, 2, 1)).lower); }},
+      {"hypervolume", front, [](const Numbers& x) { return ended(hypervolume(taken(x, 0, 2, 3), taken(x, 6, 2, 1))); }},
       {"ExpectedHypervolume", {2.5, 2.5, 0.3, 0.4},
           [](const Numbers& x) {
-            const ExpectedHypervolume e(columns(front, 0, 2, 3), columns(front, 6, 2, 1));
+            const ExpectedHypervolume e(taken(front, 0, 2, 3), taken(front, 6, 2, 1));
             const Eigen::Vector2d mean(x[0], x[1]), deviation(x[2], x[3]);
             return Numbers{ended(e.value(mean, deviation))[0], ended(e.log_value(mean, deviation))[0]};
           }},
@@ -120,7 +118,7 @@ std::vector<test::PoisonedCase> cases_of_searches() {
       {"Trials::tell", {0.5, 1.0},
           [](const Numbers& x) {
             Problem problem;
-            problem.space.variables = {{"a"}};
+            problem.space.variables = {{"a", 0.0, 1.0, 0.0, ""}};
             problem.objectives = {{"y"}};
             Trials trials(problem, 1, 0);
             trials.open(0, {x[0]});
@@ -130,7 +128,7 @@ std::vector<test::PoisonedCase> cases_of_searches() {
       {"Problem::validate", {0.0, 0.5},
           [](const Numbers& x) {
             Problem problem;
-            problem.space.variables = {{"a"}};
+            problem.space.variables = {{"a", 0.0, 1.0, 0.0, ""}};
             problem.objectives = {{"y", true, x[0]}};
             problem.initial = {{x[1]}};
             problem.validate();
