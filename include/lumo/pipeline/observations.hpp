@@ -34,10 +34,10 @@ struct ScenarioRecord {
   double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
   /// Of the last state that was tried; unresolved where all converged, and one has such a contact.
   Status status = Status::non_finite;
-  std::optional<Unresolved> unresolved;
   ContactTerms terms;
   std::vector<StateRecord> states;
   TiltPlane tilt = TiltPlane::xz;
+  std::optional<Unresolved> unresolved = std::nullopt;  ///< the first contact that its mesh does not resolve
 };
 
 /// Seconds spent, summed over threads, and by the clock in all.
