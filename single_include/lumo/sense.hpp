@@ -5928,7 +5928,7 @@ class UnloadedReference {
   /// Standard deviation of one response at each position, the mean's own error included. It is at least `floor`: an
   /// 8-bit camera that repeats a number is not free of noise. Throws InvalidArgument for a floor that is not positive.
   Eigen::VectorXd noise(double floor = 0.02) const {
-    require_positive("least noise of a profile", floor, "");
+    require_in_range("least noise of a profile", floor, 0.0, std::numeric_limits<double>::max(), "");
     if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
     const Eigen::VectorXd& squares = squares_;

@@ -32,6 +32,8 @@ STATE = [
     "penetration_mm",
     "response",
     "response_change_err",
+    "depth_err_mm",
+    "contact_area_err_mm2",
 ]
 SCENARIO = ["diameter_mm", "angle_deg", "y_mm", "status", "q_form", "q_stable", "q_stiff", "states"]
 EVALUATION = [
@@ -225,8 +227,12 @@ class Quick(unittest.TestCase):
         self.assertGreater(report["states"][0]["depth_mm"], 0)
         self.assertIsNone(report["states"][1]["depth_mm"])
         self.assertEqual(
-            [line.split(" (")[0] for line in done.stderr.splitlines() if "press" in line or "no eq" in line],
-            ["lumo: press ...", "lumo: no equilibrium at 900 N"],
+            [
+                line.split(" (")[0].split(" in ")[0]
+                for line in done.stderr.splitlines()
+                if "press" in line or "no eq" in line
+            ],
+            ["lumo: press ...", "lumo: press: done", "lumo: no equilibrium at 900 N"],
         )
 
     def test_files_of_an_earlier_press_stay(self):
@@ -309,7 +315,8 @@ class Quick(unittest.TestCase):
                         "friction": 0.2,
                     },
                 )
-                self.assertEqual(report["status"], "held" if sweeps else "converged")
+                # On such edges areas may be unknown; forces and depths are not.
+                self.assertIn(report["status"], ["held"] if sweeps else ["converged", "unresolved"])
                 (state,) = report["states"]
                 self.assertGreater(state["residual_N"], 0)
                 if not sweeps:
@@ -391,7 +398,9 @@ class Quick(unittest.TestCase):
             self.assertIsNotNone(row["q_form"])
             self.assertIsNone(row["q_stiff"])  # needs loads that were not given
             self.assertIn(row["name"], page)
-        self.assertEqual([r["status"] for r in report["rows"]], ["held", "held", "converged", "converged"])
+        self.assertEqual([r["status"] for r in report["rows"][:2]], ["held", "held"])
+        for row in report["rows"][2:]:
+            self.assertIn(row["status"], ["converged", "unresolved"])  # edges of 4 mm
         self.assertEqual(len({json.dumps(r["mesh"]) for r in (few, many, linear)}), 1)
         for row in (linear, quadratic):
             for state in row["states"]:

@@ -380,7 +380,7 @@ TEST_CASE(
     "Regions in space stay where they are when the pad is moved, regions of the material go with it", "[tracer]") {
   const PadShape s = coarse(0.0);
   Model m = pad(s);
-  m.body.symmetry = m.mesh.symmetry = {};
+  m.mesh.symmetry = {};
   m.body.region = [](const Vec3d& p, const Vec3d&) {
     return p.y() < -27.5e-3 || p.y() > 27.5e-3 ? -1 : std::min(10, int((p.y() + 27.5e-3) / 5e-3));
   };

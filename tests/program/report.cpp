@@ -68,6 +68,7 @@ PressOutcome press_of(std::vector<MechanicalState> states) {
   for (MechanicalState& s : states) {
     s.displacement.assign(n, Vec3d(1.4e-6, 0.0, -2.6e-6));
     s.pressure_Pa.assign(n, 5e3);
+    s.traction_Pa.assign(n, Vec3d(0.0, 0.0, -5e3));
     s.contact_field.assign(n, -std::numeric_limits<double>::infinity());
   }
   outcome.press->states = std::move(states);
@@ -126,7 +127,9 @@ TEST_CASE("a press in the page: whole micrometres, four triangles a face, the sp
   REQUIRE(j["states"].size() == 1);
   CHECK(j["states"][0]["displacement_um"][0] == 1);
   CHECK(j["states"][0]["displacement_um"][2] == -3);
-  CHECK(j["states"][0]["pressure_kPa"][0] == 5.0);
+  CHECK(j["states"][0]["traction_kPa"].size() == 3 * 25);
+  CHECK(j["states"][0]["traction_kPa"][2] == -5.0);
+  CHECK(j["states"][0]["traction_sum_N"] == 0.0);  // no point of it was given
   CHECK(j["states"][0]["sphere_z_mm"].get<double>() == Approx(12.0 + 15.0 - 1.5));
   CHECK(j["states"][0]["outlines_mm"].empty());
 }

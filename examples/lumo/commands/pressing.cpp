@@ -31,13 +31,20 @@ std::string_view advice(Status status, const Configuration& asked) {
 
 std::string failure_of(const Configuration& asked, const std::vector<ScenarioRecord>& scenarios) {
   for (const ScenarioRecord& s : scenarios) {
-    if (is_scored(s.status, true)) continue;  // who asked for a solver that holds gets what it holds
-    if (s.unresolved) return unresolved_contact(s);
+    if (is_scored(s.status, true)) continue;       // who asked for a solver that holds gets what it holds
+    if (s.status == Status::unresolved) continue;  // equilibria, of which only areas are not known
     const double load_N = s.states.empty() ? 0.0 : s.states.back().load_N;
     return lumo::message("no equilibrium at ", load_N, " N (", to_string(s.status), ": ", meaning(s.status),
         "), sphere of ", mm(s.diameter_m), " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m), " mm",
         advice(s.status, asked));
   }
+  return "";
+}
+
+std::string unscored(const Configuration& asked, const std::vector<ScenarioRecord>& scenarios) {
+  if (std::string why = failure_of(asked, scenarios); !why.empty()) return why;
+  for (const ScenarioRecord& s : scenarios)
+    if (s.status == Status::unresolved) return unresolved_contact(s);
   return "";
 }
 

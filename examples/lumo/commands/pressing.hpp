@@ -10,6 +10,8 @@ namespace lumo::program {
 
 /// What a press that found no equilibrium says; empty for one that did.
 std::string failure_of(const Configuration& asked, const std::vector<ScenarioRecord>& scenarios);
+/// The same, or what an evaluation says that has no score because its mesh does not resolve a contact.
+std::string unscored(const Configuration& asked, const std::vector<ScenarioRecord>& scenarios);
 
 /// A command that presses one sphere on one pad.
 struct PressCommand : DesignCommand {

@@ -87,11 +87,8 @@ inline Json place(const ScenarioRecord& s) {
 }
 
 inline Json json(const ContactTerms& t) {
-  Json j;
-  put(j, "q_form", t.form);
-  put(j, "q_stable", t.stable);
-  put(j, "q_stiff", t.stiff);
-  return j;
+  return {{"q_form", number(value_of(t.form))}, {"q_stable", number(value_of(t.stable))},
+      {"q_stiff", number(value_of(t.stiff))}};
 }
 
 inline Json json(const ScenarioRecord& s) {

@@ -68,8 +68,8 @@ class Tracer {
     double roulette_below = 0.02;  ///< branches below this share of their path's start weight may be ended
     double scattered_below = 0.5;  ///< the same for the many branches that were scattered in the medium
     int max_events = 4096;         ///< a branch that meets more surfaces is booked as lost
-    /// Share of the emitted power beyond which a result is refused. Only light that is caught for good, in a body that
-    /// absorbs nothing, needs more.
+    /// Share of the emitted power beyond which a result is refused, if it is more than a few paths (lost_admitted).
+    /// Only light that is caught for good, in a body that absorbs nothing, needs more.
     double largest_lost = EnergyLedger::largest_lost;
     std::uint64_t seed = 0;  ///< another number, another independent pattern
     OpticalScene::Config scene{};
@@ -120,6 +120,13 @@ class Tracer {
     c.exit_rays = times(c.exit_rays, 1);
     if (pattern > 0) c.seed = combine(config_.seed, pattern);
     return t;
+  }
+
+  /// Share of lost light up to which a result stands: a few paths may be lost, however few there are.
+  double lost_admitted(const Body& body) const {
+    constexpr double few = 10.0;
+    return std::max(config_.largest_lost,
+        few / (double(config_.rays_per_emitter) * double(std::max<std::size_t>(1, body.emitters.size()))));
   }
 
   /// `count` of the replicates from `first` on, as a tracer of its own: tasks that can run side by side. joined() makes
@@ -226,7 +233,7 @@ class Tracer {
     response.rays = path.rays;
     response.segments = path.segments;
     response = averaged(std::move(response));
-    if (count_ == 0) require_closed(response.ledger, config_.largest_lost);
+    if (count_ == 0) require_closed(response.ledger, lost_admitted(body));
     return response;
   }
 

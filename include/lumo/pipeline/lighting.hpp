@@ -253,9 +253,9 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
 
   void keep(const std::vector<Job>& jobs, const std::vector<std::vector<Response>>& parts) {
     std::vector<Response> lit;
-    for (const std::vector<Response>& p : parts) {
-      lit.push_back(Light::joined(p));
-      require_closed(lit.back().ledger, light_.config().largest_lost);
+    for (std::size_t j = 0; j < jobs.size(); ++j) {
+      lit.push_back(Light::joined(parts[j]));
+      require_closed(lit.back().ledger, light_.refined(jobs[j].bare.rays).lost_admitted(body_));
     }
     for (std::size_t j = 0; j < jobs.size(); ++j) {
       if (ledger.emitted == 0.0 || lit[j].ledger.imbalance() >= ledger.imbalance()) ledger = lit[j].ledger;
