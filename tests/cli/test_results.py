@@ -395,7 +395,8 @@ class Quick(unittest.TestCase):
         for row in report["rows"]:
             self.assertEqual(list(row), STUDIED)
             self.assertEqual([s["load_N"] for s in row["states"]], [1, 2])
-            self.assertIsNotNone(row["q_form"])
+            if row["status"] != "unresolved":
+                self.assertIsNotNone(row["q_form"])
             self.assertIsNone(row["q_stiff"])  # needs loads that were not given
             self.assertIn(row["name"], page)
         self.assertEqual([r["status"] for r in report["rows"][:2]], ["held", "held"])
