@@ -7024,6 +7024,7 @@ namespace detail {
 // Nodes of a surface beside a rigid thing, numbered among themselves.
 struct SurfaceNodes {
   std::vector<int> mesh_node;
+  std::vector<int> number;                    // of each of the mesh's nodes among these; −1: it is none of them
   std::vector<Vec3d> place;                   // now [m]
   std::vector<Vec3d> away;                    // gradient of the rigid thing's signed distance
   std::vector<double> gap;                    // [m]; infinite where there is nothing to touch
@@ -7032,16 +7033,8 @@ struct SurfaceNodes {
   std::vector<int> first, neighbour;          // along edges of sub-triangles: neighbour[first[k]] …
 
   std::size_t size() const { return mesh_node.size(); }
-  // Of the mesh's nodes here, up to the last one that is.
-  std::vector<std::size_t> numbers() const {
-    std::vector<std::size_t> number;
-    for (std::size_t k = 0; k < size(); ++k) {
-      const std::size_t node = std::size_t(mesh_node[k]);
-      if (node >= number.size()) number.resize(node + 1);
-      number[node] = k;
-    }
-    return number;
-  }
+  // Of a mesh's node that is here.
+  std::size_t at(int node) const { return std::size_t(number[std::size_t(node)]); }
   std::span<const int> around(std::size_t k) const {
     return {neighbour.data() + first[k], std::size_t(first[k + 1] - first[k])};
   }
@@ -7060,7 +7053,8 @@ template <class Visit> void for_sub_triangles(const ContactSurface& surface, con
 template <class Tool>
 SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
   SurfaceNodes s;
-  std::vector<int> number(std::size_t(x.cols()), -1);
+  std::vector<int>& number = s.number;
+  number.assign(std::size_t(x.cols()), -1);
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
       const int node = surface.face(f).nodes[k];
@@ -7538,10 +7532,9 @@ struct PressedPoint {
 inline std::vector<double> bearing(
     const ContactSurface& surface, const std::vector<PressedPoint>& pressed, const SurfaceNodes& nodes) {
   std::vector<double> part(nodes.size(), 0.0);
-  const std::vector<std::size_t> number = nodes.numbers();
   for (const PressedPoint& p : pressed) {
     const std::array<int, 3> node = surface.sub_triangle(p.face, std::size_t(p.point->part));
-    for (std::size_t k = 0; k < 3; ++k) part[number[std::size_t(node[k])]] += p.point->area_m2 * p.point->hat[k];
+    for (std::size_t k = 0; k < 3; ++k) part[nodes.at(node[k])] += p.point->area_m2 * p.point->hat[k];
   }
   for (std::size_t k = 0; k < part.size(); ++k)
     if (part[k] > 0.0) part[k] /= nodes.area[k];
@@ -7575,17 +7568,16 @@ inline std::vector<ContactSpot> contact_spots(const ContactSurface& surface, con
     const SurfaceNodes& nodes, const ContactEdge& edge) {
   std::vector<ContactSpot> spots(edge.parts() + 1);
   measure_spots(nodes, edge, spots);
-  const std::vector<std::size_t> number = nodes.numbers();
   std::vector<double> bearing_edge(spots.size(), 0.0);
   for (const PressedPoint& p : pressed) {
     const std::array<int, 3> node = surface.sub_triangle(p.face, std::size_t(p.point->part));
     double field = 0.0;
     std::size_t nearest = 0;
     for (std::size_t k = 0; k < 3; ++k) {
-      field += p.point->hat[k] * edge.field()[number[std::size_t(node[k])]];
+      field += p.point->hat[k] * edge.field()[nodes.at(node[k])];
       if (p.point->hat[k] > p.point->hat[nearest]) nearest = k;
     }
-    const std::size_t at = number[std::size_t(node[nearest])];
+    const std::size_t at = nodes.at(node[nearest]);
     const std::size_t part = edge.part_of_node(at) >= 0 ? std::size_t(edge.part_of_node(at)) : edge.parts();
     ContactSpot& spot = spots[part];
     spot.force_N += p.force_N;

@@ -108,7 +108,7 @@ void assume_built(Configuration& c) {
   c.search.references = References::built;
 }
 
-/// docs/pages/benchmarks.md has what it is off by.
+/// docs/manual.md has what it is off by.
 void assume_quick(Configuration& c) {
   constexpr double rays = 0.25, noise = 3.5;
   c.pad.finger.mesh = c.pad.finger.mesh.quick();

@@ -25,6 +25,7 @@ namespace detail {
 // Nodes of a surface beside a rigid thing, numbered among themselves.
 struct SurfaceNodes {
   std::vector<int> mesh_node;
+  std::vector<int> number;                    // of each of the mesh's nodes among these; −1: it is none of them
   std::vector<Vec3d> place;                   // now [m]
   std::vector<Vec3d> away;                    // gradient of the rigid thing's signed distance
   std::vector<double> gap;                    // [m]; infinite where there is nothing to touch
@@ -33,16 +34,8 @@ struct SurfaceNodes {
   std::vector<int> first, neighbour;          // along edges of sub-triangles: neighbour[first[k]] …
 
   std::size_t size() const { return mesh_node.size(); }
-  // Of the mesh's nodes here, up to the last one that is.
-  std::vector<std::size_t> numbers() const {
-    std::vector<std::size_t> number;
-    for (std::size_t k = 0; k < size(); ++k) {
-      const std::size_t node = std::size_t(mesh_node[k]);
-      if (node >= number.size()) number.resize(node + 1);
-      number[node] = k;
-    }
-    return number;
-  }
+  // Of a mesh's node that is here.
+  std::size_t at(int node) const { return std::size_t(number[std::size_t(node)]); }
   std::span<const int> around(std::size_t k) const {
     return {neighbour.data() + first[k], std::size_t(first[k + 1] - first[k])};
   }
@@ -61,7 +54,8 @@ template <class Visit> void for_sub_triangles(const ContactSurface& surface, con
 template <class Tool>
 SurfaceNodes nodes_beside(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
   SurfaceNodes s;
-  std::vector<int> number(std::size_t(x.cols()), -1);
+  std::vector<int>& number = s.number;
+  number.assign(std::size_t(x.cols()), -1);
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) {
       const int node = surface.face(f).nodes[k];

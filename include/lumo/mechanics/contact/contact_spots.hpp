@@ -23,10 +23,9 @@ struct PressedPoint {
 inline std::vector<double> bearing(
     const ContactSurface& surface, const std::vector<PressedPoint>& pressed, const SurfaceNodes& nodes) {
   std::vector<double> part(nodes.size(), 0.0);
-  const std::vector<std::size_t> number = nodes.numbers();
   for (const PressedPoint& p : pressed) {
     const std::array<int, 3> node = surface.sub_triangle(p.face, std::size_t(p.point->part));
-    for (std::size_t k = 0; k < 3; ++k) part[number[std::size_t(node[k])]] += p.point->area_m2 * p.point->hat[k];
+    for (std::size_t k = 0; k < 3; ++k) part[nodes.at(node[k])] += p.point->area_m2 * p.point->hat[k];
   }
   for (std::size_t k = 0; k < part.size(); ++k)
     if (part[k] > 0.0) part[k] /= nodes.area[k];
@@ -60,17 +59,16 @@ inline std::vector<ContactSpot> contact_spots(const ContactSurface& surface, con
     const SurfaceNodes& nodes, const ContactEdge& edge) {
   std::vector<ContactSpot> spots(edge.parts() + 1);
   measure_spots(nodes, edge, spots);
-  const std::vector<std::size_t> number = nodes.numbers();
   std::vector<double> bearing_edge(spots.size(), 0.0);
   for (const PressedPoint& p : pressed) {
     const std::array<int, 3> node = surface.sub_triangle(p.face, std::size_t(p.point->part));
     double field = 0.0;
     std::size_t nearest = 0;
     for (std::size_t k = 0; k < 3; ++k) {
-      field += p.point->hat[k] * edge.field()[number[std::size_t(node[k])]];
+      field += p.point->hat[k] * edge.field()[nodes.at(node[k])];
       if (p.point->hat[k] > p.point->hat[nearest]) nearest = k;
     }
-    const std::size_t at = number[std::size_t(node[nearest])];
+    const std::size_t at = nodes.at(node[nearest]);
     const std::size_t part = edge.part_of_node(at) >= 0 ? std::size_t(edge.part_of_node(at)) : edge.parts();
     ContactSpot& spot = spots[part];
     spot.force_N += p.force_N;
