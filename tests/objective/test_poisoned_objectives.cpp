@@ -26,7 +26,8 @@ Response response(const Numbers& x, std::size_t from, double emitted) {
 }
 
 std::vector<ObservedState> two_places(const Numbers& x) {
-  return {{0, 0.01, 0.0, -0.02, 1.0, matrix(x, 0)}, {1, 0.01, 0.0, 0.02, 1.0, matrix(x, 4)}};
+  return {{0, 0.01, 0.0, -0.02, 1.0, matrix(x, 0), TiltPlane::xz, x[9], x[10]},
+      {1, 0.01, 0.0, 0.02, 1.0, matrix(x, 4), TiltPlane::xz, x[10], x[9]}};
 }
 
 struct TermsOfFourLoads {
@@ -63,6 +64,8 @@ TEST_CASE("numbers that are none, fed to objectives, give a typed error or a fin
   const Numbers eight{1.0, 2.0, 1.5, 2.5, 3.0, 5.0, 3.5, 4.5};
   Numbers nine = eight, terms{0.005, 0.03, 0.015, 0.008, 1.0, 2.0, 5.0, 10.0};
   nine.push_back(2.0);
+  Numbers pair = nine;
+  pair.insert(pair.end(), {0.3, 0.02});
   for (const double load : {1.0, 2.0, 5.0, 10.0})
     for (const double v : {load, 1e-3 * std::sqrt(load), 1e-6 * load, 1e-4}) terms.push_back(v);
   const int calls = test::check_poisoned({
@@ -76,16 +79,21 @@ TEST_CASE("numbers that are none, fed to objectives, give a typed error or a fin
             const Eigen::MatrixXd c = response_change(response(x, 0, x[8]), response(x, 4, 1.0));
             return Numbers(c.data(), c.data() + c.size());
           }},
-      {"undecided_states", nine,
+      {"undecided_states", pair,
           [](const Numbers& x) {
             Numbers excess;
             for (const Undecided& u : undecided_states(two_places(x), x[8])) excess.push_back(u.excess);
             return excess;
           }},
-      {"optical_separation", nine,
+      {"optical_separation", pair,
           [](const Numbers& x) {
             const auto least = optical_separation(two_places(x), {x[8]});
             return least ? of(least->distance) : Numbers{};
+          }},
+      {"load_slopes", {1.0, 2.0, 3.0, 5.0},
+          [](const Numbers& x) {
+            return load_slopes(
+                {x[0], x[1]}, {Eigen::RowVectorXd::Constant(1, x[2]), Eigen::RowVectorXd::Constant(1, x[3])});
           }},
       {"balanced_choice", {0.4, 3.0, 0.5, 2.0},
           [](const Numbers& x) {

@@ -144,3 +144,32 @@ TEST_CASE("White furnace: without absorption all light leaves the finger", "[lig
     CHECK(r.ledger.lost < 1e-3);  // light that circles for ever between smooth faces
   }
 }
+
+TEST_CASE("a lamp however near below a clear face sends through it what Fresnel lets pass", "[light]") {
+  const double n = 1.41, half = 2e-3;
+  Model m = box({10e-3, 10e-3, half}, {n, 0.0}, 2);
+  for (Patch& p : m.body.patches) p.optics = Absorber{};
+  m.body.patches[5].optics = Dielectric{};
+  m.body.regions = 1;
+  m.body.region = [](const Vec3d&, const Vec3d& out) { return out.z() > 0.5 ? 0 : -1; };
+  const auto passes = [&](double c) {
+    const double s = n * std::sqrt(1.0 - c * c);
+    return s >= 1.0 ? 0.0 : 1.0 - fresnel(c, n).reflectance;
+  };
+  const double disc = hemisphere(passes), point = hemisphere([&](double c) { return passes(c) / (2.0 * c) / 2.0; });
+  CHECK(disc == Approx(0.46359).margin(2e-5));
+  CHECK(point == Approx(0.13486).margin(2e-5));
+  for (const double below : {1e-3, 0.5e-3, 0.2e-3, 0.1e-3, 0.01e-3}) {
+    const Vec3d at(0.3e-3, 0.2e-3, half - below);
+    for (const auto& [lamp, exact] : {std::pair(Emitter(PointEmitter{at}), point),
+             std::pair(Emitter(DiscEmitter{at, Vec3d::UnitZ(), 0.4e-3, 1.0, 0}), disc)}) {
+      m.body.emitters = {lamp};
+      const Response r = Tracer<BeerLambert>{}.trace(m.body, m.mesh);
+      INFO(below * 1e3 << " mm below, " << r.power_W[0] << " +- " << r.error_W[0]);
+      CHECK(std::abs(r.power_W[0] - exact) < 4.0 * r.error_W[0] + 1e-5);
+      CHECK(r.error_W[0] < 2e-3 * exact);
+      CHECK(r.ledger.imbalance() < 1e-9);
+      CHECK(std::abs(r.ledger.refinement) < 1e-3);
+    }
+  }
+}

@@ -21,7 +21,7 @@ inline CoarsePipeline coarse_pipeline() {
   CoarsePipeline p{lumo::TetgenMesher{}, {}, CoarseLight{light}};
   p.focus = {1.2e-3, 0.4, 1.0};
   p.rays.rounds = 0;
-  p.optical_error.mesh = 0.0;
+  p.optical_error.area = 0.0;
   return p;
 }
 

@@ -71,8 +71,8 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
                    two = evaluate({design, solaris(), coarse_finger()}, e, p, TbbExecutor{2});
   REQUIRE(one.J_obs);
   CHECK(same_bits(one, two));
-  CHECK_FALSE(undecided_states(once.observed, p.rays.tolerance).empty());
-  CHECK(undecided_states(one.observed, p.rays.tolerance).empty());
+  CHECK_FALSE(undecided_states(once.observed, p.rays.tolerance, p.optical_error).empty());
+  CHECK(undecided_states(one.observed, p.rays.tolerance, p.optical_error).empty());
   CHECK(one.J_obs->error < 2.3 * p.rays.tolerance * one.J_obs->value);
   CHECK(one.J_obs->error < once.J_obs->error);
   CHECK(one.observations.ledger.imbalance() < 1e-9);

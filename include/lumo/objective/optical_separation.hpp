@@ -19,6 +19,8 @@ struct ObservedState {
   double diameter_m, angle_rad, y_m, load_N;
   Eigen::MatrixXd change;  ///< (r − r_0)/P_emit, replicates × regions
   TiltPlane tilt = TiltPlane::xz;
+  double load_slope = 0.0;  ///< ‖F ∂change/∂F‖, see load_slopes()
+  double area_error = 0.0;  ///< of the contact area, by the mesh, as a fraction (MechanicalError)
 };
 
 /// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the
@@ -28,12 +30,50 @@ struct Separation {
   std::size_t first, second;  ///< indices into the states
 };
 
-/// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and
-/// reflections from the dent nearly cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like
-/// it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
+/// How far a response change is from that on a fine mesh. A mesh that has the contact area wrong has, to first order,
+/// the light of another load. Where light that the dent takes and light that it gives nearly cancel, that is much more
+/// than the same part of the change. The number covers 95 of 100 differences (benchmarks/refinement/results.md).
 struct OpticalError {
-  double mesh = 0.12;
+  double area = 2.0;  ///< of the change and of ‖F ∂change/∂F‖, times the relative error of the contact area
+
+  /// Throws InvalidArgument.
+  double of(const ObservedState& state) const {
+    require_in_range("relative error of the contact area", state.area_error, 0.0, 1.0, "");
+    require_in_range("slope of a response over load", state.load_slope, 0.0, 1e150, "");
+    return area * state.area_error * (state.load_slope + state.change.colwise().mean().norm());
+  }
+  void require_valid() const { require_in_range("error of light per error of area", area, 0.0, 1e3, ""); }
+  /// Of the distance of two states, whose meshes differ.
+  double of(const ObservedState& a, const ObservedState& b) const { return std::hypot(of(a), of(b)); }
 };
+
+/// ‖F ∂change/∂F‖ of each state of one press, its loads ascending [N]: the slope of the parabola through a state and
+/// its two neighbours, of which the first one's is the unloaded body. Throws InvalidArgument for loads that do not
+/// ascend from above 0, and for changes that are not one for each load, of one size and finite.
+inline std::vector<double> load_slopes(
+    const std::vector<double>& loads_N, const std::vector<Eigen::RowVectorXd>& changes) {
+  const std::size_t n = loads_N.size();
+  if (changes.size() != n)
+    throw InvalidArgument(message("load slopes: ", changes.size(), " changes for ", n, " loads"));
+  // from the state before to this one, or to the next: newtons, and change per newton
+  const auto step = [&](std::size_t k) { return k == 0 ? loads_N[0] : loads_N[k] - loads_N[k - 1]; };
+  const auto rise = [&](std::size_t k) -> Eigen::RowVectorXd {
+    require_positive("step of load", step(k), "N");
+    if (k == 0) return changes[0] / step(0);
+    if (changes[k].size() != changes[0].size())
+      throw InvalidArgument(
+          message("load slopes: changes of ", changes[0].size(), " and ", changes[k].size(), " channels"));
+    return (changes[k] - changes[k - 1]) / step(k);
+  };
+  std::vector<double> slopes;
+  for (std::size_t k = 0; k < n; ++k) {
+    Eigen::RowVectorXd slope = rise(k);
+    if (k + 1 < n) slope = (step(k + 1) * slope + step(k) * rise(k + 1)) / (step(k) + step(k + 1));
+    slopes.push_back(loads_N[k] * slope.norm());
+    require_in_range("slope of a response over load", slopes.back(), 0.0, 1e150, "");
+  }
+  return slopes;
+}
 
 namespace detail {
 
@@ -102,13 +142,17 @@ struct Undecided {
   double excess;  ///< of its pair's error over the wanted one, ≥ 1
 };
 
-/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
-/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that. Wanted is
-/// the error that decides: the tolerance, or a third of what the pair lies above the least one. Ascending; empty if
-/// done, or if no states can be compared. A pure function: a campaign that retraces these states (Tracer::refined)
-/// stays deterministic. Retraced states need the unloaded body retraced with the same rays.
-inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
+/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error), or to a
+/// quarter of its error by the mesh: those of all pairs that come within two errors (of the difference) of the least
+/// distance and are noisier than that. Wanted is the error that decides: that one, or a third of what the pair lies
+/// above the least one. Ascending; empty if done, or if no states can be compared. A pure function: a campaign that
+/// retraces these states (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with
+/// the same rays.
+inline std::vector<Undecided> undecided_states(
+    const std::vector<ObservedState>& states, double tolerance = 0.02, const OpticalError& mesh = {}) {
+  constexpr double of_mesh = 0.25;  // two standard errors are half of it, and add an eighth
   require_in_range("tolerance of J_obs", tolerance, 0.0, 1e3, "");
+  mesh.require_valid();
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
@@ -117,10 +161,11 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
   std::map<std::size_t, double> wanted;
   for (const Separation& p : pairs) {
     const double above = p.distance.value - least->distance.value;
+    const double enough = of_mesh * mesh.of(states[p.first], states[p.second]);
     const bool within_reach = above <= 2.0 * std::hypot(p.distance.error, least->distance.error);
-    if (!within_reach || !(p.distance.error > tolerance * p.distance.value)) continue;
+    if (!within_reach || !(p.distance.error > std::max(enough, tolerance * p.distance.value))) continue;
     // A distance that its noise hides may be as large as that.
-    const double known = tolerance * std::max(p.distance.value, p.distance.error),
+    const double known = std::max(enough, tolerance * std::max(p.distance.value, p.distance.error)),
                  excess = std::max(1.0, p.distance.error / std::max(known, above / 3.0));
     for (const std::size_t state : {p.first, p.second}) wanted[state] = std::max(wanted[state], excess);
   }
@@ -132,13 +177,13 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
 /// nullopt if no two states can be compared. Cost: all pairs.
 inline std::optional<Separation> optical_separation(
     const std::vector<ObservedState>& states, const OpticalError& error = {}) {
-  require_in_range("relative error of J_obs by the mesh", error.mesh, 0.0, 1e3, "");
+  error.require_valid();
   const std::vector<Separation> pairs = detail::separations(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(),
       [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;
-  least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);
+  least.distance.error = std::hypot(2.0 * least.distance.error, error.of(states[least.first], states[least.second]));
   return least;
 }
 

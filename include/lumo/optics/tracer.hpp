@@ -53,7 +53,8 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
 /// 2. trace_faces: Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear
 ///    between nodes (radiosity.hpp).
 /// 3. Light that leaves through faces with regions is gathered backwards from them (next_event.hpp): direct light and
-///    light of Lambertian faces. Steps 1 and 3 are plain forward tracing if exit_rays = 0.
+///    light of Lambertian faces. Channel by channel the paths' own light stays where it is better known
+///    (choose_better). Steps 1 and 3 are plain forward tracing if exit_rays = 0.
 /// Random numbers of later events are keyed by (path, event). Same arguments, same bits, whatever the thread; const and
 /// thread-safe: run one state per task. Errors: of the integration, stated in the Response; of light that is linear
 /// between nodes (scene.sub_facets, scene.carrier_cell_m), and of spreading, which are not in it.
@@ -142,7 +143,8 @@ class Tracer {
     Response all;
     for (const Response& p : portions) {
       const Eigen::Index rows = all.replicates.rows(), more = p.replicates.rows();
-      for (const auto& [sum, part] : {std::pair(&all.replicates, &p.replicates), std::pair(&all.direct, &p.direct)}) {
+      for (const auto& [sum, part] : {std::pair(&all.replicates, &p.replicates), std::pair(&all.direct, &p.direct),
+               std::pair(&all.forward, &p.forward), std::pair(&all.forward_direct, &p.forward_direct)}) {
         sum->conservativeResize(rows + more, part->cols());
         sum->bottomRows(more) = *part;
       }
@@ -150,6 +152,7 @@ class Tracer {
       all.segments += p.segments;
       add_scaled(all.ledger, p.ledger, 1.0);
     }
+    choose_better(all);
     return averaged(std::move(all));
   }
 
@@ -185,13 +188,8 @@ class Tracer {
     using Scene = std::remove_const_t<decltype(scene)>;
     check(body, surface, scene, guide);
     const LightNodes nodes(surface, symmetry, guide);
-    const double replicates = config_.replicates;
-    const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide);
-    const FaceSet exits(surface, symmetry,
-        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus}, [&](int t) {
-          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
-                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
-        });
+    const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide),
+                  exits = gathering_faces(surface, symmetry, focus);
     const int channels = readout_.channels(body), colors = color_count(body.emitters);
     require_in_range("readout channels", channels, 0, 1 << 24, "");
     const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
@@ -208,10 +206,8 @@ class Tracer {
       light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
     }
 
-    Response response;
     const int count = count_ > 0 ? count_ : config_.replicates;
-    response.replicates.resize(count, colors * channels);
-    response.direct.resize(count, colors * channels);
+    Response response = unwritten(count, colors * channels, exits.size() > 0);
     for (int r = 0; r < count; ++r) {
       const auto sequence = [&](std::uint64_t use) {
         return OwenSobol{combine(config_.seed, 3 * std::uint64_t(first_ + r) + use)};
@@ -225,13 +221,16 @@ class Tracer {
       const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
       for (int k = 0; k < colors; ++k) {
         Tally& total = totals[std::size_t(k)];
+        const std::vector<double> direct = total.gathered;  // by emitters' paths
         const std::vector<double> sent = solve_radiosity(nodes, transport, total);
+        book_forward(total, direct, r, k * channels, response);
         light[std::size_t(k)].gather.run(sequence(2), sent, total);
         book(total, r, k * channels, response);
       }
     }
     response.rays = path.rays;
     response.segments = path.segments;
+    if (count_ == 0) choose_better(response);
     response = averaged(std::move(response));
     if (count_ == 0) require_closed(response.ledger, lost_admitted(body));
     return response;
@@ -292,6 +291,14 @@ class Tracer {
     return emitters;
   }
 
+  // Few paths lead through an opening: there light is gathered or not known.
+  static Response unwritten(int rows, int columns, bool gathers) {
+    Response r;
+    r.replicates.resize(rows, columns);
+    r.direct.resize(rows, columns);
+    if (gathers && !ConnectedReadout<Readout>) r.forward_direct = r.forward = r.replicates;
+    return r;
+  }
   // Power and error from the replicates.
   static Response averaged(Response response) {
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
@@ -373,6 +380,14 @@ class Tracer {
       }
     }
   }
+  /// Faces with regions, or seen through openings, that light is gathered from.
+  FaceSet gathering_faces(const OpticalScene& surface, Symmetry symmetry, const RayFocus& focus) const {
+    const double rays = double(config_.exit_rays) / config_.replicates;
+    return FaceSet(surface, symmetry, {.whole = true, .total = rays, .least = 2, .focus = focus}, [&](int t) {
+      return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
+             (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
+    });
+  }
   /// Lambertian faces, with rays by area and, as far as is known, by the light that falls there.
   FaceSet sending_faces(const Body& body, const OpticalScene& surface, const LightNodes& nodes, Symmetry symmetry,
       const RayGuide& guide) const {
@@ -406,6 +421,15 @@ class Tracer {
         transport.add(path.accounts().take(), body.nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
       }
     return transport;
+  }
+  /// Books what paths alone found, of which `direct` W is gathered, too.
+  void book_forward(
+      const Tally& total, const std::vector<double>& direct, int r, Eigen::Index first, Response& response) const {
+    if (response.forward.cols() == 0) return;
+    for (std::size_t c = 0; c < total.ledger.channels.size(); ++c) {
+      response.forward(r, first + Eigen::Index(c)) = total.ledger.channels[c];
+      response.forward_direct(r, first + Eigen::Index(c)) = total.direct[c] + direct[c];
+    }
   }
   /// Books replicate `r` of one colour in the channels from `first` on.
   void book(Tally& total, int r, Eigen::Index first, Response& response) const {

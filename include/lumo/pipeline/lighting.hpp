@@ -142,10 +142,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
 
   /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state, and the
   /// rays that they need. A pure function of the responses.
-  std::vector<Wanted> undecided(const std::vector<ScenarioRecord>& all) const {
+  std::vector<Wanted> undecided(const std::vector<ScenarioRecord>& all, const OpticalError& mesh) const {
     const std::vector<ObservedState> observed = observed_states(all);
     std::map<State, double> excess;
-    for (const Undecided& u : undecided_states(observed, rays_.tolerance)) {
+    for (const Undecided& u : undecided_states(observed, rays_.tolerance, mesh)) {
       const ObservedState& o = observed[u.state];
       const std::size_t solve = plan_.images[o.scenario].solve;
       const auto& candidates = records_[solve].states;

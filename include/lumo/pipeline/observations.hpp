@@ -11,7 +11,9 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <iterator>
 #include <optional>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -94,15 +96,32 @@ inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept
       scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
+/// The lit states of one scenario, which is the caller's number `scenario`.
+inline std::vector<ObservedState> observed_states(const ScenarioRecord& record, std::size_t scenario) {
+  std::vector<ObservedState> states;
+  std::vector<double> loads_N;
+  std::vector<Eigen::RowVectorXd> changes;
+  for (const StateRecord& s : record.states) {
+    if (s.change.size() == 0) continue;
+    const double known = s.contact_area_m2 > 0.0 ? std::min(1.0, s.contact_area_error_m2 / s.contact_area_m2) : 0.0;
+    states.push_back(
+        {scenario, record.diameter_m, record.angle_rad, record.y_m, s.load_N, s.change, record.tilt, 0.0, known});
+    loads_N.push_back(s.load_N);
+    changes.push_back(s.change.colwise().mean());
+  }
+  const std::vector<double> slopes = load_slopes(loads_N, changes);
+  for (std::size_t k = 0; k < states.size(); ++k) states[k].load_slope = slopes[k];
+  return states;
+}
+
 /// All states that can be compared for J_obs.
 inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
-  std::vector<ObservedState> states;
-  for (std::size_t k = 0; k < scenarios.size(); ++k)
-    for (const StateRecord& s : scenarios[k].states)
-      if (s.change.size() > 0)
-        states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change,
-            scenarios[k].tilt});
-  return states;
+  std::vector<ObservedState> all;
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    std::vector<ObservedState> states = observed_states(scenarios[k], k);
+    std::move(states.begin(), states.end(), std::back_inserter(all));
+  }
+  return all;
 }
 
 /// Channel of the light → its mirror image, in the planes x = 0 and y = 0; empty: itself; nullopt: unknown.

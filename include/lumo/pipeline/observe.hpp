@@ -316,8 +316,8 @@ template <class P, class Pad, Indenter Tool, Executor E> Observations observe(co
     out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, sides.seen);
     const bool scored = all_scored(lighting.records(), pipeline.accept_held);
     for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
-      const auto undecided =
-          lighting.undecided(detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()));
+      const auto undecided = lighting.undecided(
+          detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()), pipeline.optical_error);
       if (undecided.empty()) break;
       trace(undecided, message("light of ", undecided.size(), " states, round ", round));
     }

@@ -71,12 +71,12 @@ inline std::optional<Estimate> median_change(
     const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
-    const auto state = std::find_if(s.states.begin(), s.states.end(),
-        [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
-    if (state == s.states.end()) return std::nullopt;
+    const std::vector<ObservedState> lit = observed_states(s, 0);
+    const auto state = std::find_if(lit.begin(), lit.end(), [&](const ObservedState& k) { return k.load_N == load_N; });
+    if (state == lit.end()) return std::nullopt;
     const Estimate d =
         response_distance(state->change, Eigen::MatrixXd::Zero(state->change.rows(), state->change.cols()));
-    norms.push_back({d.value, std::hypot(2.0 * d.error, error.mesh * d.value)});
+    norms.push_back({d.value, std::hypot(2.0 * d.error, error.of(*state))});
   }
   if (norms.empty()) return std::nullopt;
   std::sort(norms.begin(), norms.end(), [](const Estimate& a, const Estimate& b) { return a.value < b.value; });
