@@ -117,8 +117,14 @@ TEST_CASE("The stated error covers the scatter over seeds", "[tracer]") {
     runs.push_back(Tracer<BeerLambert>(c).trace(m.body, m.mesh));
     mean += Eigen::Map<const Eigen::VectorXd>(runs.back().power_W.data(), 11) / seeds;
   }
-  double scatter = 0.0, stated = 0.0, covered = 0.0;
-  for (const Response& r : runs)
+  double scatter = 0.0, stated = 0.0, covered = 0.0, absorbed = 0.0, of_absorbed = 0.0;
+  for (const Response& r : runs) absorbed += r.ledger.absorbed_in_medium / seeds;
+  for (const Response& r : runs) {
+    const EnergyLedger error = ledger_error(r);
+    CHECK(error.emitted < 1e-12);
+    CHECK(std::abs(r.ledger.refinement) < 6.0 * error.refinement);  // expectation 0; Student's t, 7 degrees of freedom
+    CHECK(std::abs(r.ledger.roulette) < 6.0 * error.roulette);
+    of_absorbed += std::pow((r.ledger.absorbed_in_medium - absorbed) / error.absorbed_in_medium, 2) / (seeds - 1.0);
     for (std::size_t b = 0; b < 11; ++b) {
       const double off = r.power_W[b] - mean[Eigen::Index(b)];
       scatter += off * off * seeds / (seeds - 1.0);
@@ -126,6 +132,9 @@ TEST_CASE("The stated error covers the scatter over seeds", "[tracer]") {
       covered +=
           std::abs(off) < 2.36 * r.error_W[b] ? 1.0 / (11.0 * seeds) : 0.0;  // Student's t, 7 degrees of freedom: 95 %
     }
+  }
+  CHECK(of_absorbed > 0.5);
+  CHECK(of_absorbed < 3.0);
   CHECK(scatter / stated > 0.5);
   CHECK(scatter / stated < 2.0);
   CHECK(covered > 0.87);

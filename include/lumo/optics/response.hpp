@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <numeric>
@@ -48,17 +49,18 @@ inline void require_closed(const EnergyLedger& ledger, double largest_lost = Ene
         EnergyLedger::largest_imbalance));
 }
 
+namespace detail {
+
+inline constexpr std::array<double EnergyLedger::*, 8> ledger_entries = {&EnergyLedger::emitted,
+    &EnergyLedger::to_indenter, &EnergyLedger::elsewhere, &EnergyLedger::absorbed_in_medium,
+    &EnergyLedger::absorbed_at_surfaces, &EnergyLedger::roulette, &EnergyLedger::refinement, &EnergyLedger::lost};
+
+}  // namespace detail
+
 /// Adds `factor` × the accounts of `part`, `emitted` too.
 inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {
   for (std::size_t c = 0; c < sum.channels.size(); ++c) sum.channels[c] += factor * part.channels[c];
-  sum.emitted += factor * part.emitted;
-  sum.to_indenter += factor * part.to_indenter;
-  sum.elsewhere += factor * part.elsewhere;
-  sum.absorbed_in_medium += factor * part.absorbed_in_medium;
-  sum.absorbed_at_surfaces += factor * part.absorbed_at_surfaces;
-  sum.roulette += factor * part.roulette;
-  sum.refinement += factor * part.refinement;
-  sum.lost += factor * part.lost;
+  for (const auto entry : detail::ledger_entries) sum.*entry += factor * part.*entry;
 }
 
 /// Power that the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once
@@ -72,9 +74,10 @@ struct Response {
   Eigen::MatrixXd direct;  ///< the part of `replicates` that met no surface but the one through which it left
   /// The same two as paths from the emitters alone have them, of portions whose light was gathered backwards, too.
   Eigen::MatrixXd forward, forward_direct;
-  EnergyLedger ledger;  ///< mean over replicates
-  long rays = 0;        ///< primary rays traced
-  long segments = 0;    ///< straight pieces traced
+  EnergyLedger ledger;                ///< mean over replicates
+  std::vector<EnergyLedger> ledgers;  ///< of each replicate, without its channels
+  long rays = 0;                      ///< primary rays traced
+  long segments = 0;                  ///< straight pieces traced
 };
 
 /// Standard error of the mean of each column of `rows` (independent replicates × channels); zeros for one row.
@@ -84,6 +87,18 @@ inline std::vector<double> standard_error(const Eigen::MatrixXd& rows) {
   if (rows.rows() < 2) return error;
   for (Eigen::Index c = 0; c < rows.cols(); ++c)
     error[std::size_t(c)] = std::sqrt((rows.col(c).array() - rows.col(c).mean()).square().sum() / (n * (n - 1.0)));
+  return error;
+}
+
+/// Standard errors of the ledger's entries, from the scatter of the replicates; of `channels`, error_W.
+inline EnergyLedger ledger_error(const Response& r) {
+  EnergyLedger error;
+  error.channels = r.error_W;
+  for (const auto entry : detail::ledger_entries) {
+    Eigen::MatrixXd column(Eigen::Index(r.ledgers.size()), 1);
+    for (std::size_t i = 0; i < r.ledgers.size(); ++i) column(Eigen::Index(i), 0) = r.ledgers[i].*entry;
+    error.*entry = standard_error(column)[0];
+  }
   return error;
 }
 
@@ -103,9 +118,11 @@ inline void choose_better(Response& r) {
     const bool misses = off > off_errors * apart[k] && off > off_part * std::max(had, found);
     const bool is_known = r.forward.col(c).minCoeff() > 0.0 && forward[k] < known * found;
     if (!(is_known && (misses || gathered[k] > noisier * forward[k]))) continue;
+    r.ledger.refinement += had - found;
+    for (std::size_t i = 0; i < r.ledgers.size(); ++i)
+      r.ledgers[i].refinement += r.replicates(Eigen::Index(i), c) - r.forward(Eigen::Index(i), c);
     r.replicates.col(c) = r.forward.col(c);
     r.direct.col(c) = r.forward_direct.col(c);
-    r.ledger.refinement += had - found;
   }
   r.forward.resize(0, 0);
   r.forward_direct.resize(0, 0);

@@ -148,6 +148,7 @@ class Tracer {
         sum->conservativeResize(rows + more, part->cols());
         sum->bottomRows(more) = *part;
       }
+      all.ledgers.insert(all.ledgers.end(), p.ledgers.begin(), p.ledgers.end());
       all.rays += p.rays;
       all.segments += p.segments;
       add_scaled(all.ledger, p.ledger, 1.0);
@@ -296,6 +297,7 @@ class Tracer {
     Response r;
     r.replicates.resize(rows, columns);
     r.direct.resize(rows, columns);
+    r.ledgers.resize(std::size_t(rows));
     if (gathers && !ConnectedReadout<Readout>) r.forward_direct = r.forward = r.replicates;
     return r;
   }
@@ -439,6 +441,7 @@ class Tracer {
     }
     total.ledger.channels.clear();
     add_scaled(response.ledger, total.ledger, 1.0 / config_.replicates);
+    add_scaled(response.ledgers[std::size_t(r)], total.ledger, 1.0);
   }
 
   Config config_{};
