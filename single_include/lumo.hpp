@@ -13876,17 +13876,18 @@ inline void require_closed(const EnergyLedger& ledger, double largest_lost = Ene
         EnergyLedger::largest_imbalance));
 }
 
+namespace detail {
+
+inline constexpr std::array<double EnergyLedger::*, 8> ledger_entries = {&EnergyLedger::emitted,
+    &EnergyLedger::to_indenter, &EnergyLedger::elsewhere, &EnergyLedger::absorbed_in_medium,
+    &EnergyLedger::absorbed_at_surfaces, &EnergyLedger::roulette, &EnergyLedger::refinement, &EnergyLedger::lost};
+
+}  // namespace detail
+
 /// Adds `factor` × the accounts of `part`, `emitted` too.
 inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {
   for (std::size_t c = 0; c < sum.channels.size(); ++c) sum.channels[c] += factor * part.channels[c];
-  sum.emitted += factor * part.emitted;
-  sum.to_indenter += factor * part.to_indenter;
-  sum.elsewhere += factor * part.elsewhere;
-  sum.absorbed_in_medium += factor * part.absorbed_in_medium;
-  sum.absorbed_at_surfaces += factor * part.absorbed_at_surfaces;
-  sum.roulette += factor * part.roulette;
-  sum.refinement += factor * part.refinement;
-  sum.lost += factor * part.lost;
+  for (const auto entry : detail::ledger_entries) sum.*entry += factor * part.*entry;
 }
 
 /// Power that the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once
@@ -13898,9 +13899,12 @@ struct Response {
   /// of states comes from the differences row by row (common random numbers).
   Eigen::MatrixXd replicates;
   Eigen::MatrixXd direct;  ///< the part of `replicates` that met no surface but the one through which it left
-  EnergyLedger ledger;     ///< mean over replicates
-  long rays = 0;           ///< primary rays traced
-  long segments = 0;       ///< straight pieces traced
+  /// The same two as paths from the emitters alone have them, of portions whose light was gathered backwards, too.
+  Eigen::MatrixXd forward, forward_direct;
+  EnergyLedger ledger;                ///< mean over replicates
+  std::vector<EnergyLedger> ledgers;  ///< of each replicate, without its channels
+  long rays = 0;                      ///< primary rays traced
+  long segments = 0;                  ///< straight pieces traced
 };
 
 /// Standard error of the mean of each column of `rows` (independent replicates × channels); zeros for one row.
@@ -13911,6 +13915,44 @@ inline std::vector<double> standard_error(const Eigen::MatrixXd& rows) {
   for (Eigen::Index c = 0; c < rows.cols(); ++c)
     error[std::size_t(c)] = std::sqrt((rows.col(c).array() - rows.col(c).mean()).square().sum() / (n * (n - 1.0)));
   return error;
+}
+
+/// Standard errors of the ledger's entries, from the scatter of the replicates; of `channels`, error_W.
+inline EnergyLedger ledger_error(const Response& r) {
+  EnergyLedger error;
+  error.channels = r.error_W;
+  for (const auto entry : detail::ledger_entries) {
+    Eigen::MatrixXd column(Eigen::Index(r.ledgers.size()), 1);
+    for (std::size_t i = 0; i < r.ledgers.size(); ++i) column(Eigen::Index(i), 0) = r.ledgers[i].*entry;
+    error.*entry = standard_error(column)[0];
+  }
+  return error;
+}
+
+/// Of each channel whose light was also gathered backwards, takes what the paths themselves found where that is the
+/// better known: points on a face can be few where a lamp is near or all light comes from one spot, and then scatter,
+/// or miss it all with an error of zero. Forward light is taken where all replicates saw it, its error is a hundredth
+/// of it (few paths make errors that are themselves chance), and gathered light scatters four times as much, or is off
+/// by a twentieth and eight errors.
+inline void choose_better(Response& r) {
+  constexpr double known = 0.01, noisier = 4.0, off_part = 0.05, off_errors = 8.0;
+  if (r.forward.cols() != r.replicates.cols() || r.forward.rows() < 2) return;
+  const std::vector<double> gathered = standard_error(r.replicates), forward = standard_error(r.forward),
+                            apart = standard_error(r.replicates - r.forward);
+  for (Eigen::Index c = 0; c < r.replicates.cols(); ++c) {
+    const auto k = std::size_t(c);
+    const double had = r.replicates.col(c).mean(), found = r.forward.col(c).mean(), off = std::abs(had - found);
+    const bool misses = off > off_errors * apart[k] && off > off_part * std::max(had, found);
+    const bool is_known = r.forward.col(c).minCoeff() > 0.0 && forward[k] < known * found;
+    if (!(is_known && (misses || gathered[k] > noisier * forward[k]))) continue;
+    r.ledger.refinement += had - found;
+    for (std::size_t i = 0; i < r.ledgers.size(); ++i)
+      r.ledgers[i].refinement += r.replicates(Eigen::Index(i), c) - r.forward(Eigen::Index(i), c);
+    r.replicates.col(c) = r.forward.col(c);
+    r.direct.col(c) = r.forward_direct.col(c);
+  }
+  r.forward.resize(0, 0);
+  r.forward_direct.resize(0, 0);
 }
 
 }  // namespace lumo
@@ -15462,7 +15504,8 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
 /// 2. trace_faces: Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear
 ///    between nodes (radiosity.hpp).
 /// 3. Light that leaves through faces with regions is gathered backwards from them (next_event.hpp): direct light and
-///    light of Lambertian faces. Steps 1 and 3 are plain forward tracing if exit_rays = 0.
+///    light of Lambertian faces. Channel by channel the paths' own light stays where it is better known
+///    (choose_better). Steps 1 and 3 are plain forward tracing if exit_rays = 0.
 /// Random numbers of later events are keyed by (path, event). Same arguments, same bits, whatever the thread; const and
 /// thread-safe: run one state per task. Errors: of the integration, stated in the Response; of light that is linear
 /// between nodes (scene.sub_facets, scene.carrier_cell_m), and of spreading, which are not in it.
@@ -15551,14 +15594,17 @@ class Tracer {
     Response all;
     for (const Response& p : portions) {
       const Eigen::Index rows = all.replicates.rows(), more = p.replicates.rows();
-      for (const auto& [sum, part] : {std::pair(&all.replicates, &p.replicates), std::pair(&all.direct, &p.direct)}) {
+      for (const auto& [sum, part] : {std::pair(&all.replicates, &p.replicates), std::pair(&all.direct, &p.direct),
+               std::pair(&all.forward, &p.forward), std::pair(&all.forward_direct, &p.forward_direct)}) {
         sum->conservativeResize(rows + more, part->cols());
         sum->bottomRows(more) = *part;
       }
+      all.ledgers.insert(all.ledgers.end(), p.ledgers.begin(), p.ledgers.end());
       all.rays += p.rays;
       all.segments += p.segments;
       add_scaled(all.ledger, p.ledger, 1.0);
     }
+    choose_better(all);
     return averaged(std::move(all));
   }
 
@@ -15594,13 +15640,8 @@ class Tracer {
     using Scene = std::remove_const_t<decltype(scene)>;
     check(body, surface, scene, guide);
     const LightNodes nodes(surface, symmetry, guide);
-    const double replicates = config_.replicates;
-    const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide);
-    const FaceSet exits(surface, symmetry,
-        {.whole = true, .total = config_.exit_rays / replicates, .least = 2, .focus = focus}, [&](int t) {
-          return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
-                 (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
-        });
+    const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide),
+                  exits = gathering_faces(surface, symmetry, focus);
     const int channels = readout_.channels(body), colors = color_count(body.emitters);
     require_in_range("readout channels", channels, 0, 1 << 24, "");
     const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
@@ -15617,10 +15658,8 @@ class Tracer {
       light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
     }
 
-    Response response;
     const int count = count_ > 0 ? count_ : config_.replicates;
-    response.replicates.resize(count, colors * channels);
-    response.direct.resize(count, colors * channels);
+    Response response = unwritten(count, colors * channels, exits.size() > 0);
     for (int r = 0; r < count; ++r) {
       const auto sequence = [&](std::uint64_t use) {
         return OwenSobol{combine(config_.seed, 3 * std::uint64_t(first_ + r) + use)};
@@ -15634,13 +15673,16 @@ class Tracer {
       const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
       for (int k = 0; k < colors; ++k) {
         Tally& total = totals[std::size_t(k)];
+        const std::vector<double> direct = total.gathered;  // by emitters' paths
         const std::vector<double> sent = solve_radiosity(nodes, transport, total);
+        book_forward(total, direct, r, k * channels, response);
         light[std::size_t(k)].gather.run(sequence(2), sent, total);
         book(total, r, k * channels, response);
       }
     }
     response.rays = path.rays;
     response.segments = path.segments;
+    if (count_ == 0) choose_better(response);
     response = averaged(std::move(response));
     if (count_ == 0) require_closed(response.ledger, lost_admitted(body));
     return response;
@@ -15701,6 +15743,15 @@ class Tracer {
     return emitters;
   }
 
+  // Few paths lead through an opening: there light is gathered or not known.
+  static Response unwritten(int rows, int columns, bool gathers) {
+    Response r;
+    r.replicates.resize(rows, columns);
+    r.direct.resize(rows, columns);
+    r.ledgers.resize(std::size_t(rows));
+    if (gathers && !ConnectedReadout<Readout>) r.forward_direct = r.forward = r.replicates;
+    return r;
+  }
   // Power and error from the replicates.
   static Response averaged(Response response) {
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
@@ -15782,6 +15833,14 @@ class Tracer {
       }
     }
   }
+  /// Faces with regions, or seen through openings, that light is gathered from.
+  FaceSet gathering_faces(const OpticalScene& surface, Symmetry symmetry, const RayFocus& focus) const {
+    const double rays = double(config_.exit_rays) / config_.replicates;
+    return FaceSet(surface, symmetry, {.whole = true, .total = rays, .least = 2, .focus = focus}, [&](int t) {
+      return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
+             (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
+    });
+  }
   /// Lambertian faces, with rays by area and, as far as is known, by the light that falls there.
   FaceSet sending_faces(const Body& body, const OpticalScene& surface, const LightNodes& nodes, Symmetry symmetry,
       const RayGuide& guide) const {
@@ -15816,6 +15875,15 @@ class Tracer {
       }
     return transport;
   }
+  /// Books what paths alone found, of which `direct` W is gathered, too.
+  void book_forward(
+      const Tally& total, const std::vector<double>& direct, int r, Eigen::Index first, Response& response) const {
+    if (response.forward.cols() == 0) return;
+    for (std::size_t c = 0; c < total.ledger.channels.size(); ++c) {
+      response.forward(r, first + Eigen::Index(c)) = total.ledger.channels[c];
+      response.forward_direct(r, first + Eigen::Index(c)) = total.direct[c] + direct[c];
+    }
+  }
   /// Books replicate `r` of one colour in the channels from `first` on.
   void book(Tally& total, int r, Eigen::Index first, Response& response) const {
     for (std::size_t c = 0; c < total.ledger.channels.size(); ++c) {
@@ -15824,6 +15892,7 @@ class Tracer {
     }
     total.ledger.channels.clear();
     add_scaled(response.ledger, total.ledger, 1.0 / config_.replicates);
+    add_scaled(response.ledgers[std::size_t(r)], total.ledger, 1.0);
   }
 
   Config config_{};
@@ -16057,6 +16126,8 @@ struct ObservedState {
   double diameter_m, angle_rad, y_m, load_N;
   Eigen::MatrixXd change;  ///< (r − r_0)/P_emit, replicates × regions
   TiltPlane tilt = TiltPlane::xz;
+  double load_slope = 0.0;  ///< ‖F ∂change/∂F‖, see load_slopes()
+  double area_error = 0.0;  ///< of the contact area, by the mesh, as a fraction (MechanicalError)
 };
 
 /// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the
@@ -16066,12 +16137,50 @@ struct Separation {
   std::size_t first, second;  ///< indices into the states
 };
 
-/// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and
-/// reflections from the dent nearly cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like
-/// it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
+/// How far a response change is from that on a fine mesh. A mesh that has the contact area wrong has, to first order,
+/// the light of another load. Where light that the dent takes and light that it gives nearly cancel, that is much more
+/// than the same part of the change. The number covers 95 of 100 differences (benchmarks/refinement/results.md).
 struct OpticalError {
-  double mesh = 0.12;
+  double area = 2.0;  ///< of the change and of ‖F ∂change/∂F‖, times the relative error of the contact area
+
+  /// Throws InvalidArgument.
+  double of(const ObservedState& state) const {
+    require_in_range("relative error of the contact area", state.area_error, 0.0, 1.0, "");
+    require_in_range("slope of a response over load", state.load_slope, 0.0, 1e150, "");
+    return area * state.area_error * (state.load_slope + state.change.colwise().mean().norm());
+  }
+  void require_valid() const { require_in_range("error of light per error of area", area, 0.0, 1e3, ""); }
+  /// Of the distance of two states, whose meshes differ.
+  double of(const ObservedState& a, const ObservedState& b) const { return std::hypot(of(a), of(b)); }
 };
+
+/// ‖F ∂change/∂F‖ of each state of one press, its loads ascending [N]: the slope of the parabola through a state and
+/// its two neighbours, of which the first one's is the unloaded body. Throws InvalidArgument for loads that do not
+/// ascend from above 0, and for changes that are not one for each load, of one size and finite.
+inline std::vector<double> load_slopes(
+    const std::vector<double>& loads_N, const std::vector<Eigen::RowVectorXd>& changes) {
+  const std::size_t n = loads_N.size();
+  if (changes.size() != n)
+    throw InvalidArgument(message("load slopes: ", changes.size(), " changes for ", n, " loads"));
+  // from the state before to this one, or to the next: newtons, and change per newton
+  const auto step = [&](std::size_t k) { return k == 0 ? loads_N[0] : loads_N[k] - loads_N[k - 1]; };
+  const auto rise = [&](std::size_t k) -> Eigen::RowVectorXd {
+    require_positive("step of load", step(k), "N");
+    if (k == 0) return changes[0] / step(0);
+    if (changes[k].size() != changes[0].size())
+      throw InvalidArgument(
+          message("load slopes: changes of ", changes[0].size(), " and ", changes[k].size(), " channels"));
+    return (changes[k] - changes[k - 1]) / step(k);
+  };
+  std::vector<double> slopes;
+  for (std::size_t k = 0; k < n; ++k) {
+    Eigen::RowVectorXd slope = rise(k);
+    if (k + 1 < n) slope = (step(k + 1) * slope + step(k) * rise(k + 1)) / (step(k) + step(k + 1));
+    slopes.push_back(loads_N[k] * slope.norm());
+    require_in_range("slope of a response over load", slopes.back(), 0.0, 1e150, "");
+  }
+  return slopes;
+}
 
 namespace detail {
 
@@ -16140,13 +16249,17 @@ struct Undecided {
   double excess;  ///< of its pair's error over the wanted one, ≥ 1
 };
 
-/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
-/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that. Wanted is
-/// the error that decides: the tolerance, or a third of what the pair lies above the least one. Ascending; empty if
-/// done, or if no states can be compared. A pure function: a campaign that retraces these states (Tracer::refined)
-/// stays deterministic. Retraced states need the unloaded body retraced with the same rays.
-inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
+/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error), or to a
+/// quarter of its error by the mesh: those of all pairs that come within two errors (of the difference) of the least
+/// distance and are noisier than that. Wanted is the error that decides: that one, or a third of what the pair lies
+/// above the least one. Ascending; empty if done, or if no states can be compared. A pure function: a campaign that
+/// retraces these states (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with
+/// the same rays.
+inline std::vector<Undecided> undecided_states(
+    const std::vector<ObservedState>& states, double tolerance = 0.02, const OpticalError& mesh = {}) {
+  constexpr double of_mesh = 0.25;  // two standard errors are half of it, and add an eighth
   require_in_range("tolerance of J_obs", tolerance, 0.0, 1e3, "");
+  mesh.require_valid();
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
@@ -16155,10 +16268,11 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
   std::map<std::size_t, double> wanted;
   for (const Separation& p : pairs) {
     const double above = p.distance.value - least->distance.value;
+    const double enough = of_mesh * mesh.of(states[p.first], states[p.second]);
     const bool within_reach = above <= 2.0 * std::hypot(p.distance.error, least->distance.error);
-    if (!within_reach || !(p.distance.error > tolerance * p.distance.value)) continue;
+    if (!within_reach || !(p.distance.error > std::max(enough, tolerance * p.distance.value))) continue;
     // A distance that its noise hides may be as large as that.
-    const double known = tolerance * std::max(p.distance.value, p.distance.error),
+    const double known = std::max(enough, tolerance * std::max(p.distance.value, p.distance.error)),
                  excess = std::max(1.0, p.distance.error / std::max(known, above / 3.0));
     for (const std::size_t state : {p.first, p.second}) wanted[state] = std::max(wanted[state], excess);
   }
@@ -16170,13 +16284,13 @@ inline std::vector<Undecided> undecided_states(const std::vector<ObservedState>&
 /// nullopt if no two states can be compared. Cost: all pairs.
 inline std::optional<Separation> optical_separation(
     const std::vector<ObservedState>& states, const OpticalError& error = {}) {
-  require_in_range("relative error of J_obs by the mesh", error.mesh, 0.0, 1e3, "");
+  error.require_valid();
   const std::vector<Separation> pairs = detail::separations(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(),
       [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;
-  least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);
+  least.distance.error = std::hypot(2.0 * least.distance.error, error.of(states[least.first], states[least.second]));
   return least;
 }
 
@@ -16385,15 +16499,32 @@ inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept
       scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
+/// The lit states of one scenario, which is the caller's number `scenario`.
+inline std::vector<ObservedState> observed_states(const ScenarioRecord& record, std::size_t scenario) {
+  std::vector<ObservedState> states;
+  std::vector<double> loads_N;
+  std::vector<Eigen::RowVectorXd> changes;
+  for (const StateRecord& s : record.states) {
+    if (s.change.size() == 0) continue;
+    const double known = s.contact_area_m2 > 0.0 ? std::min(1.0, s.contact_area_error_m2 / s.contact_area_m2) : 0.0;
+    states.push_back(
+        {scenario, record.diameter_m, record.angle_rad, record.y_m, s.load_N, s.change, record.tilt, 0.0, known});
+    loads_N.push_back(s.load_N);
+    changes.push_back(s.change.colwise().mean());
+  }
+  const std::vector<double> slopes = load_slopes(loads_N, changes);
+  for (std::size_t k = 0; k < states.size(); ++k) states[k].load_slope = slopes[k];
+  return states;
+}
+
 /// All states that can be compared for J_obs.
 inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
-  std::vector<ObservedState> states;
-  for (std::size_t k = 0; k < scenarios.size(); ++k)
-    for (const StateRecord& s : scenarios[k].states)
-      if (s.change.size() > 0)
-        states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change,
-            scenarios[k].tilt});
-  return states;
+  std::vector<ObservedState> all;
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    std::vector<ObservedState> states = observed_states(scenarios[k], k);
+    std::move(states.begin(), states.end(), std::back_inserter(all));
+  }
+  return all;
 }
 
 /// Channel of the light → its mirror image, in the planes x = 0 and y = 0; empty: itself; nullopt: unknown.
@@ -16541,10 +16672,10 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
 
   /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state, and the
   /// rays that they need. A pure function of the responses.
-  std::vector<Wanted> undecided(const std::vector<ScenarioRecord>& all) const {
+  std::vector<Wanted> undecided(const std::vector<ScenarioRecord>& all, const OpticalError& mesh) const {
     const std::vector<ObservedState> observed = observed_states(all);
     std::map<State, double> excess;
-    for (const Undecided& u : undecided_states(observed, rays_.tolerance)) {
+    for (const Undecided& u : undecided_states(observed, rays_.tolerance, mesh)) {
       const ObservedState& o = observed[u.state];
       const std::size_t solve = plan_.images[o.scenario].solve;
       const auto& candidates = records_[solve].states;
@@ -16991,8 +17122,8 @@ template <class P, class Pad, Indenter Tool, Executor E> Observations observe(co
     out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, sides.seen);
     const bool scored = all_scored(lighting.records(), pipeline.accept_held);
     for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
-      const auto undecided =
-          lighting.undecided(detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()));
+      const auto undecided = lighting.undecided(
+          detail::expanded(pressed.scenarios, sides, pressed.plan, lighting.records()), pipeline.optical_error);
       if (undecided.empty()) break;
       trace(undecided, message("light of ", undecided.size(), " states, round ", round));
     }
@@ -19949,12 +20080,12 @@ inline std::optional<Estimate> median_change(
     const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
-    const auto state = std::find_if(s.states.begin(), s.states.end(),
-        [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
-    if (state == s.states.end()) return std::nullopt;
+    const std::vector<ObservedState> lit = observed_states(s, 0);
+    const auto state = std::find_if(lit.begin(), lit.end(), [&](const ObservedState& k) { return k.load_N == load_N; });
+    if (state == lit.end()) return std::nullopt;
     const Estimate d =
         response_distance(state->change, Eigen::MatrixXd::Zero(state->change.rows(), state->change.cols()));
-    norms.push_back({d.value, std::hypot(2.0 * d.error, error.mesh * d.value)});
+    norms.push_back({d.value, std::hypot(2.0 * d.error, error.of(*state))});
   }
   if (norms.empty()) return std::nullopt;
   std::sort(norms.begin(), norms.end(), [](const Estimate& a, const Estimate& b) { return a.value < b.value; });

@@ -29,18 +29,13 @@ def difference(a, b):
     return [x - y for x, y in zip(a, b)]
 
 
-def slopes(press):
-    """F |dc/dF| at each load, as lumo::load_slopes has it."""
+def rises(press):
+    """F |change of c|/change of F at each load, as lumo::load_rises has it."""
     loads, out = sorted(press), {}
-    zero = [0.0] * len(press[loads[0]][2])
-    points = [(0.0, zero)] + [(F, press[F][2]) for F in loads]
-    rise = [[d / (b[0] - a[0]) for d in difference(b[1], a[1])] for a, b in zip(points, points[1:])]
-    for k, F in enumerate(loads):
-        slope = rise[k]
-        if k + 1 < len(loads):
-            before, after = F - points[k][0], loads[k + 1] - F
-            slope = [(after * p + before * q) / (before + after) for p, q in zip(rise[k], rise[k + 1])]
-        out[F] = F * norm(slope)
+    before, last = 0.0, [0.0] * len(press[loads[0]][2])
+    for F in loads:
+        out[F] = F * norm(difference(press[F][2], last)) / (F - before)
+        before, last = F, press[F][2]
     return out
 
 
@@ -56,7 +51,7 @@ def main():
     options = parser.parse_args()
     presses = read(options.file)
     finest = min(edges for _, edges in presses)
-    print("| edges | states | difference / change: median, 95 % | / (change + slope): median, 95 % | stated: median |"
+    print("| edges | states | difference / change: median, 95 % | / (change + rise): median, 95 % | stated: median |"
           " covered |")
     print("|---|---|---|---|---|---|")
     for edges in sorted({e for _, e in presses} - {finest}, reverse=True):
@@ -65,15 +60,15 @@ def main():
             if (design, finest) not in presses:
                 continue
             press, fine = presses[design, edges], presses[design, finest]
-            slope, fine_slope = slopes(press), slopes(fine)
+            rise, fine_rise = rises(press), rises(fine)
             for F, (area, noise, change) in press.items():
                 fine_area, fine_noise, limit = fine[F]
                 sampling = noise**2 + fine_noise**2
                 off = norm(difference(change, limit))
                 seen = off**2 - sampling
-                both = norm(change) + slope[F]
+                both = norm(change) + rise[F]
                 error = math.hypot(options.area * area * both,
-                                   options.area * fine_area * (norm(limit) + fine_slope[F]))
+                                   options.area * fine_area * (norm(limit) + fine_rise[F]))
                 of_change.append(math.sqrt(max(0.0, seen)) / norm(limit))
                 of_both.append(math.sqrt(max(0.0, seen)) / both)
                 stated.append(options.area * area)

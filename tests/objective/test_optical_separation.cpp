@@ -79,33 +79,33 @@ TEST_CASE("Only states that can decide the least distance are to be retraced", "
   CHECK(least->second == 1);
 }
 
-TEST_CASE("the slope of a response over load is exact where the response is a parabola", "[optical_separation]") {
+TEST_CASE(
+    "a response's rise over load is its size where it is linear, and is more where it turns", "[optical_separation]") {
   const std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0};
-  std::vector<Eigen::RowVectorXd> changes;
-  const auto response = [](double F) { return Eigen::RowVector3d(F, -2.0 * F + 0.3 * F * F, 0.1 * F * F); };
-  for (const double F : loads_N) changes.push_back(response(F));
-  const std::vector<double> slopes = load_slopes(loads_N, changes);
-  REQUIRE(slopes.size() == 4);
-  for (std::size_t k = 0; k < 3; ++k) {
-    const double F = loads_N[k];
-    CHECK(slopes[k] == Approx(F * Eigen::RowVector3d(1.0, -2.0 + 0.6 * F, 0.2 * F).norm()).epsilon(1e-12));
+  std::vector<Eigen::RowVectorXd> linear, turning;
+  for (const double F : loads_N) {
+    linear.push_back(Eigen::RowVector2d(F, -2.0 * F));
+    turning.push_back(Eigen::RowVector2d(F * (5.0 - F), 0.0));
   }
-  CHECK(slopes[3] == Approx(10.0 * (response(10.0) - response(5.0)).norm() / 5.0).epsilon(1e-12));
-  CHECK(load_slopes({2.0}, {response(2.0)}).front() == Approx(response(2.0).norm()));
-  CHECK(load_slopes({}, {}).empty());
-  CHECK_THROWS_AS(load_slopes({2.0, 2.0}, {response(2.0), response(2.0)}), InvalidArgument);
-  CHECK_THROWS_AS(load_slopes({0.0}, {response(2.0)}), InvalidArgument);
+  const std::vector<double> rises = load_rises(loads_N, linear);
+  REQUIRE(rises.size() == 4);
+  for (std::size_t k = 0; k < 4; ++k) CHECK(rises[k] == Approx(linear[k].norm()));
+  CHECK(load_rises(loads_N, turning)[2] == Approx(5.0 * 6.0 / 3.0));  // from 6 to 0
+  CHECK(load_rises({}, {}).empty());
+  CHECK_THROWS_AS(load_rises({2.0, 2.0}, {linear[0], linear[1]}), InvalidArgument);
+  CHECK_THROWS_AS(load_rises({0.0}, {linear[0]}), InvalidArgument);
+  CHECK_THROWS_AS(load_rises({1.0, 2.0}, {linear[0], Eigen::RowVector3d::Zero()}), InvalidArgument);
 }
 
-TEST_CASE("a change near its zero is known no better than its slope says", "[optical_separation]") {
+TEST_CASE("a change near its zero is known no better than the light that cancels says", "[optical_separation]") {
   // Two places, their changes 1 apart. At the first light gained and light lost nearly cancel.
   std::vector<ObservedState> states = {
       {0, 10e-3, 0.0, 0.0, 1.0, noisy(0.0, 1e-3, 1)}, {1, 10e-3, 0.0, 5e-3, 1.0, noisy(1.0, 1e-3, 2)}};
   for (ObservedState& s : states) s.area_error = 0.02;
-  states[1].load_slope = 1.0;
+  states[1].load_rise = 1.0;
   const double steady = optical_separation(states)->distance.error;
   CHECK(steady == Approx(2.0 * 0.02 * 2.0).epsilon(0.03));
-  states[0].load_slope = 20.0;
+  states[0].load_rise = 20.0;
   CHECK(optical_separation(states)->distance.error == Approx(std::hypot(2.0 * 0.02 * 20.0, steady)).epsilon(0.01));
   CHECK(optical_separation(states, {0.0})->distance.error < 5e-3);
   // Rays that the mesh would not repay are not sent.

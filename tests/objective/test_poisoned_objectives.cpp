@@ -90,9 +90,9 @@ TEST_CASE("numbers that are none, fed to objectives, give a typed error or a fin
             const auto least = optical_separation(two_places(x), {x[8]});
             return least ? of(least->distance) : Numbers{};
           }},
-      {"load_slopes", {1.0, 2.0, 3.0, 5.0},
+      {"load_rises", {1.0, 2.0, 3.0, 5.0},
           [](const Numbers& x) {
-            return load_slopes(
+            return load_rises(
                 {x[0], x[1]}, {Eigen::RowVectorXd::Constant(1, x[2]), Eigen::RowVectorXd::Constant(1, x[3])});
           }},
       {"balanced_choice", {0.4, 3.0, 0.5, 2.0},

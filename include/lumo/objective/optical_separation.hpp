@@ -19,7 +19,7 @@ struct ObservedState {
   double diameter_m, angle_rad, y_m, load_N;
   Eigen::MatrixXd change;  ///< (r − r_0)/P_emit, replicates × regions
   TiltPlane tilt = TiltPlane::xz;
-  double load_slope = 0.0;  ///< ‖F ∂change/∂F‖, see load_slopes()
+  double load_rise = 0.0;   ///< see load_rises()
   double area_error = 0.0;  ///< of the contact area, by the mesh, as a fraction (MechanicalError)
 };
 
@@ -30,49 +30,43 @@ struct Separation {
   std::size_t first, second;  ///< indices into the states
 };
 
-/// How far a response change is from that on a fine mesh. A mesh that has the contact area wrong has, to first order,
-/// the light of another load. Where light that the dent takes and light that it gives nearly cancel, that is much more
-/// than the same part of the change. The number covers 95 of 100 differences (benchmarks/refinement/results.md).
+/// How far a response change is from that on a fine mesh: a mesh that has the contact area wrong has the light of
+/// another load, and of another dent. Where light that the dent took under less load and light that it gives now nearly
+/// cancel, that is much more than the same part of the change. The number covers 95 of 100 differences
+/// (benchmarks/refinement/results.md).
 struct OpticalError {
-  double area = 2.0;  ///< of the change and of ‖F ∂change/∂F‖, times the relative error of the contact area
+  double area = 2.0;  ///< of change and rise (load_rises()), times the relative error of the contact area
 
   /// Throws InvalidArgument.
   double of(const ObservedState& state) const {
     require_in_range("relative error of the contact area", state.area_error, 0.0, 1.0, "");
-    require_in_range("slope of a response over load", state.load_slope, 0.0, 1e150, "");
-    return area * state.area_error * (state.load_slope + state.change.colwise().mean().norm());
+    require_in_range("rise of a response over load", state.load_rise, 0.0, 1e150, "");
+    return area * state.area_error * (state.load_rise + state.change.colwise().mean().norm());
   }
   void require_valid() const { require_in_range("error of light per error of area", area, 0.0, 1e3, ""); }
   /// Of the distance of two states, whose meshes differ.
   double of(const ObservedState& a, const ObservedState& b) const { return std::hypot(of(a), of(b)); }
 };
 
-/// ‖F ∂change/∂F‖ of each state of one press, its loads ascending [N]: the slope of the parabola through a state and
-/// its two neighbours, of which the first one's is the unloaded body. Throws InvalidArgument for loads that do not
-/// ascend from above 0, and for changes that are not one for each load, of one size and finite.
-inline std::vector<double> load_slopes(
+/// F ‖Δchange‖/ΔF of each state of one press, its loads ascending [N]; differences are to the state before, of the
+/// first one to the unloaded body. Throws InvalidArgument for loads that do not ascend from above 0, and for changes
+/// that are not one for each load, of one size and finite.
+inline std::vector<double> load_rises(
     const std::vector<double>& loads_N, const std::vector<Eigen::RowVectorXd>& changes) {
-  const std::size_t n = loads_N.size();
-  if (changes.size() != n)
-    throw InvalidArgument(message("load slopes: ", changes.size(), " changes for ", n, " loads"));
-  // from the state before to this one, or to the next: newtons, and change per newton
-  const auto step = [&](std::size_t k) { return k == 0 ? loads_N[0] : loads_N[k] - loads_N[k - 1]; };
-  const auto rise = [&](std::size_t k) -> Eigen::RowVectorXd {
-    require_positive("step of load", step(k), "N");
-    if (k == 0) return changes[0] / step(0);
+  if (changes.size() != loads_N.size())
+    throw InvalidArgument(message("rises over load: ", changes.size(), " changes for ", loads_N.size(), " loads"));
+  std::vector<double> rises;
+  for (std::size_t k = 0; k < loads_N.size(); ++k) {
+    const double step = k == 0 ? loads_N[0] : loads_N[k] - loads_N[k - 1];
+    require_positive("step of load", step, "N");
     if (changes[k].size() != changes[0].size())
       throw InvalidArgument(
-          message("load slopes: changes of ", changes[0].size(), " and ", changes[k].size(), " channels"));
-    return (changes[k] - changes[k - 1]) / step(k);
-  };
-  std::vector<double> slopes;
-  for (std::size_t k = 0; k < n; ++k) {
-    Eigen::RowVectorXd slope = rise(k);
-    if (k + 1 < n) slope = (step(k + 1) * slope + step(k) * rise(k + 1)) / (step(k) + step(k + 1));
-    slopes.push_back(loads_N[k] * slope.norm());
-    require_in_range("slope of a response over load", slopes.back(), 0.0, 1e150, "");
+          message("rises over load: changes of ", changes[0].size(), " and ", changes[k].size(), " channels"));
+    const double change = k == 0 ? changes[0].norm() : (changes[k] - changes[k - 1]).norm();
+    rises.push_back(loads_N[k] * change / step);
+    require_in_range("rise of a response over load", rises.back(), 0.0, 1e150, "");
   }
-  return slopes;
+  return rises;
 }
 
 namespace detail {

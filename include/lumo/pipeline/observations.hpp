@@ -109,8 +109,8 @@ inline std::vector<ObservedState> observed_states(const ScenarioRecord& record, 
     loads_N.push_back(s.load_N);
     changes.push_back(s.change.colwise().mean());
   }
-  const std::vector<double> slopes = load_slopes(loads_N, changes);
-  for (std::size_t k = 0; k < states.size(); ++k) states[k].load_slope = slopes[k];
+  const std::vector<double> rises = load_rises(loads_N, changes);
+  for (std::size_t k = 0; k < states.size(); ++k) states[k].load_rise = rises[k];
   return states;
 }
 
