@@ -61,7 +61,7 @@ struct QuasiStaticConfig {
   double late_contraction = 0.8;
   double load_stride = 1.6;   ///< loads in between are at most this factor apart
   double max_advance = 0.2;   ///< largest advance in one step, in radii of the indenter's contact
-  double time_limit_s = 1e9;  ///< per scenario, wall clock
+  double time_limit_s = 1e9;  ///< per scenario, wall clock; a solve ends at most one factorisation later
 };
 
 /// Throws InvalidArgument for settings out of range.
@@ -240,7 +240,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
       if (unbalanced <= tolerance * load &&
           system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load)
         return Status::converged;
-      if (watch_.seconds() > config_.time_limit_s) return Status::time_limit;
+      if (is_out_of_time()) return Status::time_limit;
       if (before.size() > 0 &&
           unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
         steps_.add(std::move(last_step_), r - before);
@@ -348,11 +348,15 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     return refusal;
   }
 
+  bool is_out_of_time() const { return watch_.seconds() > config_.time_limit_s; }
+
   // Tangents of all parities at the state that was reached.
   Status certify_stability() {
+    if (is_out_of_time()) return Status::time_limit;
     typename System::Tangent t;
     system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
     for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
+      if (is_out_of_time()) return Status::time_limit;
       FactorStatus f = linear_[b].factorize(t.matrix[b]);
       if constexpr (RefiningSolver<Linear>)
         if (f == FactorStatus::positive_definite) f = linear_[b].certify();
