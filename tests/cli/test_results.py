@@ -230,7 +230,7 @@ class Quick(unittest.TestCase):
             [
                 line.split(" (")[0].split(" in ")[0]
                 for line in done.stderr.splitlines()
-                if "press" in line or "no eq" in line
+                if ("press" in line or "no eq" in line) and "factorisations" not in line  # these on slow machines only
             ],
             ["lumo: press ...", "lumo: press: done", "lumo: no equilibrium at 900 N"],
         )
