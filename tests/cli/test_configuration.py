@@ -56,6 +56,20 @@ class Configurations(unittest.TestCase):
         with self.subTest(" ".join(arguments)):
             check_refusal(self, run("config", *arguments), code, words)
 
+    def test_time_limit(self):
+        def limit(*arguments):
+            done = run(*arguments, "--dump-config")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            return json.loads(done.stdout)["limits"]["scenario_time_s"]
+
+        for command in ["press", "trace", "evaluate"]:
+            self.assertIsNone(limit(command))
+        campaign = ["campaign", "run", "--store", "none.db"]
+        for given, wanted in [([], 3600), (["--time-limit", "5"], 5), (["--set", "limits.scenario_time_s=null"], None)]:
+            self.assertEqual(limit(*campaign, *given), wanted)
+        # Whatever is chosen after it.
+        self.assertEqual(limit("press", "--time-limit", "5", "--mode", "paper"), 5)
+
     def test_layers(self):
         file = self.write({"assume": ["built"], "finger": {"width_mm": 31}, "contact": {"y_mm": 3}})
         whole = dump("--config", file, "--assume", "bonded_stem", "--set", "contact.y_mm=4", "--material", "Sol")

@@ -122,6 +122,16 @@ TEST_CASE("a contact that its mesh does not resolve has no score, or is meshed o
   CHECK(once.unresolved->edge_m > 0.8 * radius);
   CHECK(failed_press({once}).starts_with("press: the contact is not resolved at 0.01 N: radius 0."));
 
+  // One that ran out of time says so; it is not pressed again on a mesh that takes longer.
+  SolvedScenario late = pressed(body, s, coarse, false);
+  late.states.back().status = Status::time_limit;
+  const TetgenMesher mesher;
+  const ScenarioRecord ended =
+      record_of(body, mesh_for_contact(body, mesh_body(body, mesher), std::vector{s}, mesher, coarse), s, late.states);
+  CHECK(ended.status == Status::time_limit);
+  CHECK_FALSE(ended.unresolved);
+  CHECK(failed_press({ended}).starts_with("press: time_limit at 0.01 N, sphere of 10 mm"));
+
   const SolvedScenario twice = pressed(body, s, coarse);
   CHECK(twice.record.status == Status::converged);
   CHECK_FALSE(twice.record.unresolved);

@@ -25,6 +25,12 @@ struct CampaignRun : Configured {
   std::string store;
   int threads = all_threads();
 
+  CampaignRun() {
+    // One design must not stop a search. By far more than a press takes, so that no ordinary machine meets it.
+    Configuration defaults;
+    defaults.mechanics.time_limit_s = 3600.0;
+    effective = Effective(defaults);
+  }
   void declare(CLI::App& app) {
     add_store(app, store);
     add_common(app, *this);
@@ -33,6 +39,7 @@ struct CampaignRun : Configured {
     add_ensemble(app, effective);
     add_mode(app, effective);
     add_ray_error(app, effective);
+    add_time_limit(app, effective, "3600");
     add_setting(app, effective, "--evaluations", "search.evaluations", "Successful evaluations to reach, default 160");
     add_setting(app, effective, "--seed", "search.seed", "Of the optimiser, default 1");
     add_setting(app, effective, "--source", "search.source",

@@ -12,6 +12,7 @@ struct Evaluate : DesignCommand {
     add_ensemble(app, effective);
     add_ray_error(app, effective);
     add_mechanics(app, effective);
+    add_time_limit(app, effective);
   }
   Result run(Output& files, Progress& progress) const {
     const Evaluation result = make_evaluation(asked(), threads, progress);

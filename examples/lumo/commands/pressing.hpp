@@ -23,6 +23,7 @@ struct PressCommand : DesignCommand {
         "traction sums to the force. press.pvd lists the states of the last run. A press_N.vtu of an earlier run "
         "with more loads stays where it is: nothing is removed.");
     add_mechanics(app, effective);
+    add_time_limit(app, effective);
   }
 };
 

@@ -28,9 +28,24 @@ std::vector<double> per_power(const Response& r, const std::vector<double>& watt
   return out;
 }
 
+/// A line for each load as it ends, and on a terminal where the press is in between.
+PressWatch shown_loads(const Configuration& o, Progress& progress) {
+  const char* const work = o.mechanics.holds() ? " sweeps" : " factorisations";
+  return [&progress, work](const PressReport& r) {
+    const std::string left = r.residual ? ", residual " + scientific(*r.residual, 1) + " of the load" : "";
+    const std::string spent = lumo::message(", ", r.iterations, work, left);
+    if (r.ended)
+      progress.at(lumo::message(short_number(r.wanted_N), " N: depth ", cell(1e3 * r.depth_m, 4), " mm", spent, ", ",
+                      to_string(*r.ended)),
+          true);
+    else progress.at(lumo::message(cell(r.load_N, 3), " of ", short_number(r.wanted_N), " N", spent), false);
+  };
+}
+
 /// The part of a press that a trace shares. `pipeline` solves each contact where it is, not its mirror image.
 template <class P> PressResult pressed(const Configuration& o, const Body& body, P pipeline, Progress& progress) {
   pipeline.mirror_once = false;
+  pipeline.simulator = simulation(o.mechanics, o.pad.silicone, shown_loads(o, progress));
   auto done = press(body, std::vector{scenario_of(o.touch)}, pipeline, Serial{}, shown_in(progress));
   PressResult result;
   Observations& seen = result.seen;

@@ -40,15 +40,18 @@ AnySimulation of_kind(const Mechanics& m, const Silicone& s, const Solver& solve
 
 }  // namespace
 
-AnySimulation simulation(const Mechanics& m, const Silicone& s) {
+AnySimulation simulation(const Mechanics& m, const Silicone& s, const PressWatch& watch) {
   const bool linear = m.element == Mechanics::Element::linear;
-  if (m.solver == Mechanics::Solver::quasi_static)
-    return linear ? of_kind<LinearTet, QuasiStatic<MixedCholesky>>(m, s, {})
-                  : of_kind<QuadraticTet, QuasiStatic<MixedCholesky>>(m, s, {});
-  const VertexBlockDescent descent{
-      {.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3, .hold_s = m.hold_s}, {}};
-  return linear ? of_kind<LinearTet, VertexBlockDescent>(m, s, descent)
-                : of_kind<QuadraticTet, VertexBlockDescent>(m, s, descent);
+  if (m.solver == Mechanics::Solver::quasi_static) {
+    QuasiStatic<MixedCholesky> newton;
+    newton.config.watch = watch;
+    newton.config.time_limit_s = m.time_limit_s.value_or(newton.config.time_limit_s);
+    return linear ? of_kind<LinearTet>(m, s, newton) : of_kind<QuadraticTet>(m, s, newton);
+  }
+  VertexBlockDescent descent{{.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3, .hold_s = m.hold_s}, {}};
+  descent.config.watch = watch;
+  descent.config.time_limit_s = m.time_limit_s.value_or(descent.config.time_limit_s);
+  return linear ? of_kind<LinearTet>(m, s, descent) : of_kind<QuadraticTet>(m, s, descent);
 }
 
 }  // namespace lumo::program

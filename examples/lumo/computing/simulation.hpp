@@ -4,6 +4,7 @@
 
 #include "lumo/mechanics/contact/scenario.hpp"
 #include "lumo/mechanics/contact/state.hpp"
+#include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 #include "lumo/morphology/silicone.hpp"
@@ -25,7 +26,7 @@ struct AnySimulation {
 };
 
 /// The Simulator that `mechanics` asks for, with the silicone's numbers. A press takes one thread; presses run side by
-/// side.
-AnySimulation simulation(const Mechanics& mechanics, const Silicone& silicone);
+/// side. `watch` sees each as it goes.
+AnySimulation simulation(const Mechanics& mechanics, const Silicone& silicone, const PressWatch& watch = {});
 
 }  // namespace lumo::program

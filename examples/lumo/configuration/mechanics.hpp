@@ -24,6 +24,7 @@ struct Mechanics {
   std::optional<double> carrier_friction;  ///< of the pad on the carrier; nullopt: the same
   double hold_s = 1.0;                     ///< of vertex block descent, at each load; 0: the step at which it is met
   double record_margin_mm = 0.0;           ///< of the contact set; 0: where the surface touches
+  std::optional<double> time_limit_s;  ///< of a scenario's press, wall clock; decides no result, only whether one is
 
   bool operator==(const Mechanics&) const = default;
   /// Does it hold the indenter, short of an equilibrium? Whoever asks for that has it scored.

@@ -359,6 +359,7 @@ Settings mechanics_settings() {
         const Mechanics before = std::exchange(c.mechanics, v == "paper" ? paper_mechanics() : Mechanics{});
         c.mechanics.hold_s = before.hold_s;  // what is recorded of a press is chosen beside how it is computed
         c.mechanics.record_margin_mm = before.record_margin_mm;
+        c.mechanics.time_limit_s = before.time_limit_s;
       }};
   mode.words = {"default", "paper"};
   Setting size{"mechanics.edge_mm", Kind::number_or_null, lumo, "Of all edges; null: graded, fine at the contact",
@@ -493,6 +494,19 @@ Settings efforts() {
           [](auto& c) -> auto& { return c.lab.lamps; })};
 }
 
+/// Apart from the mechanics, which decide results: a store goes on under another limit.
+Settings time_limits() {
+  Setting s{"limits.scenario_time_s", Kind::number_or_null, Mark::lumo,
+      "Time that the press of one scenario may take, by the clock; null: any. campaign run: 3600 unless it is set",
+      [](const Configuration& c) { return maybe(c.mechanics.time_limit_s); },
+      [](Configuration& c, const Json& v) {
+        c.mechanics.time_limit_s = v.is_null() ? std::nullopt : std::optional(v.get<double>());
+      }};
+  s.limits = {0.001, 1e9};
+  s.unit = "s";
+  return {s};
+}
+
 Settings casting() {
   namespace limits = casting_limits;
   const auto part = [](const char* path, Limits limits_mm, const char* help, auto member) {
@@ -514,7 +528,7 @@ Settings casting() {
 Settings make_settings() {
   Settings all = design_and_silicone();
   for (auto* group : {&finger_shape, &touched_surface, &finger_light, &readout, &meshes, &mechanics_settings,
-           &contacts_settings, &efforts, &casting})
+           &contacts_settings, &efforts, &time_limits, &casting})
     add(all, group());
   return all;
 }

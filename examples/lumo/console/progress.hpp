@@ -41,12 +41,26 @@ class Progress {
     if (!open_) return;
     done_ = std::min(total_, done_ + 1);
     if (quiet_ || total_ == 1) return;
-    const auto now = Clock::now();
-    if (std::chrono::duration<double>(now - shown_).count() < (terminal_ ? 0.1 : 5.0) && done_ < total_) return;
-    shown_ = now;
+    if (!is_due() && done_ < total_) return;
+    shown_ = Clock::now();
     if (terminal_) draw();
     else if (done_ < total_)
       std::fprintf(stderr, "lumo: %s: %d of %d, %s left\n", title_.c_str(), done_, total_, left().c_str());
+  }
+
+  /// What a stage is at, behind its title. On a terminal it stays there as a line if it `stays`, and the next one takes
+  /// its place if not; else it is a line, now and then.
+  void at(const std::string& text, bool stays) {
+    const std::lock_guard lock(mutex_);
+    if (!open_ || quiet_) return;
+    const bool is_line = terminal_ && stays;
+    if (!is_line && !is_due()) return;
+    shown_ = Clock::now();
+    if (is_line) std::fprintf(stderr, "\r\033[Klumo: %s: %s\n", title_.c_str(), text.c_str());
+    if (!terminal_) std::fprintf(stderr, "lumo: %s: %s\n", title_.c_str(), text.c_str());
+    else if (stays) draw();
+    else std::fprintf(stderr, "\r\033[K%s ... %s", title_.c_str(), text.c_str());
+    std::fflush(stderr);
   }
 
   /// Ends the stage and leaves one line about it.
@@ -75,6 +89,10 @@ class Progress {
  private:
   using Clock = std::chrono::steady_clock;
 
+  /// Was the last line, or picture of the bar, a while ago?
+  bool is_due() const {
+    return std::chrono::duration<double>(Clock::now() - shown_).count() >= (terminal_ ? 0.1 : 5.0);
+  }
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
 
   std::string left() const { return done_ > 0 ? span(elapsed() / done_ * (total_ - done_)) : "?"; }

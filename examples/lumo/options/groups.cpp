@@ -57,6 +57,11 @@ void add_ray_error(CLI::App& app, Effective& e) {
           "; at most in ", e->light.rounds, " rounds"));
 }
 
+void add_time_limit(CLI::App& app, Effective& e, const char* standard) {
+  add_setting(app, e, "--time-limit", "limits.scenario_time_s",
+      std::string("Of each scenario's press, by the clock [s]; null: none. Default ") + standard);
+}
+
 void add_mode(CLI::App& app, Effective& e) {
   add_setting(app, e, "--mode", "mechanics.mode",
       "default, or paper: 1 mm linear tetrahedra, vertex block descent in time, Newton's law, friction; held states "

@@ -19,6 +19,7 @@ void add_seed(CLI::App& app, int& seed, const char* help);
 void add_touch(CLI::App& app, Effective& effective);
 void add_ensemble(CLI::App& app, Effective& effective);
 void add_ray_error(CLI::App& app, Effective& effective);
+void add_time_limit(CLI::App& app, Effective& effective, const char* standard = "none");
 
 /// --mode, which decides solver, element and law.
 void add_mode(CLI::App& app, Effective& effective);

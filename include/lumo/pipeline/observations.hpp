@@ -87,6 +87,8 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
     }
   }
   if (record.unresolved && is_scored(record.status, true)) record.status = Status::unresolved;
+  // It would be pressed again, on a finer mesh, which takes longer still.
+  if (record.status == Status::time_limit) record.unresolved.reset();
   return record;
 }
 

@@ -36,6 +36,7 @@ struct DescentConfig {
   double time_limit_s = 1e9;          ///< per scenario, wall clock
   bool packs = true;                  ///< eight vertices of a color at once, where material and element allow it
   VertexColors colors = {};           ///< empty: color_vertices
+  PressWatch watch = {};              ///< called after each time step, and as a load ends
 };
 
 /// Throws InvalidArgument for settings out of range.

@@ -7,7 +7,9 @@
 #include "lumo/mechanics/materials/material.hpp"
 
 #include <concepts>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 namespace lumo {
@@ -21,6 +23,19 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
 
 template <class Material, class Contact, class Element> PressPhysics(Material, Contact, Element)
     -> PressPhysics<Material, Contact, Element>;
+
+/// How far the press of one scenario is.
+struct PressReport {
+  double wanted_N = 0.0;  ///< the load that is being approached, or has ended
+  double load_N = 0.0;    ///< the last one that was reached, on the way to it, too
+  double depth_m = 0.0;   ///< advance since first touch
+  int iterations = 0;     ///< factorisations, or sweeps, spent on wanted_N
+  std::optional<double> residual =
+      {};  ///< out-of-balance forces over the load; none of a solver in time, or where it is not finite
+  std::optional<Status> ended = {};  ///< how wanted_N ended; nullopt: on the way
+};
+/// Called by a solver as it goes, from the thread of the press; may be empty. What it does changes no result.
+using PressWatch = std::function<void(const PressReport&)>;
 
 /// How the states under a scenario's loads are found. model() makes what scenarios on one mesh share, for a sector of
 /// it where the solver `uses_symmetry`; run() gives one state per load, displacements on the sector's nodes, up to the

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -61,7 +62,8 @@ struct QuasiStaticConfig {
   double late_contraction = 0.8;
   double load_stride = 1.6;   ///< loads in between are at most this factor apart
   double max_advance = 0.2;   ///< largest advance in one step, in radii of the indenter's contact
-  double time_limit_s = 1e9;  ///< per scenario, wall clock
+  double time_limit_s = 1e9;  ///< per scenario, wall clock; a solve ends at most one factorisation later
+  PressWatch watch = {};      ///< called after each factorisation, and as a load ends
 };
 
 /// Throws InvalidArgument for settings out of range.
@@ -137,6 +139,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
     iterations = 0;
+    wanted_ = load;
     if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
     auto state = std::tie(now_, touched_, rested_, load_);
     // The last one that was reached closely: a loose one may be what led astray.
@@ -170,6 +173,12 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
   const Positions& positions() const { return now_.x; }
   double advance() const { return now_.advance; }
+  /// Tells whoever watches how far this is, and how the load ended if it did.
+  void report(std::optional<Status> ended) const {
+    const double share = model_.sector.fraction();
+    const std::optional<double> residual = std::isfinite(residual_) ? std::optional(residual_) : std::nullopt;
+    if (config_.watch) config_.watch({wanted_ / share, load_ / share, now_.advance, iterations, residual, ended});
+  }
   /// Friction on the sector's nodes as parts of the whole body's, and the whole's push against the advance.
   FrictionForces friction() const;
   int iterations = 0;
@@ -236,11 +245,14 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
+      residual_ = unbalanced / load;
       // The plain residual is what counts; it is looked at when the linearised one is small.
-      if (unbalanced <= tolerance * load &&
-          system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load)
-        return Status::converged;
-      if (watch_.seconds() > config_.time_limit_s) return Status::time_limit;
+      if (unbalanced <= tolerance * load) {
+        const double plain = system_.residual(now_.x, now_.advance, load, eq_).norm();
+        residual_ = plain / load;
+        if (plain <= tolerance * load) return Status::converged;
+      }
+      if (is_out_of_time()) return Status::time_limit;
       if (before.size() > 0 &&
           unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
         steps_.add(std::move(last_step_), r - before);
@@ -260,6 +272,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         if (!schur_complement()) return Status::not_positive_definite;
         factored_ = now_;
         steps_.clear();
+        report({});
       }
       if (const Status s = step(r, about); s != Status::converged) return s;
       before = std::move(r);
@@ -348,11 +361,15 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     return refusal;
   }
 
+  bool is_out_of_time() const { return watch_.seconds() > config_.time_limit_s; }
+
   // Tangents of all parities at the state that was reached.
   Status certify_stability() {
+    if (is_out_of_time()) return Status::time_limit;
     typename System::Tangent t;
     system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
     for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
+      if (is_out_of_time()) return Status::time_limit;
       FactorStatus f = linear_[b].factorize(t.matrix[b]);
       if constexpr (RefiningSolver<Linear>)
         if (f == FactorStatus::positive_definite) f = linear_[b].certify();
@@ -379,7 +396,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   double schur_ = 0.0;
   SecantPairs steps_;  // with that factor
   Eigen::VectorXd last_step_;
-  double load_ = 0.0;  // last one that was reached
+  double wanted_ = 0.0, load_ = 0.0;  // where the strides lead, and the last load that was reached
+  double residual_ = 0.0;             // of the last step, over its load
 };
 
 template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
@@ -411,6 +429,7 @@ std::vector<MechanicalState> QuasiStatic<Linear>::run(
     MechanicalState state;
     state.load_N = load;
     state.status = path.solve(fraction * load);
+    path.report(state.status);
     state.iterations = path.iterations;
     state.depth_m = path.advance();
     const auto& x = path.positions();

@@ -237,10 +237,16 @@ template <Executor E> template <class SomeModel, Indenter Tool> std::vector<Mech
     state.load_N = load;
     state.status = Status::held;
     const int before = steps;
+    const auto report = [&](std::optional<Status> ended) {
+      const double reached = ended == Status::held ? load : states.empty() ? 0.0 : states.back().load_N;
+      if (config.watch)
+        config.watch({load, reached, body.advance(), config.sweeps * (steps - before), std::nullopt, ended});
+    };
     const auto go = [&](double by) {
       ++steps;
       if (!body.step(by)) state.status = Status::non_finite;
       else if (watch.seconds() > config.time_limit_s) state.status = Status::time_limit;
+      report({});
     };
     while (state.status == Status::held && body.push() < load) {
       if (body.advance() >= config.max_advance_m) state.status = Status::max_iterations;
@@ -255,6 +261,7 @@ template <Executor E> template <class SomeModel, Indenter Tool> std::vector<Mech
       state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
     if (friction_coefficient(model.contact) > 0.0 || carrier_friction(model.contact) > 0.0)
       state.friction_push_N = body.friction(state.friction_N);
+    report(state.status);
     states.push_back(std::move(state));
     if (states.back().status != Status::held) break;
   }
