@@ -8550,6 +8550,19 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
 template <class Material, class Contact, class Element> PressPhysics(Material, Contact, Element)
     -> PressPhysics<Material, Contact, Element>;
 
+/// How far the press of one scenario is.
+struct PressReport {
+  double wanted_N = 0.0;  ///< the load that is being approached, or has ended
+  double load_N = 0.0;    ///< the last one that was reached, on the way to it, too
+  double depth_m = 0.0;   ///< advance since first touch
+  int iterations = 0;     ///< factorisations, or sweeps, spent on wanted_N
+  std::optional<double> residual =
+      {};  ///< out-of-balance forces over the load; none of a solver in time, or where it is not finite
+  std::optional<Status> ended = {};  ///< how wanted_N ended; nullopt: on the way
+};
+/// Called by a solver as it goes, from the thread of the press; may be empty. What it does changes no result.
+using PressWatch = std::function<void(const PressReport&)>;
+
 /// How the states under a scenario's loads are found. model() makes what scenarios on one mesh share, for a sector of
 /// it where the solver `uses_symmetry`; run() gives one state per load, displacements on the sector's nodes, up to the
 /// first that fails. Laws: same input, same bits, also side by side; a state is `converged` or `held` or says why not;
@@ -9260,6 +9273,7 @@ struct DescentConfig {
   double time_limit_s = 1e9;          ///< per scenario, wall clock
   bool packs = true;                  ///< eight vertices of a color at once, where material and element allow it
   VertexColors colors = {};           ///< empty: color_vertices
+  PressWatch watch = {};              ///< called after each time step, and as a load ends
 };
 
 /// Throws InvalidArgument for settings out of range.
@@ -9568,10 +9582,16 @@ template <Executor E> template <class SomeModel, Indenter Tool> std::vector<Mech
     state.load_N = load;
     state.status = Status::held;
     const int before = steps;
+    const auto report = [&](std::optional<Status> ended) {
+      const double reached = ended == Status::held ? load : states.empty() ? 0.0 : states.back().load_N;
+      if (config.watch)
+        config.watch({load, reached, body.advance(), config.sweeps * (steps - before), std::nullopt, ended});
+    };
     const auto go = [&](double by) {
       ++steps;
       if (!body.step(by)) state.status = Status::non_finite;
       else if (watch.seconds() > config.time_limit_s) state.status = Status::time_limit;
+      report({});
     };
     while (state.status == Status::held && body.push() < load) {
       if (body.advance() >= config.max_advance_m) state.status = Status::max_iterations;
@@ -9586,6 +9606,7 @@ template <Executor E> template <class SomeModel, Indenter Tool> std::vector<Mech
       state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
     if (friction_coefficient(model.contact) > 0.0 || carrier_friction(model.contact) > 0.0)
       state.friction_push_N = body.friction(state.friction_N);
+    report(state.status);
     states.push_back(std::move(state));
     if (states.back().status != Status::held) break;
   }
@@ -11650,7 +11671,8 @@ struct QuasiStaticConfig {
   double late_contraction = 0.8;
   double load_stride = 1.6;   ///< loads in between are at most this factor apart
   double max_advance = 0.2;   ///< largest advance in one step, in radii of the indenter's contact
-  double time_limit_s = 1e9;  ///< per scenario, wall clock
+  double time_limit_s = 1e9;  ///< per scenario, wall clock; a solve ends at most one factorisation later
+  PressWatch watch = {};      ///< called after each factorisation, and as a load ends
 };
 
 /// Throws InvalidArgument for settings out of range.
@@ -11726,6 +11748,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
     iterations = 0;
+    wanted_ = load;
     if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
     auto state = std::tie(now_, touched_, rested_, load_);
     // The last one that was reached closely: a loose one may be what led astray.
@@ -11759,6 +11782,12 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
   const Positions& positions() const { return now_.x; }
   double advance() const { return now_.advance; }
+  /// Tells whoever watches how far this is, and how the load ended if it did.
+  void report(std::optional<Status> ended) const {
+    const double share = model_.sector.fraction();
+    const std::optional<double> residual = std::isfinite(residual_) ? std::optional(residual_) : std::nullopt;
+    if (config_.watch) config_.watch({wanted_ / share, load_ / share, now_.advance, iterations, residual, ended});
+  }
   /// Friction on the sector's nodes as parts of the whole body's, and the whole's push against the advance.
   FrictionForces friction() const;
   int iterations = 0;
@@ -11825,11 +11854,14 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
+      residual_ = unbalanced / load;
       // The plain residual is what counts; it is looked at when the linearised one is small.
-      if (unbalanced <= tolerance * load &&
-          system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load)
-        return Status::converged;
-      if (watch_.seconds() > config_.time_limit_s) return Status::time_limit;
+      if (unbalanced <= tolerance * load) {
+        const double plain = system_.residual(now_.x, now_.advance, load, eq_).norm();
+        residual_ = plain / load;
+        if (plain <= tolerance * load) return Status::converged;
+      }
+      if (is_out_of_time()) return Status::time_limit;
       if (before.size() > 0 &&
           unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
         steps_.add(std::move(last_step_), r - before);
@@ -11849,6 +11881,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         if (!schur_complement()) return Status::not_positive_definite;
         factored_ = now_;
         steps_.clear();
+        report({});
       }
       if (const Status s = step(r, about); s != Status::converged) return s;
       before = std::move(r);
@@ -11937,11 +11970,15 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     return refusal;
   }
 
+  bool is_out_of_time() const { return watch_.seconds() > config_.time_limit_s; }
+
   // Tangents of all parities at the state that was reached.
   Status certify_stability() {
+    if (is_out_of_time()) return Status::time_limit;
     typename System::Tangent t;
     system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
     for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
+      if (is_out_of_time()) return Status::time_limit;
       FactorStatus f = linear_[b].factorize(t.matrix[b]);
       if constexpr (RefiningSolver<Linear>)
         if (f == FactorStatus::positive_definite) f = linear_[b].certify();
@@ -11968,7 +12005,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   double schur_ = 0.0;
   SecantPairs steps_;  // with that factor
   Eigen::VectorXd last_step_;
-  double load_ = 0.0;  // last one that was reached
+  double wanted_ = 0.0, load_ = 0.0;  // where the strides lead, and the last load that was reached
+  double residual_ = 0.0;             // of the last step, over its load
 };
 
 template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
@@ -12000,6 +12038,7 @@ std::vector<MechanicalState> QuasiStatic<Linear>::run(
     MechanicalState state;
     state.load_N = load;
     state.status = path.solve(fraction * load);
+    path.report(state.status);
     state.iterations = path.iterations;
     state.depth_m = path.advance();
     const auto& x = path.positions();
@@ -16126,7 +16165,7 @@ struct ObservedState {
   double diameter_m, angle_rad, y_m, load_N;
   Eigen::MatrixXd change;  ///< (r − r_0)/P_emit, replicates × regions
   TiltPlane tilt = TiltPlane::xz;
-  double load_slope = 0.0;  ///< ‖F ∂change/∂F‖, see load_slopes()
+  double load_rise = 0.0;   ///< see load_rises()
   double area_error = 0.0;  ///< of the contact area, by the mesh, as a fraction (MechanicalError)
 };
 
@@ -16137,49 +16176,43 @@ struct Separation {
   std::size_t first, second;  ///< indices into the states
 };
 
-/// How far a response change is from that on a fine mesh. A mesh that has the contact area wrong has, to first order,
-/// the light of another load. Where light that the dent takes and light that it gives nearly cancel, that is much more
-/// than the same part of the change. The number covers 95 of 100 differences (benchmarks/refinement/results.md).
+/// How far a response change is from that on a fine mesh: a mesh that has the contact area wrong has the light of
+/// another load, and of another dent. Where light that the dent took under less load and light that it gives now nearly
+/// cancel, that is much more than the same part of the change. The number covers 95 of 100 differences
+/// (benchmarks/refinement/results.md).
 struct OpticalError {
-  double area = 2.0;  ///< of the change and of ‖F ∂change/∂F‖, times the relative error of the contact area
+  double area = 2.0;  ///< of change and rise (load_rises()), times the relative error of the contact area
 
   /// Throws InvalidArgument.
   double of(const ObservedState& state) const {
     require_in_range("relative error of the contact area", state.area_error, 0.0, 1.0, "");
-    require_in_range("slope of a response over load", state.load_slope, 0.0, 1e150, "");
-    return area * state.area_error * (state.load_slope + state.change.colwise().mean().norm());
+    require_in_range("rise of a response over load", state.load_rise, 0.0, 1e150, "");
+    return area * state.area_error * (state.load_rise + state.change.colwise().mean().norm());
   }
   void require_valid() const { require_in_range("error of light per error of area", area, 0.0, 1e3, ""); }
   /// Of the distance of two states, whose meshes differ.
   double of(const ObservedState& a, const ObservedState& b) const { return std::hypot(of(a), of(b)); }
 };
 
-/// ‖F ∂change/∂F‖ of each state of one press, its loads ascending [N]: the slope of the parabola through a state and
-/// its two neighbours, of which the first one's is the unloaded body. Throws InvalidArgument for loads that do not
-/// ascend from above 0, and for changes that are not one for each load, of one size and finite.
-inline std::vector<double> load_slopes(
+/// F ‖Δchange‖/ΔF of each state of one press, its loads ascending [N]; differences are to the state before, of the
+/// first one to the unloaded body. Throws InvalidArgument for loads that do not ascend from above 0, and for changes
+/// that are not one for each load, of one size and finite.
+inline std::vector<double> load_rises(
     const std::vector<double>& loads_N, const std::vector<Eigen::RowVectorXd>& changes) {
-  const std::size_t n = loads_N.size();
-  if (changes.size() != n)
-    throw InvalidArgument(message("load slopes: ", changes.size(), " changes for ", n, " loads"));
-  // from the state before to this one, or to the next: newtons, and change per newton
-  const auto step = [&](std::size_t k) { return k == 0 ? loads_N[0] : loads_N[k] - loads_N[k - 1]; };
-  const auto rise = [&](std::size_t k) -> Eigen::RowVectorXd {
-    require_positive("step of load", step(k), "N");
-    if (k == 0) return changes[0] / step(0);
+  if (changes.size() != loads_N.size())
+    throw InvalidArgument(message("rises over load: ", changes.size(), " changes for ", loads_N.size(), " loads"));
+  std::vector<double> rises;
+  for (std::size_t k = 0; k < loads_N.size(); ++k) {
+    const double step = k == 0 ? loads_N[0] : loads_N[k] - loads_N[k - 1];
+    require_positive("step of load", step, "N");
     if (changes[k].size() != changes[0].size())
       throw InvalidArgument(
-          message("load slopes: changes of ", changes[0].size(), " and ", changes[k].size(), " channels"));
-    return (changes[k] - changes[k - 1]) / step(k);
-  };
-  std::vector<double> slopes;
-  for (std::size_t k = 0; k < n; ++k) {
-    Eigen::RowVectorXd slope = rise(k);
-    if (k + 1 < n) slope = (step(k + 1) * slope + step(k) * rise(k + 1)) / (step(k) + step(k + 1));
-    slopes.push_back(loads_N[k] * slope.norm());
-    require_in_range("slope of a response over load", slopes.back(), 0.0, 1e150, "");
+          message("rises over load: changes of ", changes[0].size(), " and ", changes[k].size(), " channels"));
+    const double change = k == 0 ? changes[0].norm() : (changes[k] - changes[k - 1]).norm();
+    rises.push_back(loads_N[k] * change / step);
+    require_in_range("rise of a response over load", rises.back(), 0.0, 1e150, "");
   }
-  return slopes;
+  return rises;
 }
 
 namespace detail {
@@ -16490,6 +16523,8 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
     }
   }
   if (record.unresolved && is_scored(record.status, true)) record.status = Status::unresolved;
+  // It would be pressed again, on a finer mesh, which takes longer still.
+  if (record.status == Status::time_limit) record.unresolved.reset();
   return record;
 }
 
@@ -16512,8 +16547,8 @@ inline std::vector<ObservedState> observed_states(const ScenarioRecord& record, 
     loads_N.push_back(s.load_N);
     changes.push_back(s.change.colwise().mean());
   }
-  const std::vector<double> slopes = load_slopes(loads_N, changes);
-  for (std::size_t k = 0; k < states.size(); ++k) states[k].load_slope = slopes[k];
+  const std::vector<double> rises = load_rises(loads_N, changes);
+  for (std::size_t k = 0; k < states.size(); ++k) states[k].load_rise = rises[k];
   return states;
 }
 
