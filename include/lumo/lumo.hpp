@@ -16,6 +16,8 @@
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/morphology/measured_lobe.hpp"
+#include "lumo/morphology/profile.hpp"
+#include "lumo/morphology/round_shapes.hpp"
 #include "lumo/morphology/section.hpp"
 #include "lumo/morphology/silicone.hpp"
 
