@@ -24,6 +24,7 @@
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/mesh/size_field.hpp"
+#include "lumo/mesh/surface_mesh.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/mesh/vtu.hpp"
 
