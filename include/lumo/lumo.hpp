@@ -16,12 +16,15 @@
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/morphology/measured_lobe.hpp"
+#include "lumo/morphology/profile.hpp"
+#include "lumo/morphology/round_shapes.hpp"
 #include "lumo/morphology/section.hpp"
 #include "lumo/morphology/silicone.hpp"
 
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/mesh/size_field.hpp"
+#include "lumo/mesh/surface_mesh.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/mesh/vtu.hpp"
 

@@ -17,7 +17,7 @@ inline void require_valid(const Body& body, const TetMesh& mesh);
 
 /// Throws MeshError unless nodes of the boundary lie on their patches' exact shapes, within a millionth of the body's
 /// size; mesh_body() places them so, middle nodes too. The message names the worst patch and its largest distance.
-/// Indices must be in range.
+/// Indices must be in range. Throws InvalidArgument for a shape whose own validate() refuses it.
 inline void require_on_shapes(const Body& body, const TetMesh& mesh);
 
 /// The same for the vertices of the body's facets: what is meshed is moved onto the shapes, however far. Throws
@@ -49,7 +49,13 @@ namespace detail {
 // How far points are off the shapes of the patches that they should lie on.
 class ShapeCheck {
  public:
-  explicit ShapeCheck(const Body& body) : body_(body) {}
+  explicit ShapeCheck(const Body& body) : body_(body) {
+    for (const Patch& p : body.patches) try {
+        validate(p.shape);
+      } catch (const InvalidArgument& e) {
+        throw InvalidArgument(message("patch \"", printable(p.name), "\": ", e.what()));
+      }
+  }
 
   void add(int patch, const Vec3d& at) {
     const Vec3d p(body_.symmetry.x ? std::abs(at.x()) : at.x(), body_.symmetry.y ? std::abs(at.y()) : at.y(), at.z());

@@ -6,8 +6,12 @@
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <iterator>
 #include <map>
 #include <set>
+#include <vector>
 
 namespace lumo {
 
@@ -72,10 +76,41 @@ namespace detail {
 // Patches that meet at each vertex or edge of the sector's boundary.
 using PatchSet = std::set<int>;
 
+// Signed distance of a point from a patch's shape, and the normal there.
+struct OffShape {
+  double gap;
+  Vec3d normal;
+};
+
+inline OffShape off_shape(const Body& body, int patch, const Vec3d& p) {
+  const Shape& shape = body.patches[std::size_t(patch)].shape;
+  const Vec3d n = outward_normal(shape, p);
+  return {n.dot(p - closest_point(shape, p)), n};
+}
+
+// Newton's shortest step to where two patches meet; it halves the way where they touch (a double root).
+inline Vec3d toward_seam(const Body& body, int first, int second, const Vec3d& p) {
+  const auto [g, m] = off_shape(body, first, p);
+  const auto [h, n] = off_shape(body, second, p);
+  const double c = m.dot(n), sine2 = m.cross(n).squaredNorm();
+  if (!(sine2 > 1e-20)) return Vec3d::Zero();
+  return -((g - c * h) / sine2) * m - ((h - c * g) / sine2) * n;
+}
+
+// Onto all of the patches: by turns, which is all that it takes where they meet at right angles, then by Newton's
+// method.
 inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3d> p, double tiny) {
+  std::vector<int> real;
+  std::copy_if(patches.begin(), patches.end(), std::back_inserter(real), [](int patch) { return patch >= 0; });
   for (int round = 0; round < 2; ++round)
-    for (int patch : patches)
-      if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
+    for (int patch : real) p = closest_point(body.patches[std::size_t(patch)].shape, p);
+  const auto is_off = [&](int patch) { return !(std::abs(off_shape(body, patch, p).gap) <= tiny); };
+  constexpr int most_rounds = 60;
+  for (int round = 0; round < most_rounds && real.size() > 1; ++round) {
+    if (std::none_of(real.begin(), real.end(), is_off)) break;
+    for (std::size_t i = 0; i < real.size(); ++i)
+      for (std::size_t j = i + 1; j < real.size(); ++j) p = p + toward_seam(body, real[i], real[j], p);
+  }
   if (body.symmetry.x && std::abs(p.x()) < tiny) p.x() = 0.0;
   if (body.symmetry.y && std::abs(p.y()) < tiny) p.y() = 0.0;
   return p;

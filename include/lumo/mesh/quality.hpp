@@ -145,7 +145,8 @@ inline void require_indices(const TetMesh& mesh) {
   using Reason = MeshError::Reason;
   if (mesh.order != 1 && mesh.order != 2)
     throw MeshError(Reason::bad_index, message("mesh order is ", mesh.order, ", must be 1 or 2"));
-  if (mesh.tets.empty()) throw MeshError(Reason::degenerate, "mesh has no elements");
+  if (mesh.tets.empty())
+    throw MeshError(Reason::degenerate, "mesh has no elements: a bare surface can be lit, not pressed");
   const std::size_t count = mesh.nodes.size();
   for (std::size_t k = 0; k < count; ++k)
     if (!mesh.nodes[k].allFinite())
