@@ -2857,7 +2857,8 @@ static_assert(EmitterModel<PointEmitter>);
 namespace lumo {
 
 /// An exact surface that a patch of a body lies on.
-/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
+/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p). A `validate(shape)`
+/// beside it is called before the shape is used.
 template <class S>
 concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
   { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
@@ -2896,7 +2897,45 @@ struct SphereShape {
   }
 };
 
-using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
+/// Throws InvalidArgument unless the direction of a surface has length 1, within 1e-6.
+inline void require_unit(const char* what, const Vec3d& direction) {
+  if (!(std::abs(direction.norm() - 1.0) <= 1e-6))
+    throw InvalidArgument(message(what, " has length ", direction.norm(), ", must be 1"));
+}
+
+inline void validate(const Plane& plane) { require_unit("direction of a plane", plane.direction); }
+
+/// Any other model of SurfaceShape: a value, cheap to copy.
+class OwnShape {
+ public:
+  template <class S>
+  requires(!std::same_as<S, OwnShape> && SurfaceShape<S>) OwnShape(const S& model)
+      : model_(std::make_shared<const S>(model)), calls_(&calls<S>) {}
+
+  Vec3d closest_point(const Vec3d& p) const { return calls_->closest_point(model_.get(), p); }
+  Vec3d normal(const Vec3d& p) const { return calls_->normal(model_.get(), p); }
+  /// What the model's own validate() throws, if it has one.
+  void validate() const { calls_->validate(model_.get()); }
+  /// Its model, if it is an S.
+  template <SurfaceShape S> const S* as() const {
+    return calls_ == &calls<S> ? static_cast<const S*>(model_.get()) : nullptr;
+  }
+
+ private:
+  struct Calls {
+    Vec3d (*closest_point)(const void*, const Vec3d&);
+    Vec3d (*normal)(const void*, const Vec3d&);
+    void (*validate)(const void*);
+  };
+  template <class S> static const Calls calls;
+
+  std::shared_ptr<const void> model_;
+  const Calls* calls_;
+};
+
+/// The surface of a patch: any SurfaceShape. Three that bodies have most are called directly, all others through
+/// OwnShape.
+using Shape = std::variant<Plane, EllipticCylinder, SphereShape, OwnShape>;
 
 inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
   return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
@@ -2904,6 +2943,26 @@ inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
 inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
   return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
 }
+
+namespace detail {
+
+// What a shape says of its own numbers.
+template <class S> void validate_shape(const S& shape) {
+  if constexpr (requires { shape.validate(); }) shape.validate();
+  else if constexpr (requires { validate(shape); }) validate(shape);
+}
+
+}  // namespace detail
+
+/// Throws what the shape's own validate() throws. Not for what could become a Shape: that would ask itself.
+template <std::same_as<Shape> S> void validate(const S& shape) {
+  std::visit([](const auto& s) { detail::validate_shape(s); }, shape);
+}
+
+template <class S> const OwnShape::Calls OwnShape::calls = {
+    [](const void* s, const Vec3d& p) -> Vec3d { return static_cast<const S*>(s)->closest_point(p); },
+    [](const void* s, const Vec3d& p) -> Vec3d { return static_cast<const S*>(s)->normal(p); },
+    [](const void* s) { detail::validate_shape(*static_cast<const S*>(s)); }};
 
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of
 // a convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would
@@ -2951,6 +3010,7 @@ inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
 }
 
 static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
+static_assert(SurfaceShape<OwnShape> && !SurfaceShape<Shape>);
 
 }  // namespace lumo
 
@@ -4186,6 +4246,398 @@ inline double LobeTable::cosine(double u) const {
 
 #endif
 
+// ---- lumo/morphology/profile.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_PROFILE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_PROFILE_HPP
+
+namespace lumo {
+
+/// A corner of a flat profile, and the patch of the edge from it to the next corner (of the last one: to the first).
+struct ProfileCorner {
+  double across_m = 0.0;  ///< x, or the distance from the axis
+  double z_m = 0.0;
+  int patch = Body::mirror_patch;  ///< index into Body::patches
+};
+
+/// Corners on the arc of `radius_m` about (across_m, z_m) of `about`, from one angle to another, both ends included;
+/// angles are from x to z. All edges of the arc and the one after it are of the patch of `about`.
+inline std::vector<ProfileCorner> arc_profile(
+    const ProfileCorner& about, double radius_m, double from_rad, double to_rad, int edges);
+
+/// Where a section ends along y, and the patches there; at y = 0 of a body that is symmetric in y: mirror_patch.
+struct SectionEnds {
+  double low_m = 0.0, high_m = 0.0;
+  int low_patch = Body::mirror_patch, high_patch = Body::mirror_patch;
+};
+
+/// Adds to the body the closed boundary of what a section in (x, z), swept along y, fills. The section is a simple
+/// polygon, counter-clockwise with x to the right and z up. One facet for each edge, and one for each end, as
+/// SweptMesher wants it. Throws InvalidArgument for a section that is none, and for patches that the body does not
+/// have.
+inline void add_extruded(Body& body, const std::vector<ProfileCorner>& section, const SectionEnds& ends);
+
+/// Adds to the body the closed boundary of what a profile in (distance from the z axis, z), turned about that axis,
+/// fills; of the sector that Body::symmetry leaves. Counter-clockwise with the distance to the right and z up: either
+/// from the axis to the axis (the patch of the last corner means nothing), or, for a ring, clear of it. Each edge
+/// becomes `edges_per_quarter` flat facets a quarter turn; one that is level and starts or ends on the axis becomes one
+/// facet. Vertices lie on the surfaces of revolution, and exactly in the planes of symmetry. Throws InvalidArgument as
+/// above.
+inline void add_revolved(Body& body, const std::vector<ProfileCorner>& profile, int edges_per_quarter = 8);
+
+namespace detail {
+
+inline void require_profile(const Body& body, const std::vector<ProfileCorner>& corners) {
+  if (corners.size() < 3)
+    throw InvalidArgument(message("profile: ", corners.size(), " corners, at least 3 are needed"));
+  double area = 0.0;
+  for (std::size_t k = 0; k < corners.size(); ++k) {
+    const ProfileCorner &a = corners[k], &b = corners[(k + 1) % corners.size()];
+    if (!std::isfinite(a.across_m) || !std::isfinite(a.z_m))
+      throw InvalidArgument(message("profile: corner ", k, " is not finite"));
+    if (a.patch != Body::mirror_patch && (a.patch < 0 || std::size_t(a.patch) >= body.patches.size()))
+      throw InvalidArgument(message("profile: corner ", k, " names patch ", a.patch, ", the body has patches 0 to ",
+          int(body.patches.size()) - 1));
+    area += 0.5 * (a.across_m * b.z_m - b.across_m * a.z_m);
+  }
+  if (!(area > 0.0))
+    throw InvalidArgument(message("profile: its area is ", area * 1e6,
+        " mm2, must be > 0 mm2: corners run counter-clockwise, with x or the distance to the right and z up"));
+}
+
+inline int add_vertex(Body& body, const Vec3d& at) {
+  body.vertices.push_back(at);
+  return int(body.vertices.size()) - 1;
+}
+
+// Directions about the z axis of the sector that a symmetry leaves, from its first plane to its last; exact where they
+// lie in a plane.
+inline std::vector<std::array<double, 2>> sector_directions(Symmetry symmetry, int per_quarter) {
+  const int first = symmetry.x && !symmetry.y ? -1 : 0;  // quarter turn at which the sector starts
+  const int quarters = symmetry.x && symmetry.y ? 1 : symmetry.x || symmetry.y ? 2 : 4;
+  std::vector<std::array<double, 2>> directions;
+  for (int i = 0; i <= quarters * per_quarter; ++i) {
+    const int quarter = first + i / per_quarter, part = i % per_quarter;
+    const double angle = 0.5 * pi * part / per_quarter, c = part == 0 ? 1.0 : std::cos(angle),
+                 s = part == 0 ? 0.0 : std::sin(angle);
+    const std::array<std::array<double, 2>, 4> turned{{{c, s}, {-s, c}, {-c, -s}, {s, -c}}};
+    directions.push_back(turned[std::size_t(quarter + 4) % 4]);
+  }
+  if (quarters == 4) directions.pop_back();
+  return directions;
+}
+
+// The boundary of a solid of revolution.
+class Revolution {
+ public:
+  Revolution(Body& body, const std::vector<ProfileCorner>& profile, int per_quarter)
+      : body_(body), profile_(profile), directions_(sector_directions(body.symmetry, per_quarter)) {
+    closed_ = !body.symmetry.x && !body.symmetry.y;
+    double largest = 0.0;
+    for (const ProfileCorner& c : profile) largest = std::max(largest, c.across_m);
+    for (const ProfileCorner& c : profile) on_axis_.push_back(std::abs(c.across_m) <= 1e-12 * largest);
+    require_axis();
+    for (std::size_t k = 0; k < profile.size(); ++k) {
+      std::vector<int> ring;
+      for (const auto& [x, y] : directions_) {
+        if (!on_axis_[k]) ring.push_back(add_vertex(body, Vec3d(x * at(k), y * at(k), profile[k].z_m)));
+        else if (ring.empty() && !(closed_ && ends_disc(k)))
+          ring.push_back(add_vertex(body, Vec3d(0.0, 0.0, profile[k].z_m)));
+      }
+      rings_.push_back(std::move(ring));
+    }
+  }
+
+  void add() {
+    const std::size_t edges = profile_.size() - (on_axis_[0] ? 1 : 0);
+    for (std::size_t k = 0; k < edges; ++k) {
+      const std::size_t next = (k + 1) % profile_.size();
+      if (is_disc(k, next)) add_disc(k, next);
+      else add_band(k, next);
+    }
+    if (closed_) return;
+    std::vector<int> start, end;  // the profile in both planes of the sector
+    for (const std::vector<int>& ring : rings_) {
+      start.push_back(ring.front());
+      end.insert(end.begin(), ring.back());
+    }
+    body_.facets.push_back({start, Body::mirror_patch});
+    body_.facets.push_back({end, Body::mirror_patch});
+  }
+
+ private:
+  double at(std::size_t k) const { return profile_[k].across_m; }
+  bool is_disc(std::size_t k, std::size_t next) const {
+    return (on_axis_[k] || on_axis_[next]) && profile_[k].z_m == profile_[next].z_m;
+  }
+  // The middle of a whole disc is no vertex: no facet would have it.
+  bool ends_disc(std::size_t k) const { return k == 0 ? is_disc(0, 1) : is_disc(k - 1, k); }
+  void require_axis() const {
+    const std::size_t last = profile_.size() - 1;
+    for (std::size_t k = 0; k <= last; ++k) {
+      if (!on_axis_[k] && !(at(k) > 0.0))
+        throw InvalidArgument(
+            message("profile: corner ", k, " is ", at(k) * 1e3, " mm from the axis, must be >= 0 mm"));
+      const bool end = k == 0 || k == last;
+      if (on_axis_[k] != (end && on_axis_[0]))
+        throw InvalidArgument(message("profile: corner ", k, " lies ", on_axis_[k] ? "on" : "off",
+            " the axis; the first and the last do, or none"));
+    }
+    for (std::size_t k = 0; k <= last; ++k)
+      if (profile_[k].patch == Body::mirror_patch && !(k == last && on_axis_[0]))
+        throw InvalidArgument(message("profile: corner ", k, " names no patch of the body"));
+  }
+  int vertex(std::size_t k, std::size_t direction) const {
+    return on_axis_[k] ? rings_[k][0] : rings_[k][direction % directions_.size()];
+  }
+  void add_band(std::size_t k, std::size_t next) {
+    const std::size_t steps = directions_.size() - (closed_ ? 0 : 1);
+    for (std::size_t i = 0; i < steps; ++i) {
+      std::vector<int> loop{vertex(k, i)};
+      if (!on_axis_[k]) loop.push_back(vertex(k, i + 1));
+      if (!on_axis_[next]) loop.push_back(vertex(next, i + 1));
+      loop.push_back(vertex(next, i));
+      body_.facets.push_back({loop, profile_[k].patch});
+    }
+  }
+  void add_disc(std::size_t k, std::size_t next) {
+    std::vector<int> loop = rings_[on_axis_[k] ? next : k];
+    if (on_axis_[k]) std::reverse(loop.begin(), loop.end());
+    if (!closed_) loop.push_back(rings_[on_axis_[k] ? k : next][0]);
+    body_.facets.push_back({loop, profile_[k].patch});
+  }
+
+  Body& body_;
+  const std::vector<ProfileCorner>& profile_;
+  std::vector<std::array<double, 2>> directions_;
+  bool closed_ = false;  ///< all the way round
+  std::vector<bool> on_axis_;
+  std::vector<std::vector<int>> rings_;  ///< vertices of each corner, one for each direction; on the axis one
+};
+
+}  // namespace detail
+
+inline std::vector<ProfileCorner> arc_profile(
+    const ProfileCorner& about, double radius_m, double from_rad, double to_rad, int edges) {
+  require_in_range("edges of an arc", edges, 1, 10000, "");
+  require_positive("radius of an arc", radius_m, "m");
+  std::vector<ProfileCorner> corners;
+  for (int i = 0; i <= edges; ++i) {
+    const double angle = (from_rad * (edges - i) + to_rad * i) / edges;
+    corners.push_back(
+        {about.across_m + radius_m * std::cos(angle), about.z_m + radius_m * std::sin(angle), about.patch});
+  }
+  return corners;
+}
+
+inline void add_extruded(Body& body, const std::vector<ProfileCorner>& section, const SectionEnds& ends) {
+  detail::require_profile(body, section);
+  if (!(ends.low_m < ends.high_m))
+    throw InvalidArgument(
+        message("section from y = ", ends.low_m * 1e3, " mm to ", ends.high_m * 1e3, " mm, must be longer than 0 mm"));
+  std::vector<int> low, high;
+  for (const ProfileCorner& c : section) {
+    low.push_back(detail::add_vertex(body, Vec3d(c.across_m, ends.low_m, c.z_m)));
+    high.push_back(detail::add_vertex(body, Vec3d(c.across_m, ends.high_m, c.z_m)));
+  }
+  for (std::size_t k = 0; k < section.size(); ++k) {
+    const std::size_t next = (k + 1) % section.size();
+    body.facets.push_back({{low[k], high[k], high[next], low[next]}, section[k].patch});
+  }
+  body.facets.push_back({low, ends.low_patch});
+  body.facets.push_back({{high.rbegin(), high.rend()}, ends.high_patch});
+}
+
+inline void add_revolved(Body& body, const std::vector<ProfileCorner>& profile, int edges_per_quarter) {
+  require_in_range("edges of a quarter turn", edges_per_quarter, 1, 10000, "");
+  detail::require_profile(body, profile);
+  detail::Revolution(body, profile, edges_per_quarter).add();
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/round_shapes.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_ROUND_SHAPES_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_ROUND_SHAPES_HPP
+
+namespace lumo {
+
+// Shapes of revolution and the ellipsoid. Of each the body is inside, or, with `hole`, around it: then the normal
+// points into the hole.
+
+/// The cylinder of `radius` [m] about the line through `point` along the unit vector `axis`; it has no ends.
+struct CylinderShape {
+  Vec3d point{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d axis{0.0, 0.0, 1.0};
+  double radius = 1.0;
+  bool hole = false;
+
+  Vec3d closest_point(const Vec3d& p) const;
+  Vec3d normal(const Vec3d& p) const;
+};
+
+/// The cone from `apex` that opens along the unit vector `axis`, on that side only; `half_angle_rad` between axis and
+/// surface. At the apex the normal is one of many.
+struct ConeShape {
+  Vec3d apex{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d axis{0.0, 0.0, 1.0};
+  double half_angle_rad = 0.25 * pi;
+  bool hole = false;
+
+  Vec3d closest_point(const Vec3d& p) const;
+  Vec3d normal(const Vec3d& p) const;
+};
+
+/// The ellipsoid about `center` with half axes `semi` along x, y and z [m].
+struct EllipsoidShape {
+  Vec3d center{0.0, 0.0, 0.0};
+  Vec3d semi{1.0, 1.0, 1.0};
+  bool hole = false;
+
+  Vec3d closest_point(const Vec3d& p) const;
+  Vec3d normal(const Vec3d& p) const;
+};
+
+/// The torus about `center`: a tube of radius `tube` [m] whose middle is the circle of radius `ring` [m] across the
+/// unit vector `axis`. A round edge is a quarter of it, a fillet a quarter with `hole`.
+struct TorusShape {
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d axis{0.0, 0.0, 1.0};
+  double ring = 2.0, tube = 1.0;
+  bool hole = false;
+
+  Vec3d closest_point(const Vec3d& p) const;
+  Vec3d normal(const Vec3d& p) const;
+};
+
+/// Throw InvalidArgument for an axis whose length is not 1, a length that is not positive, a cone's angle out of
+/// [0.1, 89.9] degrees, and a tube that is thicker than its ring.
+inline void validate(const CylinderShape& s) {
+  require_unit("axis of a cylinder", s.axis);
+  require_positive("radius of a cylinder", s.radius, "m");
+}
+inline void validate(const ConeShape& s) {
+  require_unit("axis of a cone", s.axis);
+  require_in_range("half angle of a cone", s.half_angle_rad * 180.0 / pi, 0.1, 89.9, "deg");
+}
+inline void validate(const EllipsoidShape& s) {
+  for (Eigen::Index k = 0; k < 3; ++k) require_positive("half axis of an ellipsoid", s.semi[k], "m");
+}
+inline void validate(const TorusShape& s) {
+  require_unit("axis of a torus", s.axis);
+  require_positive("radius of a torus' tube", s.tube, "m");
+  require_positive("radius of a torus' ring", s.ring, "m");
+  if (!(s.tube <= s.ring))
+    throw InvalidArgument(
+        message("radius of a torus' tube is ", s.tube, " m, at most that of its ring, ", s.ring, " m"));
+}
+
+namespace detail {
+
+// A point as it lies about an axis.
+struct AboutAxis {
+  double along, aside;
+  Vec3d out;  ///< unit, from the axis to the point; of points on the axis any
+
+  AboutAxis(const Vec3d& from_origin, const Vec3d& axis) : along(axis.dot(from_origin)) {
+    const Vec3d across = from_origin - along * axis;
+    aside = across.norm();
+    Vec3d t1, t2;
+    tangents(axis, t1, t2);
+    out = aside > 0.0 ? Vec3d(across / aside) : t1;
+  }
+};
+
+}  // namespace detail
+
+inline Vec3d CylinderShape::closest_point(const Vec3d& p) const {
+  const detail::AboutAxis at(p - point, axis);
+  return point + at.along * axis + radius * at.out;
+}
+inline Vec3d CylinderShape::normal(const Vec3d& p) const {
+  return (hole ? -1.0 : 1.0) * detail::AboutAxis(p - point, axis).out;
+}
+
+inline Vec3d ConeShape::closest_point(const Vec3d& p) const {
+  const detail::AboutAxis at(p - apex, axis);
+  const double c = std::cos(half_angle_rad), s = std::sin(half_angle_rad);
+  return apex + std::max(0.0, c * at.along + s * at.aside) * (c * axis + s * at.out);
+}
+inline Vec3d ConeShape::normal(const Vec3d& p) const {
+  const detail::AboutAxis at(p - apex, axis);
+  return (hole ? -1.0 : 1.0) * (std::cos(half_angle_rad) * at.out - std::sin(half_angle_rad) * axis);
+}
+
+// After Eberly, "Distance from a Point to an Ellipsoid" (2013), as EllipticCylinder does in the plane: the root of a
+// convex, falling function by Newton's method in a bracket. Half axes are in units of the least.
+inline Vec3d EllipsoidShape::closest_point(const Vec3d& p) const {
+  Eigen::Index least = 0;
+  semi.minCoeff(&least);
+  const Vec3d q = (p - center).cwiseAbs();
+  Vec3d r, excess, z;  // squared ratio of half axes, what it has over 1, and the place in units of the half axis
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    r[k] = (semi[k] / semi[least]) * (semi[k] / semi[least]);
+    excess[k] = r[k] - 1.0;
+    z[k] = q[k] / semi[k];
+  }
+  const auto sum = [&](double t, double& slope) {
+    double squares = 0.0;
+    slope = 0.0;
+    for (Eigen::Index k = 0; k < 3; ++k)
+      if (z[k] > 0.0) {
+        const double w = r[k] * z[k] / (t + excess[k]);
+        squares += w * w;
+        slope += w * w / (t + excess[k]);
+      }
+    return squares;
+  };
+  double low = z[least], high = Vec3d(r.cwiseProduct(z)).norm(), t = 0.0, slope = 0.0;
+  // Without a part along the least axis the root may lie beyond the pole at t = 0: then the foot leaves the plane.
+  if (low > 0.0 || !(sum(0.0, slope) <= 1.0)) {
+    t = std::clamp(1.0, low, high);
+    for (int i = 0; i < 200; ++i) {
+      const double over = sum(t, slope) - 1.0;
+      (over > 0.0 ? low : high) = t;
+      const double step = 0.5 * over / slope, next = t + step;
+      const bool close = std::abs(step) <= 1e-9 * t;
+      t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
+      if (close || !(low < high)) break;
+    }
+  }
+  Vec3d foot(0.0, 0.0, 0.0);
+  double rest = 1.0;
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    if (z[k] > 0.0) foot[k] = r[k] * q[k] / (t + excess[k]);
+    rest -= (foot[k] / semi[k]) * (foot[k] / semi[k]);
+  }
+  if (!(z[least] > 0.0)) foot[least] = semi[least] * std::sqrt(std::max(0.0, rest));
+  for (Eigen::Index k = 0; k < 3; ++k) foot[k] = std::copysign(foot[k], p[k] - center[k]);
+  return center + foot;
+}
+inline Vec3d EllipsoidShape::normal(const Vec3d& p) const {
+  const Vec3d foot = closest_point(p) - center;
+  return (hole ? -1.0 : 1.0) * foot.cwiseQuotient(semi.cwiseProduct(semi)).normalized();
+}
+
+inline Vec3d TorusShape::closest_point(const Vec3d& p) const {
+  const detail::AboutAxis at(p - center, axis);
+  return center + ring * at.out + (hole ? -tube : tube) * normal(p);
+}
+inline Vec3d TorusShape::normal(const Vec3d& p) const {
+  const detail::AboutAxis at(p - center, axis);
+  const Vec3d d = (at.aside - ring) * at.out + at.along * axis;
+  const double length = d.norm();
+  return (hole ? -1.0 : 1.0) * (length > 0.0 ? Vec3d(d / length) : axis);
+}
+
+static_assert(
+    SurfaceShape<CylinderShape> && SurfaceShape<ConeShape> && SurfaceShape<EllipsoidShape> && SurfaceShape<TorusShape>);
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/mesh/tet_mesh.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MESH_TET_MESH_HPP
 #define SINGLE_INCLUDE_LUMO_MESH_TET_MESH_HPP
@@ -4473,7 +4925,8 @@ inline void require_indices(const TetMesh& mesh) {
   using Reason = MeshError::Reason;
   if (mesh.order != 1 && mesh.order != 2)
     throw MeshError(Reason::bad_index, message("mesh order is ", mesh.order, ", must be 1 or 2"));
-  if (mesh.tets.empty()) throw MeshError(Reason::degenerate, "mesh has no elements");
+  if (mesh.tets.empty())
+    throw MeshError(Reason::degenerate, "mesh has no elements: a bare surface can be lit, not pressed");
   const std::size_t count = mesh.nodes.size();
   for (std::size_t k = 0; k < count; ++k)
     if (!mesh.nodes[k].allFinite())
@@ -4585,7 +5038,7 @@ inline void require_valid(const Body& body, const TetMesh& mesh);
 
 /// Throws MeshError unless nodes of the boundary lie on their patches' exact shapes, within a millionth of the body's
 /// size; mesh_body() places them so, middle nodes too. The message names the worst patch and its largest distance.
-/// Indices must be in range.
+/// Indices must be in range. Throws InvalidArgument for a shape whose own validate() refuses it.
 inline void require_on_shapes(const Body& body, const TetMesh& mesh);
 
 /// The same for the vertices of the body's facets: what is meshed is moved onto the shapes, however far. Throws
@@ -4617,7 +5070,13 @@ namespace detail {
 // How far points are off the shapes of the patches that they should lie on.
 class ShapeCheck {
  public:
-  explicit ShapeCheck(const Body& body) : body_(body) {}
+  explicit ShapeCheck(const Body& body) : body_(body) {
+    for (const Patch& p : body.patches) try {
+        validate(p.shape);
+      } catch (const InvalidArgument& e) {
+        throw InvalidArgument(message("patch \"", printable(p.name), "\": ", e.what()));
+      }
+  }
 
   void add(int patch, const Vec3d& at) {
     const Vec3d p(body_.symmetry.x ? std::abs(at.x()) : at.x(), body_.symmetry.y ? std::abs(at.y()) : at.y(), at.z());
@@ -4771,10 +5230,41 @@ namespace detail {
 // Patches that meet at each vertex or edge of the sector's boundary.
 using PatchSet = std::set<int>;
 
+// Signed distance of a point from a patch's shape, and the normal there.
+struct OffShape {
+  double gap;
+  Vec3d normal;
+};
+
+inline OffShape off_shape(const Body& body, int patch, const Vec3d& p) {
+  const Shape& shape = body.patches[std::size_t(patch)].shape;
+  const Vec3d n = outward_normal(shape, p);
+  return {n.dot(p - closest_point(shape, p)), n};
+}
+
+// Newton's shortest step to where two patches meet; it halves the way where they touch (a double root).
+inline Vec3d toward_seam(const Body& body, int first, int second, const Vec3d& p) {
+  const auto [g, m] = off_shape(body, first, p);
+  const auto [h, n] = off_shape(body, second, p);
+  const double c = m.dot(n), sine2 = m.cross(n).squaredNorm();
+  if (!(sine2 > 1e-20)) return Vec3d::Zero();
+  return -((g - c * h) / sine2) * m - ((h - c * g) / sine2) * n;
+}
+
+// Onto all of the patches: by turns, which is all that it takes where they meet at right angles, then by Newton's
+// method.
 inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3d> p, double tiny) {
+  std::vector<int> real;
+  std::copy_if(patches.begin(), patches.end(), std::back_inserter(real), [](int patch) { return patch >= 0; });
   for (int round = 0; round < 2; ++round)
-    for (int patch : patches)
-      if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
+    for (int patch : real) p = closest_point(body.patches[std::size_t(patch)].shape, p);
+  const auto is_off = [&](int patch) { return !(std::abs(off_shape(body, patch, p).gap) <= tiny); };
+  constexpr int most_rounds = 60;
+  for (int round = 0; round < most_rounds && real.size() > 1; ++round) {
+    if (std::none_of(real.begin(), real.end(), is_off)) break;
+    for (std::size_t i = 0; i < real.size(); ++i)
+      for (std::size_t j = i + 1; j < real.size(); ++j) p = p + toward_seam(body, real[i], real[j], p);
+  }
   if (body.symmetry.x && std::abs(p.x()) < tiny) p.x() = 0.0;
   if (body.symmetry.y && std::abs(p.y()) < tiny) p.y() = 0.0;
   return p;
@@ -5016,6 +5506,367 @@ inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& fo
   std::vector<FinePlace> places;
   for (const Vec3d& p : points) places.push_back({p, focus.finest});
   return focused(std::move(body), std::move(places), focus);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/signed_distance.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SIGNED_DISTANCE_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_SIGNED_DISTANCE_HPP
+
+namespace lumo {
+
+/// Where on a triangle abc a point is nearest to another, and on what of it.
+struct TrianglePoint {
+  Vec3d point{0.0, 0.0, 0.0};
+  int feature = inside;  ///< corner a, b, c: 0, 1, 2; edge ab, bc, ca: 3, 4, 5; or
+  static constexpr int inside = 6;
+};
+
+/// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
+inline TrianglePoint closest_point(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  const Vec3d ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0.0 && d2 <= 0.0) return {a, 0};
+  const Vec3d bp = p - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0.0 && d4 <= d3) return {b, 1};
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return {a + d1 / (d1 - d3) * ab, 3};
+  const Vec3d cp = p - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0.0 && d5 <= d6) return {c, 2};
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return {a + d2 / (d2 - d6) * ac, 5};
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0.0 && d4 >= d3 && d5 >= d6) return {b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b), 4};
+  const double scale = 1.0 / (va + vb + vc);
+  return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
+}
+
+inline Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  return closest_point(p, a, b, c).point;
+}
+
+/// Boxes about the triangles of a surface, for the distance to it. Own code: the promise is that lumo needs Eigen only.
+class TriangleTree {
+ public:
+  explicit TriangleTree(const TriangleSurface& surface) {
+    for (const auto& t : surface.triangles) {
+      const auto at = [&](std::size_t k) -> const Vec3d& { return surface.vertices[std::size_t(t[k])]; };
+      leaves_.push_back({{at(0), at(1), at(2)}, int(leaves_.size())});
+    }
+    if (!leaves_.empty()) build(0, int(leaves_.size()));
+  }
+
+  /// The place on the surface that is nearest to a point.
+  struct Nearest {
+    int triangle = -1;  ///< −1: there is none so near
+    TrianglePoint at;
+    double distance = std::numeric_limits<double>::infinity();  ///< unsigned [m]
+  };
+
+  /// Looks no farther than `near` [m] from p.
+  Nearest nearest(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
+    Nearest best;
+    double least = near * near;
+    if (!nodes_.empty()) search(0, p, least, best);
+    best.distance = std::sqrt(least);
+    return best;
+  }
+
+  /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
+  double distance(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
+    return nearest(p, near).distance;
+  }
+
+ private:
+  struct Leaf {
+    std::array<Vec3d, 3> corners;
+    int triangle;
+  };
+  struct Node {
+    std::array<double, 3> low{}, high{};  // corners of its box
+    int first = 0, count = 0;             // leaves; count 0: the children are the next node and the one at `first`
+
+    double squared_distance(const Vec3d& p) const {
+      double sum = 0.0;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const double off = std::max(std::max(low[a] - p[Eigen::Index(a)], p[Eigen::Index(a)] - high[a]), 0.0);
+        sum += off * off;
+      }
+      return sum;
+    }
+  };
+
+  int build(int begin, int end) {
+    const int self = int(nodes_.size());
+    Eigen::AlignedBox3d box;
+    for (int i = begin; i < end; ++i)
+      for (const Vec3d& corner : leaves_[std::size_t(i)].corners) box.extend(corner);
+    const Vec3d low = box.min(), high = box.max();
+    nodes_.push_back({{low[0], low[1], low[2]}, {high[0], high[1], high[2]}, begin, end - begin});
+    if (end - begin <= 2) return self;
+    int axis;
+    box.sizes().maxCoeff(&axis);
+    const auto middle = [&](const Leaf& t) { return t.corners[0][axis] + t.corners[1][axis] + t.corners[2][axis]; };
+    const int half = (begin + end) / 2;
+    std::nth_element(
+        leaves_.begin() + begin, leaves_.begin() + half, leaves_.begin() + end, [&](const Leaf& a, const Leaf& b) {
+          const double x = middle(a), y = middle(b);
+          return x < y || (x == y && a.triangle < b.triangle);
+        });
+    build(begin, half);
+    const int right = build(half, end);
+    nodes_[std::size_t(self)].first = right;
+    nodes_[std::size_t(self)].count = 0;
+    return self;
+  }
+
+  void search(int self, const Vec3d& p, double& least, Nearest& best) const {
+    const Node& n = nodes_[std::size_t(self)];
+    if (n.count > 0) {
+      for (int i = n.first; i < n.first + n.count; ++i) {
+        const Leaf& t = leaves_[std::size_t(i)];
+        const TrianglePoint on = closest_point(p, t.corners[0], t.corners[1], t.corners[2]);
+        if (const double squared = (on.point - p).squaredNorm(); squared < least) {
+          least = squared;
+          best.triangle = t.triangle;
+          best.at = on;
+        }
+      }
+      return;
+    }
+    int near = self + 1, far = n.first;
+    double to_near = nodes_[std::size_t(near)].squared_distance(p),
+           to_far = nodes_[std::size_t(far)].squared_distance(p);
+    if (to_far < to_near) {
+      std::swap(near, far);
+      std::swap(to_near, to_far);
+    }
+    if (to_near < least) search(near, p, least, best);
+    if (to_far < least) search(far, p, least, best);
+  }
+
+  std::vector<Leaf> leaves_;
+  std::vector<Node> nodes_;
+};
+
+/// Exact signed distance to a closed surface of triangles, negative inside. The sign is that of the outward direction
+/// at the nearest place, with the normals of the triangles that meet there weighted by their angles. Source: Bærentzen
+/// & Aanæs 2005. The surface must outlive it and be valid (unchecked). Of a point that is not finite, all is NaN.
+class SignedDistance {
+ public:
+  explicit SignedDistance(const TriangleSurface& surface);
+
+  /// Distance [m] with its first two derivatives; at the surface itself the gradient is the outward direction there.
+  struct Sample {
+    double distance;
+    Vec3d gradient;
+    Mat3d hessian;  ///< [1/m]
+  };
+  Sample sample(const Vec3d& p) const;
+
+  /// Distance alone; `near`: a bound [m] that its size is known to keep.
+  double distance(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
+    const TriangleTree::Nearest n = tree_.nearest(p, near);
+    if (n.triangle < 0) return p.allFinite() ? n.distance : std::numeric_limits<double>::quiet_NaN();
+    return (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;
+  }
+
+ private:
+  struct Normals {
+    Vec3d own{0.0, 0.0, 0.0};
+    std::array<Vec3d, 3> at_edge;  // sums with the neighbour's; by TrianglePoint's edges
+  };
+
+  const Vec3d& corner(const std::array<int, 3>& t, std::size_t k) const {
+    return surface_->vertices[std::size_t(t[k])];
+  }
+  const Vec3d& outward(const TriangleTree::Nearest& n) const {
+    const Normals& own = normals_[std::size_t(n.triangle)];
+    if (n.at.feature == TrianglePoint::inside) return own.own;
+    if (n.at.feature > 2) return own.at_edge[std::size_t(n.at.feature) - 3];
+    return at_corner_[std::size_t(surface_->triangles[std::size_t(n.triangle)][std::size_t(n.at.feature)])];
+  }
+
+  const TriangleSurface* surface_;
+  TriangleTree tree_;
+  std::vector<Normals> normals_;
+  std::vector<Vec3d> at_corner_;
+};
+
+inline SignedDistance::SignedDistance(const TriangleSurface& surface)
+    : surface_(&surface),
+      tree_(surface),
+      normals_(surface.triangles.size()),
+      at_corner_(surface.vertices.size(), Vec3d::Zero()) {
+  std::map<std::pair<int, int>, Vec3d> at_edge;
+  const auto edge = [&](const std::array<int, 3>& t, std::size_t k) -> Vec3d& {
+    return at_edge.try_emplace(std::minmax(int(t[k]), int(t[(k + 1) % 3])), Vec3d::Zero()).first->second;
+  };
+  for (std::size_t i = 0; i < normals_.size(); ++i) {
+    const auto& t = surface.triangles[i];
+    const Vec3d n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
+    normals_[i].own = n;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vec3d forth = corner(t, (k + 1) % 3) - corner(t, k), back = corner(t, (k + 2) % 3) - corner(t, k);
+      at_corner_[std::size_t(t[k])] += std::atan2(forth.cross(back).norm(), forth.dot(back)) * n;
+      edge(t, k) += n;
+    }
+  }
+  for (std::size_t i = 0; i < normals_.size(); ++i)
+    for (std::size_t k = 0; k < 3; ++k) normals_[i].at_edge[k] = edge(surface.triangles[i], k);
+}
+
+inline SignedDistance::Sample SignedDistance::sample(const Vec3d& p) const {
+  const TriangleTree::Nearest n = tree_.nearest(p);
+  if (n.triangle < 0) {
+    constexpr double none = std::numeric_limits<double>::quiet_NaN();
+    return {none, Vec3d::Constant(none), Mat3d::Constant(none)};
+  }
+  const Vec3d &out = outward(n), way = p - n.at.point;
+  const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
+  Sample s{sign * n.distance, out.normalized(), Mat3d::Zero()};
+  // A way that is as short as what rounding leaves of it has no direction.
+  const double rounding = 8.0 * std::numeric_limits<double>::epsilon() * p.cwiseAbs().maxCoeff();
+  if (n.at.feature == TrianglePoint::inside || !(n.distance > rounding)) return s;
+  s.gradient = way / s.distance;
+  // A plane's distance is straight, an edge's bends across it, a corner's all around.
+  Mat3d turning = Mat3d::Identity() - s.gradient * s.gradient.transpose();
+  if (n.at.feature > 2) {
+    const auto& t = surface_->triangles[std::size_t(n.triangle)];
+    const std::size_t k = std::size_t(n.at.feature) - 3;
+    const Vec3d along = (corner(t, (k + 1) % 3) - corner(t, k)).normalized();
+    turning -= along * along.transpose();
+  }
+  s.hessian = turning / s.distance;
+  return s;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/surface_mesh.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_SURFACE_MESH_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_SURFACE_MESH_HPP
+
+namespace lumo {
+
+/// Triangles of a surface as the shape of a patch. Normals turn evenly from corner to corner (Phong 1975); those of the
+/// corners are the mean of the triangles about them, by angle (Thürmer & Wüthrich 1998).
+class TriangleShape {
+ public:
+  /// The triangles must have an area.
+  explicit TriangleShape(const TriangleSurface& surface)
+      : surface_(surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3d::Zero()) {
+    for (const auto& t : surface.triangles)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Vec3d forth = corner(t, (k + 1) % 3) - corner(t, k), back = corner(t, (k + 2) % 3) - corner(t, k);
+        const Vec3d n = forth.cross(back);
+        at_corner_[std::size_t(t[k])] += std::atan2(n.norm(), forth.dot(back)) * n.normalized();
+      }
+    for (Vec3d& n : at_corner_) n = n.normalized();
+  }
+
+  Vec3d closest_point(const Vec3d& p) const {
+    const TriangleTree::Nearest n = tree_.nearest(p);
+    return n.triangle < 0 ? p : n.at.point;
+  }
+  Vec3d normal(const Vec3d& p) const {
+    const TriangleTree::Nearest n = tree_.nearest(p);
+    if (n.triangle < 0) return p;
+    const auto& t = surface_.triangles[std::size_t(n.triangle)];
+    const Vec3d b = corner(t, 1) - corner(t, 0), c = corner(t, 2) - corner(t, 0), at = n.at.point - corner(t, 0);
+    const Vec3d across = b.cross(c);
+    const double u = at.cross(c).dot(across) / across.squaredNorm(), v = b.cross(at).dot(across) / across.squaredNorm();
+    return ((1.0 - u - v) * at_corner_[std::size_t(t[0])] + u * at_corner_[std::size_t(t[1])] +
+            v * at_corner_[std::size_t(t[2])])
+        .normalized();
+  }
+
+ private:
+  const Vec3d& corner(const std::array<int, 3>& t, std::size_t k) const { return surface_.vertices[std::size_t(t[k])]; }
+
+  TriangleSurface surface_;
+  TriangleTree tree_;
+  std::vector<Vec3d> at_corner_;
+};
+
+static_assert(SurfaceShape<TriangleShape>);
+
+/// Neighbours whose normals differ by more are parts of their own.
+inline constexpr double crease_rad = 0.5;
+
+/// Number of the part, from 0 on, that each triangle belongs to; parts are what creases divide.
+inline std::vector<int> smooth_parts(const TriangleSurface& surface, double crease = crease_rad);
+
+/// A closed surface, such as read_surface() gives, as a mesh without elements: Tracer lights it, and a press refuses
+/// it. Faces are of the patches that surface_patches() makes. Throws MeshError as validate_surface does.
+inline TetMesh surface_mesh(const TriangleSurface& surface, double crease = crease_rad);
+
+/// A patch for each smooth part, "part 0" and so on, whose normals are those of the triangles. Tell them apart by their
+/// shapes; those that are planes or spheres may be given them.
+inline std::vector<Patch> surface_patches(const TriangleSurface& surface, double crease = crease_rad);
+
+inline std::vector<int> smooth_parts(const TriangleSurface& surface, double crease) {
+  validate_surface(surface);
+  const std::size_t count = surface.triangles.size();
+  std::vector<Vec3d> normal;
+  for (const auto& t : surface.triangles) {
+    const auto at = [&](std::size_t k) -> const Vec3d& { return surface.vertices[std::size_t(t[k])]; };
+    normal.push_back(Vec3d(at(1) - at(0)).cross(at(2) - at(0)).normalized());
+  }
+  std::vector<std::size_t> root(count);
+  std::iota(root.begin(), root.end(), std::size_t(0));
+  const auto find = [&](std::size_t i) {
+    for (; root[i] != i; i = root[i]) root[i] = root[root[i]];
+    return i;
+  };
+  std::map<std::pair<int, int>, std::size_t> across;
+  for (std::size_t i = 0; i < count; ++i)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto& t = surface.triangles[i];
+      const auto [it, fresh] = across.try_emplace(std::minmax(int(t[k]), int(t[(k + 1) % 3])), i);
+      if (fresh || normal[i].dot(normal[it->second]) < std::cos(crease)) continue;
+      const std::size_t a = find(i), b = find(it->second);
+      root[std::max(a, b)] = std::min(a, b);
+    }
+  std::map<std::size_t, int> number;
+  std::vector<int> parts;
+  for (std::size_t i = 0; i < count; ++i)
+    parts.push_back(number.try_emplace(find(i), int(number.size())).first->second);
+  return parts;
+}
+
+inline TetMesh surface_mesh(const TriangleSurface& surface, double crease) {
+  const std::vector<int> parts = smooth_parts(surface, crease);
+  TetMesh mesh;
+  mesh.order = 1;
+  mesh.nodes = surface.vertices;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    const auto& t = surface.triangles[i];
+    mesh.faces.push_back({{t[0], t[1], t[2], -1, -1, -1}, parts[i]});
+  }
+  std::stable_sort(mesh.faces.begin(), mesh.faces.end(),
+      [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
+  return mesh;
+}
+
+inline std::vector<Patch> surface_patches(const TriangleSurface& surface, double crease) {
+  const std::vector<int> parts = smooth_parts(surface, crease);
+  std::vector<TriangleSurface> part(std::size_t(1 + *std::max_element(parts.begin(), parts.end())));
+  for (TriangleSurface& p : part) p.vertices = surface.vertices;
+  for (std::size_t i = 0; i < parts.size(); ++i) part[std::size_t(parts[i])].triangles.push_back(surface.triangles[i]);
+  std::vector<Patch> patches(part.size());
+  for (std::size_t k = 0; k < part.size(); ++k) {
+    patches[k].name = "part " + std::to_string(k);
+    patches[k].shape = TriangleShape(part[k]);
+  }
+  return patches;
 }
 
 }  // namespace lumo
@@ -6589,244 +7440,6 @@ inline DistanceSample Cylinder::sample(const Vec3d& p) const {
 }
 
 static_assert(Indenter<Cylinder>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/geometry/signed_distance.hpp
-#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SIGNED_DISTANCE_HPP
-#define SINGLE_INCLUDE_LUMO_GEOMETRY_SIGNED_DISTANCE_HPP
-
-namespace lumo {
-
-/// Where on a triangle abc a point is nearest to another, and on what of it.
-struct TrianglePoint {
-  Vec3d point{0.0, 0.0, 0.0};
-  int feature = inside;  ///< corner a, b, c: 0, 1, 2; edge ab, bc, ca: 3, 4, 5; or
-  static constexpr int inside = 6;
-};
-
-/// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
-inline TrianglePoint closest_point(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-  const Vec3d ab = b - a, ac = c - a, ap = p - a;
-  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
-  if (d1 <= 0.0 && d2 <= 0.0) return {a, 0};
-  const Vec3d bp = p - b;
-  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
-  if (d3 >= 0.0 && d4 <= d3) return {b, 1};
-  const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return {a + d1 / (d1 - d3) * ab, 3};
-  const Vec3d cp = p - c;
-  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d6 >= 0.0 && d5 <= d6) return {c, 2};
-  const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return {a + d2 / (d2 - d6) * ac, 5};
-  const double va = d3 * d6 - d5 * d4;
-  if (va <= 0.0 && d4 >= d3 && d5 >= d6) return {b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b), 4};
-  const double scale = 1.0 / (va + vb + vc);
-  return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
-}
-
-inline Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-  return closest_point(p, a, b, c).point;
-}
-
-/// Boxes about the triangles of a surface, for the distance to it. Own code: the promise is that lumo needs Eigen only.
-class TriangleTree {
- public:
-  explicit TriangleTree(const TriangleSurface& surface) {
-    for (const auto& t : surface.triangles) {
-      const auto at = [&](std::size_t k) -> const Vec3d& { return surface.vertices[std::size_t(t[k])]; };
-      leaves_.push_back({{at(0), at(1), at(2)}, int(leaves_.size())});
-    }
-    if (!leaves_.empty()) build(0, int(leaves_.size()));
-  }
-
-  /// The place on the surface that is nearest to a point.
-  struct Nearest {
-    int triangle = -1;  ///< −1: there is none so near
-    TrianglePoint at;
-    double distance = std::numeric_limits<double>::infinity();  ///< unsigned [m]
-  };
-
-  /// Looks no farther than `near` [m] from p.
-  Nearest nearest(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
-    Nearest best;
-    double least = near * near;
-    if (!nodes_.empty()) search(0, p, least, best);
-    best.distance = std::sqrt(least);
-    return best;
-  }
-
-  /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
-  double distance(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
-    return nearest(p, near).distance;
-  }
-
- private:
-  struct Leaf {
-    std::array<Vec3d, 3> corners;
-    int triangle;
-  };
-  struct Node {
-    std::array<double, 3> low{}, high{};  // corners of its box
-    int first = 0, count = 0;             // leaves; count 0: the children are the next node and the one at `first`
-
-    double squared_distance(const Vec3d& p) const {
-      double sum = 0.0;
-      for (std::size_t a = 0; a < 3; ++a) {
-        const double off = std::max(std::max(low[a] - p[Eigen::Index(a)], p[Eigen::Index(a)] - high[a]), 0.0);
-        sum += off * off;
-      }
-      return sum;
-    }
-  };
-
-  int build(int begin, int end) {
-    const int self = int(nodes_.size());
-    Eigen::AlignedBox3d box;
-    for (int i = begin; i < end; ++i)
-      for (const Vec3d& corner : leaves_[std::size_t(i)].corners) box.extend(corner);
-    const Vec3d low = box.min(), high = box.max();
-    nodes_.push_back({{low[0], low[1], low[2]}, {high[0], high[1], high[2]}, begin, end - begin});
-    if (end - begin <= 2) return self;
-    int axis;
-    box.sizes().maxCoeff(&axis);
-    const auto middle = [&](const Leaf& t) { return t.corners[0][axis] + t.corners[1][axis] + t.corners[2][axis]; };
-    const int half = (begin + end) / 2;
-    std::nth_element(
-        leaves_.begin() + begin, leaves_.begin() + half, leaves_.begin() + end, [&](const Leaf& a, const Leaf& b) {
-          const double x = middle(a), y = middle(b);
-          return x < y || (x == y && a.triangle < b.triangle);
-        });
-    build(begin, half);
-    const int right = build(half, end);
-    nodes_[std::size_t(self)].first = right;
-    nodes_[std::size_t(self)].count = 0;
-    return self;
-  }
-
-  void search(int self, const Vec3d& p, double& least, Nearest& best) const {
-    const Node& n = nodes_[std::size_t(self)];
-    if (n.count > 0) {
-      for (int i = n.first; i < n.first + n.count; ++i) {
-        const Leaf& t = leaves_[std::size_t(i)];
-        const TrianglePoint on = closest_point(p, t.corners[0], t.corners[1], t.corners[2]);
-        if (const double squared = (on.point - p).squaredNorm(); squared < least) {
-          least = squared;
-          best.triangle = t.triangle;
-          best.at = on;
-        }
-      }
-      return;
-    }
-    int near = self + 1, far = n.first;
-    double to_near = nodes_[std::size_t(near)].squared_distance(p),
-           to_far = nodes_[std::size_t(far)].squared_distance(p);
-    if (to_far < to_near) {
-      std::swap(near, far);
-      std::swap(to_near, to_far);
-    }
-    if (to_near < least) search(near, p, least, best);
-    if (to_far < least) search(far, p, least, best);
-  }
-
-  std::vector<Leaf> leaves_;
-  std::vector<Node> nodes_;
-};
-
-/// Exact signed distance to a closed surface of triangles, negative inside. The sign is that of the outward direction
-/// at the nearest place, with the normals of the triangles that meet there weighted by their angles. Source: Bærentzen
-/// & Aanæs 2005. The surface must outlive it and be valid (unchecked). Of a point that is not finite, all is NaN.
-class SignedDistance {
- public:
-  explicit SignedDistance(const TriangleSurface& surface);
-
-  /// Distance [m] with its first two derivatives; at the surface itself the gradient is the outward direction there.
-  struct Sample {
-    double distance;
-    Vec3d gradient;
-    Mat3d hessian;  ///< [1/m]
-  };
-  Sample sample(const Vec3d& p) const;
-
-  /// Distance alone; `near`: a bound [m] that its size is known to keep.
-  double distance(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
-    const TriangleTree::Nearest n = tree_.nearest(p, near);
-    if (n.triangle < 0) return p.allFinite() ? n.distance : std::numeric_limits<double>::quiet_NaN();
-    return (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;
-  }
-
- private:
-  struct Normals {
-    Vec3d own{0.0, 0.0, 0.0};
-    std::array<Vec3d, 3> at_edge;  // sums with the neighbour's; by TrianglePoint's edges
-  };
-
-  const Vec3d& corner(const std::array<int, 3>& t, std::size_t k) const {
-    return surface_->vertices[std::size_t(t[k])];
-  }
-  const Vec3d& outward(const TriangleTree::Nearest& n) const {
-    const Normals& own = normals_[std::size_t(n.triangle)];
-    if (n.at.feature == TrianglePoint::inside) return own.own;
-    if (n.at.feature > 2) return own.at_edge[std::size_t(n.at.feature) - 3];
-    return at_corner_[std::size_t(surface_->triangles[std::size_t(n.triangle)][std::size_t(n.at.feature)])];
-  }
-
-  const TriangleSurface* surface_;
-  TriangleTree tree_;
-  std::vector<Normals> normals_;
-  std::vector<Vec3d> at_corner_;
-};
-
-inline SignedDistance::SignedDistance(const TriangleSurface& surface)
-    : surface_(&surface),
-      tree_(surface),
-      normals_(surface.triangles.size()),
-      at_corner_(surface.vertices.size(), Vec3d::Zero()) {
-  std::map<std::pair<int, int>, Vec3d> at_edge;
-  const auto edge = [&](const std::array<int, 3>& t, std::size_t k) -> Vec3d& {
-    return at_edge.try_emplace(std::minmax(int(t[k]), int(t[(k + 1) % 3])), Vec3d::Zero()).first->second;
-  };
-  for (std::size_t i = 0; i < normals_.size(); ++i) {
-    const auto& t = surface.triangles[i];
-    const Vec3d n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
-    normals_[i].own = n;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const Vec3d forth = corner(t, (k + 1) % 3) - corner(t, k), back = corner(t, (k + 2) % 3) - corner(t, k);
-      at_corner_[std::size_t(t[k])] += std::atan2(forth.cross(back).norm(), forth.dot(back)) * n;
-      edge(t, k) += n;
-    }
-  }
-  for (std::size_t i = 0; i < normals_.size(); ++i)
-    for (std::size_t k = 0; k < 3; ++k) normals_[i].at_edge[k] = edge(surface.triangles[i], k);
-}
-
-inline SignedDistance::Sample SignedDistance::sample(const Vec3d& p) const {
-  const TriangleTree::Nearest n = tree_.nearest(p);
-  if (n.triangle < 0) {
-    constexpr double none = std::numeric_limits<double>::quiet_NaN();
-    return {none, Vec3d::Constant(none), Mat3d::Constant(none)};
-  }
-  const Vec3d &out = outward(n), way = p - n.at.point;
-  const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
-  Sample s{sign * n.distance, out.normalized(), Mat3d::Zero()};
-  // A way that is as short as what rounding leaves of it has no direction.
-  const double rounding = 8.0 * std::numeric_limits<double>::epsilon() * p.cwiseAbs().maxCoeff();
-  if (n.at.feature == TrianglePoint::inside || !(n.distance > rounding)) return s;
-  s.gradient = way / s.distance;
-  // A plane's distance is straight, an edge's bends across it, a corner's all around.
-  Mat3d turning = Mat3d::Identity() - s.gradient * s.gradient.transpose();
-  if (n.at.feature > 2) {
-    const auto& t = surface_->triangles[std::size_t(n.triangle)];
-    const std::size_t k = std::size_t(n.at.feature) - 3;
-    const Vec3d along = (corner(t, (k + 1) % 3) - corner(t, k)).normalized();
-    turning -= along * along.transpose();
-  }
-  s.hessian = turning / s.distance;
-  return s;
-}
 
 }  // namespace lumo
 

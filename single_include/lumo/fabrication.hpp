@@ -1849,7 +1849,8 @@ static_assert(EmitterModel<PointEmitter>);
 namespace lumo {
 
 /// An exact surface that a patch of a body lies on.
-/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
+/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p). A `validate(shape)`
+/// beside it is called before the shape is used.
 template <class S>
 concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
   { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
@@ -1888,7 +1889,45 @@ struct SphereShape {
   }
 };
 
-using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
+/// Throws InvalidArgument unless the direction of a surface has length 1, within 1e-6.
+inline void require_unit(const char* what, const Vec3d& direction) {
+  if (!(std::abs(direction.norm() - 1.0) <= 1e-6))
+    throw InvalidArgument(message(what, " has length ", direction.norm(), ", must be 1"));
+}
+
+inline void validate(const Plane& plane) { require_unit("direction of a plane", plane.direction); }
+
+/// Any other model of SurfaceShape: a value, cheap to copy.
+class OwnShape {
+ public:
+  template <class S>
+  requires(!std::same_as<S, OwnShape> && SurfaceShape<S>) OwnShape(const S& model)
+      : model_(std::make_shared<const S>(model)), calls_(&calls<S>) {}
+
+  Vec3d closest_point(const Vec3d& p) const { return calls_->closest_point(model_.get(), p); }
+  Vec3d normal(const Vec3d& p) const { return calls_->normal(model_.get(), p); }
+  /// What the model's own validate() throws, if it has one.
+  void validate() const { calls_->validate(model_.get()); }
+  /// Its model, if it is an S.
+  template <SurfaceShape S> const S* as() const {
+    return calls_ == &calls<S> ? static_cast<const S*>(model_.get()) : nullptr;
+  }
+
+ private:
+  struct Calls {
+    Vec3d (*closest_point)(const void*, const Vec3d&);
+    Vec3d (*normal)(const void*, const Vec3d&);
+    void (*validate)(const void*);
+  };
+  template <class S> static const Calls calls;
+
+  std::shared_ptr<const void> model_;
+  const Calls* calls_;
+};
+
+/// The surface of a patch: any SurfaceShape. Three that bodies have most are called directly, all others through
+/// OwnShape.
+using Shape = std::variant<Plane, EllipticCylinder, SphereShape, OwnShape>;
 
 inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
   return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
@@ -1896,6 +1935,26 @@ inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
 inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
   return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
 }
+
+namespace detail {
+
+// What a shape says of its own numbers.
+template <class S> void validate_shape(const S& shape) {
+  if constexpr (requires { shape.validate(); }) shape.validate();
+  else if constexpr (requires { validate(shape); }) validate(shape);
+}
+
+}  // namespace detail
+
+/// Throws what the shape's own validate() throws. Not for what could become a Shape: that would ask itself.
+template <std::same_as<Shape> S> void validate(const S& shape) {
+  std::visit([](const auto& s) { detail::validate_shape(s); }, shape);
+}
+
+template <class S> const OwnShape::Calls OwnShape::calls = {
+    [](const void* s, const Vec3d& p) -> Vec3d { return static_cast<const S*>(s)->closest_point(p); },
+    [](const void* s, const Vec3d& p) -> Vec3d { return static_cast<const S*>(s)->normal(p); },
+    [](const void* s) { detail::validate_shape(*static_cast<const S*>(s)); }};
 
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of
 // a convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would
@@ -1943,6 +2002,7 @@ inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
 }
 
 static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
+static_assert(SurfaceShape<OwnShape> && !SurfaceShape<Shape>);
 
 }  // namespace lumo
 

@@ -1268,7 +1268,8 @@ static_assert(EmitterModel<PointEmitter>);
 namespace lumo {
 
 /// An exact surface that a patch of a body lies on.
-/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
+/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p). A `validate(shape)`
+/// beside it is called before the shape is used.
 template <class S>
 concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
   { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
@@ -1307,7 +1308,45 @@ struct SphereShape {
   }
 };
 
-using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
+/// Throws InvalidArgument unless the direction of a surface has length 1, within 1e-6.
+inline void require_unit(const char* what, const Vec3d& direction) {
+  if (!(std::abs(direction.norm() - 1.0) <= 1e-6))
+    throw InvalidArgument(message(what, " has length ", direction.norm(), ", must be 1"));
+}
+
+inline void validate(const Plane& plane) { require_unit("direction of a plane", plane.direction); }
+
+/// Any other model of SurfaceShape: a value, cheap to copy.
+class OwnShape {
+ public:
+  template <class S>
+  requires(!std::same_as<S, OwnShape> && SurfaceShape<S>) OwnShape(const S& model)
+      : model_(std::make_shared<const S>(model)), calls_(&calls<S>) {}
+
+  Vec3d closest_point(const Vec3d& p) const { return calls_->closest_point(model_.get(), p); }
+  Vec3d normal(const Vec3d& p) const { return calls_->normal(model_.get(), p); }
+  /// What the model's own validate() throws, if it has one.
+  void validate() const { calls_->validate(model_.get()); }
+  /// Its model, if it is an S.
+  template <SurfaceShape S> const S* as() const {
+    return calls_ == &calls<S> ? static_cast<const S*>(model_.get()) : nullptr;
+  }
+
+ private:
+  struct Calls {
+    Vec3d (*closest_point)(const void*, const Vec3d&);
+    Vec3d (*normal)(const void*, const Vec3d&);
+    void (*validate)(const void*);
+  };
+  template <class S> static const Calls calls;
+
+  std::shared_ptr<const void> model_;
+  const Calls* calls_;
+};
+
+/// The surface of a patch: any SurfaceShape. Three that bodies have most are called directly, all others through
+/// OwnShape.
+using Shape = std::variant<Plane, EllipticCylinder, SphereShape, OwnShape>;
 
 inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
   return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
@@ -1315,6 +1354,26 @@ inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
 inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
   return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
 }
+
+namespace detail {
+
+// What a shape says of its own numbers.
+template <class S> void validate_shape(const S& shape) {
+  if constexpr (requires { shape.validate(); }) shape.validate();
+  else if constexpr (requires { validate(shape); }) validate(shape);
+}
+
+}  // namespace detail
+
+/// Throws what the shape's own validate() throws. Not for what could become a Shape: that would ask itself.
+template <std::same_as<Shape> S> void validate(const S& shape) {
+  std::visit([](const auto& s) { detail::validate_shape(s); }, shape);
+}
+
+template <class S> const OwnShape::Calls OwnShape::calls = {
+    [](const void* s, const Vec3d& p) -> Vec3d { return static_cast<const S*>(s)->closest_point(p); },
+    [](const void* s, const Vec3d& p) -> Vec3d { return static_cast<const S*>(s)->normal(p); },
+    [](const void* s) { detail::validate_shape(*static_cast<const S*>(s)); }};
 
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of
 // a convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would
@@ -1362,6 +1421,7 @@ inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
 }
 
 static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
+static_assert(SurfaceShape<OwnShape> && !SurfaceShape<Shape>);
 
 }  // namespace lumo
 
@@ -4563,7 +4623,8 @@ inline void require_indices(const TetMesh& mesh) {
   using Reason = MeshError::Reason;
   if (mesh.order != 1 && mesh.order != 2)
     throw MeshError(Reason::bad_index, message("mesh order is ", mesh.order, ", must be 1 or 2"));
-  if (mesh.tets.empty()) throw MeshError(Reason::degenerate, "mesh has no elements");
+  if (mesh.tets.empty())
+    throw MeshError(Reason::degenerate, "mesh has no elements: a bare surface can be lit, not pressed");
   const std::size_t count = mesh.nodes.size();
   for (std::size_t k = 0; k < count; ++k)
     if (!mesh.nodes[k].allFinite())
@@ -4675,7 +4736,7 @@ inline void require_valid(const Body& body, const TetMesh& mesh);
 
 /// Throws MeshError unless nodes of the boundary lie on their patches' exact shapes, within a millionth of the body's
 /// size; mesh_body() places them so, middle nodes too. The message names the worst patch and its largest distance.
-/// Indices must be in range.
+/// Indices must be in range. Throws InvalidArgument for a shape whose own validate() refuses it.
 inline void require_on_shapes(const Body& body, const TetMesh& mesh);
 
 /// The same for the vertices of the body's facets: what is meshed is moved onto the shapes, however far. Throws
@@ -4707,7 +4768,13 @@ namespace detail {
 // How far points are off the shapes of the patches that they should lie on.
 class ShapeCheck {
  public:
-  explicit ShapeCheck(const Body& body) : body_(body) {}
+  explicit ShapeCheck(const Body& body) : body_(body) {
+    for (const Patch& p : body.patches) try {
+        validate(p.shape);
+      } catch (const InvalidArgument& e) {
+        throw InvalidArgument(message("patch \"", printable(p.name), "\": ", e.what()));
+      }
+  }
 
   void add(int patch, const Vec3d& at) {
     const Vec3d p(body_.symmetry.x ? std::abs(at.x()) : at.x(), body_.symmetry.y ? std::abs(at.y()) : at.y(), at.z());
@@ -4861,10 +4928,41 @@ namespace detail {
 // Patches that meet at each vertex or edge of the sector's boundary.
 using PatchSet = std::set<int>;
 
+// Signed distance of a point from a patch's shape, and the normal there.
+struct OffShape {
+  double gap;
+  Vec3d normal;
+};
+
+inline OffShape off_shape(const Body& body, int patch, const Vec3d& p) {
+  const Shape& shape = body.patches[std::size_t(patch)].shape;
+  const Vec3d n = outward_normal(shape, p);
+  return {n.dot(p - closest_point(shape, p)), n};
+}
+
+// Newton's shortest step to where two patches meet; it halves the way where they touch (a double root).
+inline Vec3d toward_seam(const Body& body, int first, int second, const Vec3d& p) {
+  const auto [g, m] = off_shape(body, first, p);
+  const auto [h, n] = off_shape(body, second, p);
+  const double c = m.dot(n), sine2 = m.cross(n).squaredNorm();
+  if (!(sine2 > 1e-20)) return Vec3d::Zero();
+  return -((g - c * h) / sine2) * m - ((h - c * g) / sine2) * n;
+}
+
+// Onto all of the patches: by turns, which is all that it takes where they meet at right angles, then by Newton's
+// method.
 inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3d> p, double tiny) {
+  std::vector<int> real;
+  std::copy_if(patches.begin(), patches.end(), std::back_inserter(real), [](int patch) { return patch >= 0; });
   for (int round = 0; round < 2; ++round)
-    for (int patch : patches)
-      if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
+    for (int patch : real) p = closest_point(body.patches[std::size_t(patch)].shape, p);
+  const auto is_off = [&](int patch) { return !(std::abs(off_shape(body, patch, p).gap) <= tiny); };
+  constexpr int most_rounds = 60;
+  for (int round = 0; round < most_rounds && real.size() > 1; ++round) {
+    if (std::none_of(real.begin(), real.end(), is_off)) break;
+    for (std::size_t i = 0; i < real.size(); ++i)
+      for (std::size_t j = i + 1; j < real.size(); ++j) p = p + toward_seam(body, real[i], real[j], p);
+  }
   if (body.symmetry.x && std::abs(p.x()) < tiny) p.x() = 0.0;
   if (body.symmetry.y && std::abs(p.y()) < tiny) p.y() = 0.0;
   return p;
