@@ -13,7 +13,7 @@ using namespace lumo;
 namespace {
 
 // A shape, and its equation: 0 on the surface, growing outwards. The two are written apart from each other.
-struct Known {
+struct KnownShape {
   std::string name;
   Shape shape;
   std::function<double(const Vec3d&)> equation;
@@ -24,9 +24,9 @@ const Vec3d center{2e-3, -3e-3, 5e-3}, axis = Vec3d(1.0, 2.0, -0.5).normalized()
 double along(const Vec3d& p) { return axis.dot(p - center); }
 double aside(const Vec3d& p) { return axis.cross(p - center).norm(); }
 
-std::vector<Known> all_shapes() {
+std::vector<KnownShape> all_shapes() {
   const double angle = 0.4;
-  std::vector<Known> shapes{{"plane", Plane{center, axis}, [](const Vec3d& p) { return along(p); }},
+  std::vector<KnownShape> shapes{{"plane", Plane{center, axis}, [](const Vec3d& p) { return along(p); }},
       {"sphere", SphereShape{center, 6e-3}, [](const Vec3d& p) { return (p - center).norm() - 6e-3; }},
       {"cylinder", CylinderShape{center, axis, 4e-3}, [](const Vec3d& p) { return aside(p) - 4e-3; }},
       {"cone", ConeShape{center - 16e-3 * axis, axis, angle},
@@ -44,7 +44,7 @@ std::vector<Known> all_shapes() {
 TEST_CASE("The foot of a point lies on the surface, the normal is the gradient, and the way there is along it") {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> place(-8e-3, 8e-3);
-  for (const Known& known : all_shapes()) {
+  for (const KnownShape& known : all_shapes()) {
     INFO(known.name);
     validate(known.shape);
     for (int k = 0; k < 500; ++k) {
@@ -68,7 +68,7 @@ TEST_CASE("The foot of a point lies on the surface, the normal is the gradient, 
 TEST_CASE("No point of a surface is nearer than the foot") {
   std::mt19937 random(6);
   std::uniform_real_distribution<double> place(-8e-3, 8e-3), nearby(-2e-3, 2e-3);
-  for (const Known& known : all_shapes()) {
+  for (const KnownShape& known : all_shapes()) {
     INFO(known.name);
     for (int k = 0; k < 100; ++k) {
       const Vec3d p = center + Vec3d(place(random), place(random), place(random));
