@@ -48,7 +48,7 @@ TEST_CASE("A sphere of triangles is lit as the exact sphere is, and as its close
   }
 }
 
-TEST_CASE("Creases divide a cube into its faces, whose normals are those of planes; it cannot be pressed") {
+TEST_CASE("Creases divide a cube into its faces, whose normals are those of planes, and it cannot be pressed") {
   const Model cube = box({3e-3, 4e-3, 5e-3}, {1.4, 20.0}, 3);
   const TriangleSurface surface = triangles_of(cube.mesh);
   const TetMesh mesh = surface_mesh(surface);
