@@ -1732,6 +1732,22 @@ struct TriangleSurface {
   std::vector<std::array<int, 3>> triangles;
 };
 
+/// Removes the vertices that no triangle has; the others keep their order.
+inline void drop_unused_vertices(TriangleSurface& surface) {
+  std::vector<int> number(surface.vertices.size(), -1);
+  for (const auto& t : surface.triangles)
+    for (const int v : t) number[std::size_t(v)] = 0;
+  std::vector<Vec3d> used;
+  for (std::size_t v = 0; v < number.size(); ++v)
+    if (number[v] == 0) {
+      number[v] = int(used.size());
+      used.push_back(surface.vertices[v]);
+    }
+  surface.vertices = std::move(used);
+  for (auto& t : surface.triangles)
+    for (int& v : t) v = number[std::size_t(v)];
+}
+
 /// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see
 /// validate_surface.
 inline SurfaceReport validate_surface(const TriangleSurface& surface) {
@@ -1806,7 +1822,7 @@ class SurfaceMender {
     join_twins();
     close_slits();
     drop_slivers();
-    drop_unused();
+    drop_unused_vertices(surface_);
     return mending_;
   }
 
@@ -1827,7 +1843,6 @@ class SurfaceMender {
   }
 
   void drop_repeated();
-  void drop_unused();
   void join_twins();
   void close_slits();
   void drop_slivers();
@@ -1867,21 +1882,6 @@ inline void SurfaceMender::drop_repeated() {
   const std::size_t before = surface_.triangles.size();
   std::erase_if(surface_.triangles, [](const Triangle& t) { return t[0] == t[1] || t[1] == t[2] || t[2] == t[0]; });
   mending_.dropped += int(before - surface_.triangles.size());
-}
-
-inline void SurfaceMender::drop_unused() {
-  std::vector<int> number(surface_.vertices.size(), -1);
-  for (const Triangle& t : surface_.triangles)
-    for (const int v : t) number[std::size_t(v)] = 0;
-  std::vector<Vec3d> used;
-  for (std::size_t v = 0; v < number.size(); ++v)
-    if (number[v] == 0) {
-      number[v] = int(used.size());
-      used.push_back(surface_.vertices[v]);
-    }
-  surface_.vertices = std::move(used);
-  for (Triangle& t : surface_.triangles)
-    for (int& v : t) v = number[std::size_t(v)];
 }
 
 /// Pairs of open sides that run along each other in opposite directions, nearest first.
@@ -5859,10 +5859,11 @@ inline TetMesh surface_mesh(const TriangleSurface& surface, double crease) {
 inline std::vector<Patch> surface_patches(const TriangleSurface& surface, double crease) {
   const std::vector<int> parts = smooth_parts(surface, crease);
   std::vector<TriangleSurface> part(std::size_t(1 + *std::max_element(parts.begin(), parts.end())));
-  for (TriangleSurface& p : part) p.vertices = surface.vertices;
   for (std::size_t i = 0; i < parts.size(); ++i) part[std::size_t(parts[i])].triangles.push_back(surface.triangles[i]);
   std::vector<Patch> patches(part.size());
   for (std::size_t k = 0; k < part.size(); ++k) {
+    part[k].vertices = surface.vertices;
+    drop_unused_vertices(part[k]);
     patches[k].name = "part " + std::to_string(k);
     patches[k].shape = TriangleShape(part[k]);
   }
@@ -14597,7 +14598,6 @@ inline void choose_better(Response& r) {
     const bool misses = off > off_errors * apart[k] && off > off_part * std::max(had, found);
     const bool is_known = r.forward.col(c).minCoeff() > 0.0 && forward[k] < known * found;
     if (!(is_known && (misses || gathered[k] > noisier * forward[k]))) continue;
-    r.ledger.refinement += had - found;
     for (std::size_t i = 0; i < r.ledgers.size(); ++i)
       r.ledgers[i].refinement += r.replicates(Eigen::Index(i), c) - r.forward(Eigen::Index(i), c);
     r.replicates.col(c) = r.forward.col(c);
@@ -16254,7 +16254,6 @@ class Tracer {
       all.ledgers.insert(all.ledgers.end(), p.ledgers.begin(), p.ledgers.end());
       all.rays += p.rays;
       all.segments += p.segments;
-      add_scaled(all.ledger, p.ledger, 1.0);
     }
     choose_better(all);
     return averaged(std::move(all));
@@ -16404,8 +16403,11 @@ class Tracer {
     if (gathers && !ConnectedReadout<Readout>) r.forward_direct = r.forward = r.replicates;
     return r;
   }
-  // Power and error from the replicates.
+  // Power, error and ledger from the replicates.
   static Response averaged(Response response) {
+    response.ledger = {};
+    for (const EnergyLedger& one : response.ledgers)
+      add_scaled(response.ledger, one, 1.0 / double(response.ledgers.size()));
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
       response.ledger.channels.push_back(response.replicates.col(c).mean());
     response.power_W = response.ledger.channels;
@@ -16543,7 +16545,6 @@ class Tracer {
       response.direct(r, first + Eigen::Index(c)) = total.direct[c];
     }
     total.ledger.channels.clear();
-    add_scaled(response.ledger, total.ledger, 1.0 / config_.replicates);
     add_scaled(response.ledgers[std::size_t(r)], total.ledger, 1.0);
   }
 

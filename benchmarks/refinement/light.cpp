@@ -4,6 +4,7 @@
 //   design,material,h_fp,h_ep,w_s,h_s,w_v,y_mm,edges,load_N,nodes,area_error,noise,change of each region...
 // `edges` multiplies all wanted edge lengths; 1.8 is lumo's --quick. table of it: light_table.py
 //   lumo_light_refinement FILE [--first 0] [--designs 16] [--threads 2]
+#include "designs.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/pipeline/evaluate.hpp"
@@ -16,7 +17,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
-#include <random>
+#include <utility>
 
 using namespace lumo;
 
@@ -31,17 +32,7 @@ constexpr double quick = FingerOptions::Mesh::quick_edges;
 std::vector<FingerDesign> designs(std::size_t count) {
   std::vector<FingerDesign> list = built_references();
   list.push_back(built_baseline());
-  const DesignSpace space = finger_space(built_finger().pad);
-  std::mt19937 random(2026);
-  while (list.size() < count) {
-    std::array<double, 5> x;
-    for (std::size_t i = 0; i < 5; ++i) {
-      const int low = int(2 * space.variables[i].lower), high = int(2 * space.variables[i].upper);
-      x[i] = 0.5 * double(low + int(random() % unsigned(high - low + 1)));
-    }
-    if (space.contains(x)) list.push_back(FingerDesign::from(x));
-  }
-  return list;
+  return with_seeded(std::move(list), built_finger().pad, count);
 }
 
 Evaluation evaluated(Finger finger, double y_m, double edges, const TetgenMesher& mesher, int threads) {

@@ -3,6 +3,7 @@
 // (design, setting) is appended to the file; lines that are there are not computed again.
 //   lumo_refinement FILE --finger built --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine
 //       [--first 0] [--diameters 10,30] [--places -22,0,22] [--loads 1,2,5,10]
+#include "designs.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/pipeline/evaluate.hpp"
@@ -15,7 +16,6 @@
 #include <cstring>
 #include <fstream>
 #include <map>
-#include <random>
 #include <set>
 #include <string>
 
@@ -40,19 +40,7 @@ const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1
 
 /// The references first, then seeded feasible lattice designs.
 std::vector<FingerDesign> designs(const FingerOptions& finger, std::size_t count) {
-  std::vector<FingerDesign> list = finger.pad.stem == Stem::free ? built_references() : plain_references();
-  const DesignSpace space = finger_space(finger.pad);
-  std::mt19937 random(2026);
-  while (list.size() < count) {
-    std::array<double, 5> x;
-    for (std::size_t i = 0; i < 5; ++i) {
-      const int low = int(2 * space.variables[i].lower), high = int(2 * space.variables[i].upper);
-      x[i] = 0.5 * double(low + int(random() % unsigned(high - low + 1)));
-    }
-    if (space.contains(x)) list.push_back(FingerDesign::from(x));
-  }
-  list.resize(count);
-  return list;
+  return with_seeded(finger.pad.stem == Stem::free ? built_references() : plain_references(), finger.pad, count);
 }
 
 std::vector<double> numbers(const char* text, double unit) {

@@ -9133,7 +9133,6 @@ inline void choose_better(Response& r) {
     const bool misses = off > off_errors * apart[k] && off > off_part * std::max(had, found);
     const bool is_known = r.forward.col(c).minCoeff() > 0.0 && forward[k] < known * found;
     if (!(is_known && (misses || gathered[k] > noisier * forward[k]))) continue;
-    r.ledger.refinement += had - found;
     for (std::size_t i = 0; i < r.ledgers.size(); ++i)
       r.ledgers[i].refinement += r.replicates(Eigen::Index(i), c) - r.forward(Eigen::Index(i), c);
     r.replicates.col(c) = r.forward.col(c);
@@ -11950,7 +11949,6 @@ class Tracer {
       all.ledgers.insert(all.ledgers.end(), p.ledgers.begin(), p.ledgers.end());
       all.rays += p.rays;
       all.segments += p.segments;
-      add_scaled(all.ledger, p.ledger, 1.0);
     }
     choose_better(all);
     return averaged(std::move(all));
@@ -12100,8 +12098,11 @@ class Tracer {
     if (gathers && !ConnectedReadout<Readout>) r.forward_direct = r.forward = r.replicates;
     return r;
   }
-  // Power and error from the replicates.
+  // Power, error and ledger from the replicates.
   static Response averaged(Response response) {
+    response.ledger = {};
+    for (const EnergyLedger& one : response.ledgers)
+      add_scaled(response.ledger, one, 1.0 / double(response.ledgers.size()));
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
       response.ledger.channels.push_back(response.replicates.col(c).mean());
     response.power_W = response.ledger.channels;
@@ -12239,7 +12240,6 @@ class Tracer {
       response.direct(r, first + Eigen::Index(c)) = total.direct[c];
     }
     total.ledger.channels.clear();
-    add_scaled(response.ledger, total.ledger, 1.0 / config_.replicates);
     add_scaled(response.ledgers[std::size_t(r)], total.ledger, 1.0);
   }
 

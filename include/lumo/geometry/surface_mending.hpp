@@ -65,7 +65,7 @@ class SurfaceMender {
     join_twins();
     close_slits();
     drop_slivers();
-    drop_unused();
+    drop_unused_vertices(surface_);
     return mending_;
   }
 
@@ -86,7 +86,6 @@ class SurfaceMender {
   }
 
   void drop_repeated();
-  void drop_unused();
   void join_twins();
   void close_slits();
   void drop_slivers();
@@ -126,21 +125,6 @@ inline void SurfaceMender::drop_repeated() {
   const std::size_t before = surface_.triangles.size();
   std::erase_if(surface_.triangles, [](const Triangle& t) { return t[0] == t[1] || t[1] == t[2] || t[2] == t[0]; });
   mending_.dropped += int(before - surface_.triangles.size());
-}
-
-inline void SurfaceMender::drop_unused() {
-  std::vector<int> number(surface_.vertices.size(), -1);
-  for (const Triangle& t : surface_.triangles)
-    for (const int v : t) number[std::size_t(v)] = 0;
-  std::vector<Vec3d> used;
-  for (std::size_t v = 0; v < number.size(); ++v)
-    if (number[v] == 0) {
-      number[v] = int(used.size());
-      used.push_back(surface_.vertices[v]);
-    }
-  surface_.vertices = std::move(used);
-  for (Triangle& t : surface_.triangles)
-    for (int& v : t) v = number[std::size_t(v)];
 }
 
 /// Pairs of open sides that run along each other in opposite directions, nearest first.

@@ -3,7 +3,9 @@
 #include "lumo/geometry/surface_check.hpp"
 
 #include <array>
+#include <cstddef>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -13,6 +15,22 @@ struct TriangleSurface {
   std::vector<Vec3d> vertices;  ///< [m]
   std::vector<std::array<int, 3>> triangles;
 };
+
+/// Removes the vertices that no triangle has; the others keep their order.
+inline void drop_unused_vertices(TriangleSurface& surface) {
+  std::vector<int> number(surface.vertices.size(), -1);
+  for (const auto& t : surface.triangles)
+    for (const int v : t) number[std::size_t(v)] = 0;
+  std::vector<Vec3d> used;
+  for (std::size_t v = 0; v < number.size(); ++v)
+    if (number[v] == 0) {
+      number[v] = int(used.size());
+      used.push_back(surface.vertices[v]);
+    }
+  surface.vertices = std::move(used);
+  for (auto& t : surface.triangles)
+    for (int& v : t) v = number[std::size_t(v)];
+}
 
 /// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see
 /// validate_surface.

@@ -121,10 +121,11 @@ inline TetMesh surface_mesh(const TriangleSurface& surface, double crease) {
 inline std::vector<Patch> surface_patches(const TriangleSurface& surface, double crease) {
   const std::vector<int> parts = smooth_parts(surface, crease);
   std::vector<TriangleSurface> part(std::size_t(1 + *std::max_element(parts.begin(), parts.end())));
-  for (TriangleSurface& p : part) p.vertices = surface.vertices;
   for (std::size_t i = 0; i < parts.size(); ++i) part[std::size_t(parts[i])].triangles.push_back(surface.triangles[i]);
   std::vector<Patch> patches(part.size());
   for (std::size_t k = 0; k < part.size(); ++k) {
+    part[k].vertices = surface.vertices;
+    drop_unused_vertices(part[k]);
     patches[k].name = "part " + std::to_string(k);
     patches[k].shape = TriangleShape(part[k]);
   }

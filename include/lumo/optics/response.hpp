@@ -118,7 +118,6 @@ inline void choose_better(Response& r) {
     const bool misses = off > off_errors * apart[k] && off > off_part * std::max(had, found);
     const bool is_known = r.forward.col(c).minCoeff() > 0.0 && forward[k] < known * found;
     if (!(is_known && (misses || gathered[k] > noisier * forward[k]))) continue;
-    r.ledger.refinement += had - found;
     for (std::size_t i = 0; i < r.ledgers.size(); ++i)
       r.ledgers[i].refinement += r.replicates(Eigen::Index(i), c) - r.forward(Eigen::Index(i), c);
     r.replicates.col(c) = r.forward.col(c);

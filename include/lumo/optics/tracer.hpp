@@ -151,7 +151,6 @@ class Tracer {
       all.ledgers.insert(all.ledgers.end(), p.ledgers.begin(), p.ledgers.end());
       all.rays += p.rays;
       all.segments += p.segments;
-      add_scaled(all.ledger, p.ledger, 1.0);
     }
     choose_better(all);
     return averaged(std::move(all));
@@ -301,8 +300,11 @@ class Tracer {
     if (gathers && !ConnectedReadout<Readout>) r.forward_direct = r.forward = r.replicates;
     return r;
   }
-  // Power and error from the replicates.
+  // Power, error and ledger from the replicates.
   static Response averaged(Response response) {
+    response.ledger = {};
+    for (const EnergyLedger& one : response.ledgers)
+      add_scaled(response.ledger, one, 1.0 / double(response.ledgers.size()));
     for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
       response.ledger.channels.push_back(response.replicates.col(c).mean());
     response.power_W = response.ledger.channels;
@@ -440,7 +442,6 @@ class Tracer {
       response.direct(r, first + Eigen::Index(c)) = total.direct[c];
     }
     total.ledger.channels.clear();
-    add_scaled(response.ledger, total.ledger, 1.0 / config_.replicates);
     add_scaled(response.ledgers[std::size_t(r)], total.ledger, 1.0);
   }
 
