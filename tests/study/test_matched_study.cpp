@@ -45,17 +45,21 @@ TEST_CASE("D is the median over scenarios of the norm of the change at its load"
     for (const double load : {1.0, 2.0}) {
       StateRecord state;
       state.load_N = load;
+      state.contact_area_m2 = 1e-4;
+      state.contact_area_error_m2 = 5e-6;
       state.change = (Eigen::MatrixXd(2, 2) << 3.0, 4.0, 3.0, 4.0).finished() * scale * load;
       s.states.push_back(state);
     }
     scenarios.push_back(s);
   }
-  CHECK(median_change(scenarios, 1.0, {0.1})->value == Approx(10.0));
-  CHECK(median_change(scenarios, 1.0, {0.1})->error == Approx(1.0));
-  CHECK(median_change(scenarios, 2.0, {0.1})->value == Approx(20.0));
+  CHECK(median_change(scenarios, 1.0, {3.0})->value == Approx(10.0));
+  // The change grows as the load: 3 times the area's 5 %, of the change and of its equal rise.
+  CHECK(median_change(scenarios, 1.0, {3.0})->error == Approx(3.0));
+  CHECK(median_change(scenarios, 2.0, {3.0})->value == Approx(20.0));
+  CHECK(median_change(scenarios, 2.0, {3.0})->error == Approx(6.0));
   CHECK(median_change({scenarios[0], scenarios[1]}, 1.0, {0.0})->value == Approx(10.0));
-  CHECK(!median_change(scenarios, 5.0, {0.1}));
-  CHECK(!median_change({}, 1.0, {0.1}));
+  CHECK(!median_change(scenarios, 5.0, {3.0}));
+  CHECK(!median_change({}, 1.0, {3.0}));
 }
 
 TEST_CASE("A study draws the same designs however many it compares, and no more than it can draw evenly") {
