@@ -1,5 +1,6 @@
 #include "catch.hpp"
 #include "lumo/mechanics/contact/contact_handler.hpp"
+#include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/indenters/box.hpp"
 #include "lumo/mechanics/indenters/cylinder.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
@@ -8,6 +9,9 @@
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "mechanics/bodies.hpp"
+
+#include <cmath>
+#include <vector>
 
 using namespace lumo;
 
@@ -32,27 +36,30 @@ TEST_CASE(
   const TetMesh mesh = test::block_mesh(size, test::even(1), test::even(1), test::even(1), 1, false);
   const SDFContact law{1e10, 0.4};
   const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-  const FrictionHistory history(surface, law, law.friction, positions_of(mesh), Vec3d::Zero());
-  const Vec3d at = history.place[0][0], n = Vec3d(0.1, -0.2, 1.0).normalized(), u = n.unitOrthogonal(), v = n.cross(u);
+  const Box plate{{40e-3, 40e-3, 10e-3}, 1e-3};
+  const Moving<Box> touching{&plate, Vec3d(1e-3, 1e-3, 1e-3), -Vec3d::UnitZ()};
+  const FrictionHistory history(surface, law, law.friction, positions_of(mesh), touching);
+  REQUIRE(history.points[0][0].gap <= 0.0);
+  const Vec3d origin = touching.origin, at = history.points[0][0].place, n = Vec3d(0.1, -0.2, 1.0).normalized(), u = n.unitOrthogonal(), v = n.cross(u);
   const double pressure = 2e5, most = 0.4 * pressure;
-  for (double slip : {1e-7, 3e-5, 1e-3}) {
-    const Vec3d step = slip * (0.6 * u + 0.8 * v) + 5e-5 * n;  // along the normal nothing
-    const auto answer = history.answer(0, 0, at + step, Vec3d::Zero(), n, pressure);
-    CHECK(answer.traction.norm() == Approx(std::min(most, 1e9 * slip)));
+  for (double slip : {3e-8, 1e-5, 3e-4}) {
+    const Vec3d step = slip * (0.6 * u + 0.8 * v) + 1.5e-5 * n;  // along the normal nothing
+    const auto answer = history.answer(0, 0, at + step, origin, n, pressure);
+    CHECK(answer.traction.norm() == Approx(std::min(most, 3e9 * slip)));
     CHECK(answer.traction.normalized().dot(0.6 * u + 0.8 * v) == Approx(-1.0));
-    CHECK(answer.stretch.norm() == Approx(std::min(most / 1e9, slip)));
-    const auto with_tool = history.answer(0, 0, at + step, step, n, pressure);
+    CHECK(answer.stretch.norm() == Approx(std::min(most / 3e9, slip)));
+    const auto with_tool = history.answer(0, 0, at + step, origin + step, n, pressure);
     CHECK(with_tool.traction.norm() < 1e-6);  // the tool went along
     for (int c = 0; c < 3; ++c) {
       const double h = 1e-4 * slip;
       const Vec3d slope =
-          (history.answer(0, 0, at + step + h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction -
-              history.answer(0, 0, at + step - h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction) /
+          (history.answer(0, 0, at + step + h * Vec3d::Unit(c), origin, n, pressure).traction -
+              history.answer(0, 0, at + step - h * Vec3d::Unit(c), origin, n, pressure).traction) /
           (2 * h);
-      CHECK((slope + answer.stiffness.col(c)).norm() < 1e-5 * 1e9);
+      CHECK((slope + answer.stiffness.col(c)).norm() < 1e-5 * 3e9);
     }
   }
-  CHECK(history.answer(0, 0, at + 1e-3 * u, Vec3d::Zero(), n, -1.0).traction.norm() == 0.0);
+  CHECK(history.answer(0, 0, at + 1e-3 * u, origin, n, -1.0).traction.norm() == 0.0);
 }
 
 TEST_CASE("a plate pressed askew on a thin layer sticks with the layer's shear or slides with Coulomb's share") {
@@ -145,4 +152,64 @@ TEST_CASE("contact at vertices has the friction too, and the law's bounds") {
     CHECK(most > 0.0);
     CHECK(total <= 0.5 * s.force_N / std::cos(20 * pi / 180) * 1.1);
   }
+}
+
+TEST_CASE("a point slips from where it comes into contact, not from the last equilibrium") {
+  const Vec3d size(2e-3, 2e-3, 1e-3);
+  const Body body = test::block_body(size);
+  const TetMesh mesh = test::block_mesh(size, test::even(1), test::even(1), test::even(1), 1, false);
+  const SDFContact law{1e10, 0.4};
+  const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
+  const Box plate{{40e-3, 40e-3, 10e-3}, 1e-3};
+  const Vec3d askew = Vec3d(-1.0, 0.0, -2.0).normalized(), up = Vec3d::UnitZ();
+  const double open = 5e-5, pressure = 1e9, stiff = 3e9;
+  Moving<Box> tool{&plate, Vec3d(1e-3, 1e-3, 1e-3 + open + 5e-3), askew};
+  const FrictionHistory history(surface, law, law.friction, positions_of(mesh), tool);
+  const Vec3d at = history.points[0][0].place;
+  REQUIRE(history.points[0][0].gap == Approx(open));
+  const double way = open / -askew.z(), advance = 3.0 * way;
+  REQUIRE(history.points[0][0].ahead == Approx(way).margin(2e-9));
+  // Carried along since they met, the point has not slipped; held in place, by what the tool went since, to the side.
+  const auto carried = history.answer(0, 0, at + (advance - way) * askew, tool.origin + advance * askew, up, pressure);
+  CHECK(carried.traction.norm() < 2e-9 * stiff);
+  const auto held = history.answer(0, 0, at, tool.origin + advance * askew, up, pressure);
+  CHECK(held.traction.x() == Approx(stiff * (advance - way) * askew.x()).epsilon(1e-4));
+  CHECK(std::abs(held.traction.y()) < 1e-12 * stiff);
+
+  // On what does not move, the way beyond the surface counts: a fifth of one that closes 4/5 of its normal part.
+  tool.direction = Vec3d::Zero();
+  const FrictionHistory on_carrier(surface, law, law.friction, positions_of(mesh), tool);
+  const Vec3d motion(2e-5, 0.0, 1.25 * open);
+  const auto rested = on_carrier.answer(0, 0, at + motion, tool.origin, -up, pressure);
+  CHECK(rested.traction.x() == Approx(-stiff * 0.2 * motion.x()));
+  CHECK(on_carrier.answer(0, 0, at + Vec3d(2e-5, 0.0, 0.5 * open), tool.origin, -up, pressure).traction.norm() == 0.0);
+}
+
+TEST_CASE("a ball pressed obliquely sticks as Mindlin has it, however many loads are asked on the way") {
+  // Sticking all over, T/N = 2 (1 - nu) / (2 - nu) tan a, and N grows as the depth to 3/2 (Mindlin, Deresiewicz 1953).
+  const double angle = 30.0 * pi / 180, load = 0.1, nu = 0.495, mu = 106e3;
+  const Body body = test::block_to_mesh(Vec3d::Constant(60e-3), 20e-3, 0.2, 20e-3);
+  const Scenario<Sphere> last{Sphere{20e-3}, angle, 0.0, {load}};
+  const TetgenMesher mesher;
+  const TetMesh mesh =
+      mesh_for_contact(body, mesh_body(body, mesher), std::vector{last}, mesher, Focus{0.2e-3, 0.25, 0.7});
+  const auto pressed = [&](double friction, const std::vector<double>& loads) {
+    const FastSimulator sim{NeoHookean{mu, 99 * mu}, SDFContact{1e11, friction}};
+    const auto states = sim.press(body, mesh, Scenario<Sphere>{Sphere{20e-3}, angle, 0.0, loads});
+    REQUIRE(states.back().status == Status::converged);
+    return states.back();
+  };
+  const double slick = pressed(0.0, {load}).depth_m;
+  const double ratio = 2 * (1 - nu) / (2 - nu), t = std::tan(angle),
+               N = load / (std::cos(angle) + ratio * t * std::sin(angle));
+  std::vector<double> forces;
+  for (const int asked : {1, 6}) {
+    std::vector<double> loads;
+    for (int k = asked; k-- > 0;) loads.push_back(load * std::pow(0.01, double(k) / asked));
+    const MechanicalState end = pressed(1.0, loads);
+    forces.push_back(-friction_of(end).x());
+    CHECK(forces.back() == Approx(ratio * t * N).epsilon(0.03));
+    CHECK(end.depth_m / slick == Approx(std::pow(std::cos(angle) * N / load, 2.0 / 3.0)).epsilon(0.01));
+  }
+  CHECK(forces[0] == Approx(forces[1]).epsilon(0.01));
 }

@@ -130,8 +130,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations),
         now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, touch.origin),
-        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, Vec3d::Zero()) {
+        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, system_.indenter(0.0)),
+        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, system_.support()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -144,7 +144,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     auto state = std::tie(now_, touched_, rested_, load_);
     // The last one that was reached closely: a loose one may be what led astray.
     std::tuple<typename System::Place, FrictionHistory, FrictionHistory, double> reached = state;
-    double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
+    double first = std::min(load, largest_first_load()) * (has_friction() ? first_share : 1.0),
+           stride = config_.load_stride;
+    double on_the_way = has_friction() ? close : loose;  // friction remembers where strides end
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
                    tolerance = next == load ? config_.residual_tolerance : on_the_way;
@@ -185,10 +187,14 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
+  bool has_friction() const { return touched_.coefficient > 0.0 || rested_.coefficient > 0.0; }
+
   // Residual over load at which a stride on the way may end, at first and after a loss.
   static constexpr double loose = 0.3, close = 1e-3;
   // Residual over load below which points seldom come and go, or change between sticking and sliding.
   static constexpr double settled = 1e-2;
+  // Of the first load. A contact that has grown at once has slipped another way than one that grew.
+  static constexpr double first_share = 0.1;
   static constexpr int most_cuts = 8;  // of the strides to one load
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
