@@ -10,7 +10,7 @@ namespace lumo {
 /// When a value of an objective is an outlier. Ranges are those of the bulk, of all that is none.
 struct OutlierRule {
   double worse = 20.0;        ///< ranges between the bulk and a worse value that is an outlier
-  double better = 1000.0;     ///< and a better one, which may be what is looked for
+  double better = 1e6;        ///< and a better one, which may be what is looked for
   std::size_t confirmed = 3;  ///< so many different ones that are better are no outliers
   std::size_t least = 6;      ///< different values below which none is an outlier
   std::size_t early = 8;      ///< different values, at least, among which the bulk begins
