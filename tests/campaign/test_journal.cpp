@@ -1,5 +1,7 @@
 #include "campaign/store_test.hpp"
 #include "catch.hpp"
+#include "german_locale.hpp"
+#include "lumo/campaign/campaign.hpp"
 #include "lumo/support/sqlite.hpp"
 #include "temporary_folder.hpp"
 
@@ -342,4 +344,109 @@ TEST_CASE("A store is not used after a fork") {
     }) == 0);
   fill(log, 3);
   log.verify();
+}
+
+TEST_CASE("A store is made under every locale, and is the same") {
+  const TemporaryFolder folder;
+  SqliteJournal plain(folder / "plain", "p");
+  fill(plain, 3);
+  const GermanLocale german;
+  SqliteJournal log(folder / "german", "p");
+  fill(log, 3);
+  CHECK(log.digest() == plain.digest());
+  CHECK(folder.read("german") == folder.read("plain"));
+}
+
+TEST_CASE("Every name of a store is a file's name") {
+  const TemporaryFolder folder;
+  CHECK(in_child([&] {
+    fs::current_path(folder.path);
+    for (const char* name : {":memory:", "file:kept.db?mode=memory", "file::memory:", "file:plain"}) {
+      {
+        SqliteJournal log(name, "p");
+        fill(log, 2);
+      }
+      if (SqliteJournal(name).entries().size() != 3) throw Error(name);
+    }
+  }) == 0);
+  CHECK(folder.entries() == 4);
+  CHECK(fs::exists(folder / ":memory:"));
+  CHECK(reason_of([] { SqliteJournal log("", "p"); }) == StoreError::Reason::unusable);
+}
+
+TEST_CASE("A store that is removed, renamed or replaced keeps the finished evaluation beside it") {
+  for (const std::string how : {"removed", "renamed", "replaced"}) {
+    const TemporaryFolder folder;
+    const std::string store = folder / "store";
+    Problem p;
+    p.space.variables = {{"a", 0.0, 10.0, 1.0, ""}};
+    p.objectives = {{"f", true, 0.0}};
+    p.sobol = 3;
+    p.evaluations = 5;
+    SqliteJournal log(store, "p");
+    int evaluations = 0;
+    const auto evaluate = [&](const Design& x) {
+      if (++evaluations == 2) {
+        if (how == "renamed") fs::rename(store, folder / "elsewhere");
+        else fs::remove(store);
+        if (how == "replaced") SqliteJournal(store, "p");
+      }
+      return TrialResult{{x[0]}, false, "", "hours of work", ""};
+    };
+    std::string why;
+    try {
+      run_campaign(log, Optimizer<>(p), evaluate, [](const auto&, int, const TrialResult&) {});
+    } catch (const StoreError& e) {
+      why = e.what();
+    }
+    CHECK(evaluations == 2);
+    CHECK_THAT(why, Catch::Contains(how) && Catch::Contains("store.rescued-1"));
+    SqliteJournal kept(folder / "store.rescued-1");
+    kept.verify();
+    REQUIRE(kept.entries().size() == 5);
+    CHECK(kept.record(4) == "hours of work");
+    run_campaign(kept, Optimizer<>(p), evaluate, [](const auto&, int, const TrialResult&) {});  // it goes on from there
+    CHECK(evaluations == 5);
+  }
+}
+
+TEST_CASE("A store with a stranger's trigger or view is refused, and nothing of it is carried out") {
+  const TemporaryFolder folder;
+  for (const char* sql : {"CREATE TRIGGER t AFTER INSERT ON entry BEGIN DELETE FROM entry WHERE number = 2; END",
+           "CREATE VIEW v AS SELECT 1", "CREATE TABLE more(a)",
+           "ALTER TABLE entry RENAME TO hidden; CREATE VIEW entry AS WITH RECURSIVE r(number) AS (SELECT 0 UNION ALL "
+           "SELECT number + 1 FROM r) SELECT number, '' AS kind, '' AS content, '' AS record, '' AS notes, '' AS "
+           "digest FROM r"}) {
+    fs::remove(folder / "store");
+    {
+      SqliteJournal log(folder / "store", "p");
+      fill(log, 3);
+    }
+    sqlite3* stranger = nullptr;
+    REQUIRE(sqlite3_open(std::string(folder / "store").c_str(), &stranger) == SQLITE_OK);
+    REQUIRE(sqlite3_exec(stranger, sql, nullptr, nullptr, nullptr) == SQLITE_OK);
+    sqlite3_close(stranger);
+    const std::string before = folder.read("store");
+    CHECK(reason_of([&] { SqliteJournal log(folder / "store", "p"); }) == StoreError::Reason::corrupt);
+    CHECK(reason_of([&] { SqliteJournal log(folder / "store"); }) == StoreError::Reason::corrupt);
+    CHECK(folder.read("store") == before);
+  }
+}
+
+TEST_CASE("A journal that is open sees what others append, and damage to what it has not read") {
+  const TemporaryFolder folder;
+  SqliteJournal mine(folder / "store", "p"), other(folder / "store", "p");
+  fill(mine, 2);
+  fill(other, 5);
+  fill(mine, 6);
+  CHECK(mine.entries().size() == 7);
+  CHECK(other.entries().size() == 7);
+  CHECK(mine.digest() == other.digest());
+  fill(mine, 8);
+  sqlite3* stranger = nullptr;
+  REQUIRE(sqlite3_open(std::string(folder / "store").c_str(), &stranger) == SQLITE_OK);
+  REQUIRE(sqlite3_exec(stranger, "UPDATE entry SET content = 'x' WHERE number = 8", nullptr, nullptr, nullptr) ==
+          SQLITE_OK);
+  sqlite3_close(stranger);
+  CHECK(reason_of([&] { other.entries(); }) == StoreError::Reason::corrupt);
 }

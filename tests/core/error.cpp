@@ -1,5 +1,6 @@
 #include "catch.hpp"
 
+#include "german_locale.hpp"
 #include "lumo/core/error.hpp"
 
 #include <limits>
@@ -54,4 +55,9 @@ TEST_CASE("every error of lumo is caught as one") {
   CHECK_THROWS_AS(throw lumo::InputError("x"), lumo::Error);
   CHECK_THROWS_AS(throw lumo::MeshError(lumo::MeshError::Reason::open, "x"), lumo::Error);
   CHECK_THROWS_AS(throw lumo::InfeasibleDesign("c", 1, 0, "mm", "x"), lumo::Error);
+}
+
+TEST_CASE("a message is the same under every locale") {
+  const GermanLocale german;
+  CHECK(lumo::message("of ", 3213, " points, ", 0.5, " s") == "of 3213 points, 0.5 s");
 }

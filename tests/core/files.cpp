@@ -28,6 +28,18 @@ TEST_CASE("a file is read whole, and what is no file or too large is not read", 
   CHECK_FALSE(read_whole(folder / "pipe"));  // and does not wait for a writer
 }
 
+TEST_CASE("what cannot be read is refused with its name and the reason", "[core]") {
+  const TemporaryFolder folder;
+  CHECK(read_text(folder.write("file", "text")) == "text");
+  CHECK(read_text(folder.write("long", std::string(200000, 'x'))) == std::string(200000, 'x'));
+  CHECK(read_text(folder.write("empty", "")).empty());
+  CHECK_THROWS_WITH(read_text(folder / "none"), Catch::Contains("none: cannot be read: No such file"));
+  CHECK_THROWS_WITH(read_text(folder.path), Catch::Contains("cannot be read: Is a directory"));
+  CHECK_THROWS_WITH(read_text(folder / "long", 199999), Catch::Contains("it has more than 199999 bytes"));
+  CHECK_THROWS_WITH(read_text("/dev/zero", 1000), Catch::Contains("/dev/zero: cannot be read: it has more than 1000"));
+  CHECK_THROWS_WITH(read_text("/proc/self/mem"), Catch::Contains("/proc/self/mem: cannot be read: Input/output error"));
+}
+
 TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
   const TemporaryFolder folder;
   for (const std::string& bytes : {std::string("first\0line\r\n", 12), std::string(100000, 'x'), std::string()}) {

@@ -1,6 +1,7 @@
 #include "catch.hpp"
 
 #include "fabrication/designs.hpp"
+#include "german_locale.hpp"
 #include "lumo/fabrication/casting_drawings.hpp"
 #include "lumo/fabrication/casting_kit.hpp"
 #include "lumo/fabrication/drawing.hpp"
@@ -163,4 +164,19 @@ TEST_CASE("a stream that fails is an error", "[fabrication]") {
   out.clear();
   const std::vector<PrintItem> items{{"carrier", carrier_solid(s, plain_casting())}};
   CHECK_THROWS_AS(write_3mf(out, std::span<const PrintItem>(items), Zip{}), InputError);
+}
+
+TEST_CASE("drawings are the same under every locale") {
+  Drawing d;
+  d.title = "a line";
+  d.layers = {{"cut", 1, "#000000"}};
+  d.lines = {{0, {{0.0, 0.0}, {1.2345, 2000.5}}, false}};
+  const auto written = [&] {
+    std::ostringstream out;
+    write_svg(out, d);
+    return dxf(d) + out.str();
+  };
+  const std::string plain = written();
+  const GermanLocale german;
+  CHECK(written() == plain);
 }

@@ -1,5 +1,6 @@
 #include "catch.hpp"
 
+#include "german_locale.hpp"
 #include "lumo/mesh/vtu.hpp"
 
 #include <sstream>
@@ -65,4 +66,18 @@ TEST_CASE("a .pvd series lists its files with their loads") {
   std::ostringstream out;
   write_pvd(out, std::vector<SeriesEntry>{{1.0, "a.vtu"}, {2.5, "b.vtu"}});
   CHECK(out.str().find("timestep=\"2.5\" part=\"0\" file=\"b.vtu\"") != std::string::npos);
+}
+
+TEST_CASE("files of a mesh are the same under every locale") {
+  TetMesh many = one_tet();
+  while (many.nodes.size() < 2000) many.nodes.push_back(many.nodes.front());
+  const auto written = [&] {
+    std::ostringstream out;
+    write_vtu(out, many);
+    write_pvd(out, std::vector<SeriesEntry>{{0.5, "a.vtu"}, {1500.0, "b.vtu"}});
+    return out.str();
+  };
+  const std::string plain = written();
+  const GermanLocale german;
+  CHECK(written() == plain);
 }

@@ -153,3 +153,73 @@ TEST_CASE("local search finds the best design of a lattice where fresh candidate
   CHECK(*second != where);
   CHECK(FreshCandidates{}.best({sampler, none, front, 1}, score).has_value());
 }
+
+namespace {
+
+/// Mean and deviation of a coordinate over the fresh designs of several keys.
+std::pair<double, double> spread(const std::vector<Design>& designs, std::size_t i) {
+  double mean = 0.0, square = 0.0;
+  for (const Design& x : designs) mean += x[i] / double(designs.size());
+  for (const Design& x : designs) square += std::pow(x[i] - mean, 2) / double(designs.size() - 1);
+  return {mean, std::sqrt(square)};
+}
+
+}  // namespace
+
+TEST_CASE("fresh designs of a simplex and of ordered integers are uniform, and keep off the faces", "[candidates]") {
+  DesignSpace simplex;
+  for (int i = 0; i < 10; ++i) simplex.variables.push_back({"x" + std::to_string(i), 0.0, 1.0, 0.0, ""});
+  simplex.constraints = {{"sum", std::vector<double>(10, 1.0), -infinite, 1.0, ""}};
+  DesignSpace ordered;
+  for (int i = 0; i < 7; ++i) ordered.variables.push_back({"x" + std::to_string(i), 200.0, 8000.0, 1.0, ""});
+  for (std::size_t i = 0; i < 6; ++i) {
+    std::vector<double> c(7, 0.0);
+    c[i] = 1.0;
+    c[i + 1] = -1.0;
+    ordered.constraints.push_back({"c" + std::to_string(i), c, -infinite, 0.0, ""});
+  }
+  const DesignSampler first(simplex), second(ordered);
+  for (const std::uint64_t key : {1u, 2u, 3u}) {
+    const auto a = first.fresh(64, key, {});
+    REQUIRE(a.size() == 64);
+    for (std::size_t i = 0; i < 10; ++i) {  // a coordinate of a uniform point has mean 1/11, deviation 0.083
+      const auto [mean, deviation] = spread(a, i);
+      CHECK(mean == Approx(1.0 / 11.0).margin(0.045));
+      CHECK(deviation == Approx(0.083).margin(0.045));
+    }
+    double least = 1.0;
+    for (const Design& x : a) least = std::min(least, 1.0 - simplex.constraints[0].sum(x));
+    CHECK(least > 1e-6);
+
+    const auto b = second.fresh(64, key, {});
+    REQUIRE(b.size() == 64);
+    int equal = 0;
+    for (const Design& x : b)
+      for (std::size_t i = 0; i < 6; ++i) equal += x[i] == x[i + 1];
+    CHECK(equal <= 4);
+    for (std::size_t i = 0; i < 7; ++i)
+      CHECK(spread(b, i).first == Approx(200.0 + 7800.0 * double(i + 1) / 8.0).margin(500.0));
+  }
+}
+
+TEST_CASE("no pair of 40 variables leaves a quarter of its square empty", "[candidates]") {
+  DesignSpace box;
+  for (int i = 0; i < 40; ++i) box.variables.push_back({"x" + std::to_string(i), 0.0, 1.0, 0.0, ""});
+  const auto designs = DesignSampler(box).fresh(256, 1, {});
+  for (std::size_t i = 0; i < 40; ++i)
+    for (std::size_t k = 0; k < i; ++k) {
+      int corner = 0;  // 64 expected
+      for (const Design& x : designs) corner += x[i] > 0.5 && x[k] > 0.5;
+      if (std::abs(corner - 64) > 32) CHECK(corner == 64);
+    }
+}
+
+TEST_CASE("lattice nodes are written as a person would where bounds are not multiples", "[candidates]") {
+  DesignSpace s;
+  s.variables = {{"a", -1.3, 1.3, 0.1, "", -1.3}};
+  std::set<std::string> written;
+  for (const Design& x : DesignSampler(s).fresh(27, 1, {})) written.insert(exact(x[0]));
+  CHECK(written.size() == 27);
+  for (const std::string& w : written) CHECK(w.size() <= 4);
+  CHECK(written.contains("-0.1"));
+}

@@ -209,6 +209,9 @@ class Protocol(unittest.TestCase):
             ('{"fail":{"id":2,"why":3}}', ["why"]),
             ('{"tell":{"id":2,"y":[1,2]},"fail":{"id":2}}', ["tell", "fail"]),
             ('{"tell":{"id":99999999999999999999,"y":[1,2]}}', ["id"]),
+            ('{"tell":{"id":2,"y":[1,2]},"tell":{"id":2,"y":[1,3]}}', ['"tell" twice']),
+            ('{"tell":{"id":9,"y":[1,2],"id":2}}', ['"id" twice']),
+            ('\ufeff{"tell":{"id":2,"y":[1,2]}}', ["byte order mark"]),
         ]:
             with self.subTest(message):
                 self.transcript.unlink(missing_ok=True)
@@ -243,12 +246,11 @@ class Protocol(unittest.TestCase):
         session.end()
         before = self.transcript.read_bytes()
         for change, words in [
-            (lambda s: s.update(seed=2), ["seed is 2, was 1"]),
             (lambda s: s["variables"][1].update(upper=19), ["variables[1].upper is 19, was 20"]),
             (lambda s: s["variables"].pop(), ["initial", "variables"]),
             (lambda s: s["objectives"][0].update(goal="minimize"), ["objectives[0].goal", "maximize"]),
             (lambda s: s.pop("constraints"), ["constraints has 0 entries, had 2"]),
-            (lambda s: s.update(source="default"), ["source"]),
+            (lambda s: s["initial"].pop(), ["initial has 1 entries, had 2"]),
         ]:
             space = copy.deepcopy(SPACE)
             change(space)
@@ -257,6 +259,196 @@ class Protocol(unittest.TestCase):
             self.assertEqual(err.count("\n"), 1)
             self.assertTrue(any(word in err for word in words), err)
         self.assertEqual(self.transcript.read_bytes(), before)
+
+    def test_more_evaluations_are_those_of_one_search(self):
+        asks, last = self.whole_run()
+        first, _ = (session := self.session(dict(SPACE, evaluations=9))).finish()
+        self.assertEqual(session.end(), (0, "", ""))
+        rest, end = (session := self.session()).finish()
+        code, _, err = session.end()
+        self.assertEqual((code, err.count("\n")), (0, 1), err)
+        self.assertIn("evaluations is 14, was 9", err)
+        self.assertEqual((first + rest, end), (asks, last))
+        spaces = [json.loads(l)["space"] for l in self.transcript.read_text().splitlines() if "space" in json.loads(l)]
+        self.assertEqual([s["evaluations"] for s in spaces], [9, 14])
+        again, end = (session := self.session()).finish()  # nothing has changed since
+        self.assertEqual((again, end, session.end()), ([], last, (0, "", "")))
+        none, fewer = (session := self.session(dict(SPACE, evaluations=5))).finish()
+        self.assertEqual((none, fewer["front"], session.end()[0]), ([], last["front"], 0))
+
+    def test_what_may_change(self):
+        self.transcript.unlink(missing_ok=True)
+        asks, _ = (session := self.session(dict(SPACE, evaluations=9))).finish()
+        session.end()
+        for change in [
+            lambda s: s.update(seed=2),
+            lambda s: s.update(source="default"),
+            lambda s: s.update(sobol=8),
+            lambda s: s.update(failures=0.9),
+            lambda s: (s["objectives"][0].update(name="gain"), s["objectives"][1].update(reference=1.5)),
+            lambda s: (
+                s["variables"][0].update(name="b"),
+                s["variables"][1].update(name="a"),
+                s["constraints"][1].update(terms={"a": 1, "b": -1}),
+            ),
+        ]:
+            before = self.transcript.read_bytes()
+            space = dict(copy.deepcopy(SPACE), evaluations=11)
+            change(space)
+            rest, end = (session := self.session(space)).finish()
+            self.assertEqual(session.end()[0], 0)
+            self.assertEqual([a["id"] for a in rest], [9, 10])
+            self.assertEqual(len({tuple(a["x"]) for a in asks + rest}), 11)
+            self.transcript.write_bytes(before)
+
+    def test_failures_end_a_search(self):
+        for retry, most in [(False, 5), (True, 5)]:
+            for share, end in [(None, 5), (1, 40)]:
+                space = dict(SPACE, **({} if share is None else {"failures": share}))
+                session = self.session(space, keep=False)
+                asked = 0
+                while "ask" in (message := session.read()) and asked < 40:
+                    asked += 1
+                    session.say({"fail": {"id": message["ask"]["id"], "retry": retry, "why": "no licence"}})
+                self.assertEqual(asked, end)
+                if share is None:
+                    self.assertEqual(message, {"front": [], "hypervolume": 0.0})
+                    code, _, err = session.end()
+                    self.assertEqual((code, err.count("\n")), (4, 1), err)
+                    for word in ["5 of 5 evaluations failed", "50 %", "no licence"]:
+                        self.assertIn(word, err)
+
+    def test_an_outlier_is_named_and_spoils_nothing(self):
+        space = {
+            "variables": [{"name": "a", "lower": -5, "upper": 10}, {"name": "b", "lower": 0, "upper": 15}],
+            "objectives": [{"name": "f", "goal": "minimize", "reference": 310}],
+            "sobol": 8,
+            "evaluations": 30,
+        }
+
+        def branin(a, b):
+            p = math.pi
+            return (b - 5.1 / (4 * p * p) * a * a + 5 / p * a - 6) ** 2 + 10 * (1 - 1 / (8 * p)) * math.cos(a) + 10
+
+        found = {}
+        for answer in [{"y": [1e12]}, {"y": [1e4]}, {"y": [-1e9]}, None]:
+            session = self.session(space, keep=False)
+            asks = []
+            while "ask" in (message := session.read()):
+                asks.append(message["ask"]["x"])
+                if len(asks) == 5:
+                    session.say(
+                        {"tell": dict(answer, id=4)} if answer else {"fail": {"id": 4, "retry": False, "why": "blew up"}}
+                    )
+                else:
+                    session.say({"tell": {"id": len(asks) - 1, "y": [branin(*asks[-1])]}})
+            code, _, err = session.end()
+            self.assertEqual(code, 0, err)
+            others = [x for k, x in enumerate(asks) if k != 4]
+            self.assertLess(min(branin(*x) for x in others), 0.5)
+            found[str(answer)] = others
+            if answer:
+                self.assertEqual(err.count("\n"), 1, err)
+                self.assertIn("trial 4: f = ", err)
+                self.assertIn("outlier", err)
+            if answer == {"y": [-1e9]}:
+                self.assertEqual(message["front"], [{"x": asks[4], "y": [-1e9]}])  # as it was answered
+        # One that is absurdly bad is a failure, but for the budget.
+        self.assertEqual(found["{'y': [1000000000000.0]}"], found["None"][:29])
+        self.assertEqual(found["{'y': [10000.0]}"], found["None"][:29])
+
+    def test_lattice_nodes_as_they_were_typed(self):
+        space = {
+            "variables": [
+                {"name": "a", "lower": -1.3, "upper": 1.3, "step": 0.1},
+                {"name": "n", "lower": -3, "upper": 4, "step": 1},
+            ],
+            "objectives": [{"name": "f", "goal": "maximize", "reference": 0}],
+            "evaluations": 30,
+            "sobol": 30,
+        }
+        session = self.session(space)
+        line = session.process.stdout.readline()
+        values = []
+        while '"ask"' in line:
+            values.append(line[line.index("[") : line.index("]")])
+            session.say({"tell": {"id": json.loads(line)["ask"]["id"], "y": [1.0]}})
+            line = session.process.stdout.readline()
+        self.assertEqual(len(values), 30)
+        for pair in values:
+            self.assertRegex(pair, r"^\[-?\d\.\d,-?\d$")
+
+    def test_damage_never_passes_unnoticed(self):
+        asks, last = (session := self.session()).finish()
+        session.end()
+        good = self.transcript.read_bytes()
+        lines = good.splitlines(keepends=True)
+        rng = random.Random(5)
+        for k in range(120):
+            damaged = bytearray(good)
+            if k % 3 == 0:
+                damaged[rng.randrange(len(good))] ^= 1 << rng.randrange(8)
+            elif k % 3 == 1:
+                begin = rng.randrange(len(good))
+                del damaged[begin : begin + rng.randrange(1, 200)]
+            else:
+                a, b = rng.sample(range(len(lines)), 2)
+                swapped = list(lines)
+                swapped[a], swapped[b] = swapped[b], swapped[a]
+                damaged = bytearray(b"".join(swapped))
+            self.transcript.write_bytes(damaged)
+            rest, end = (session := self.session()).finish()
+            code, _, err = session.end()
+            if code == 0:  # what was cut off at the end is asked again
+                self.assertEqual((rest, end), (asks[len(asks) - len(rest) :], last))
+                self.assertTrue(good.startswith(damaged.rpartition(b"\n")[0]), k)
+            else:
+                self.assertEqual((code, err.count("\n"), rest, end), (BAD_FILE, 1, [], None), err)
+                self.assertEqual(self.transcript.read_bytes(), damaged)
+
+    def test_a_transcript_without_digests_is_read_and_then_protected(self):
+        asks, last = (session := self.session(dict(SPACE, evaluations=10))).finish()
+        session.end()
+        old = [dict(json.loads(l)) for l in self.transcript.read_text().splitlines()]
+        for event in old:
+            event.pop("digest")
+        text = "".join(json.dumps(e, separators=(",", ":")) + "\n" for e in old)
+        self.transcript.write_text(text)
+        rest, _ = (session := self.session()).finish()
+        self.assertEqual((len(rest), session.end()[0]), (4, 0))
+        whole = self.transcript.read_text()
+        self.assertTrue(whole.startswith(text))
+        self.transcript.write_text(whole.replace('"y":[0.', '"y":[1.', 1))
+        code, _, err = self.session().end()
+        self.assertEqual(code, BAD_FILE)
+        self.assertIn("damaged", err)
+
+    def test_a_transcript_that_is_removed_renamed_or_replaced(self):
+        elsewhere = self.transcript.with_name("elsewhere.jsonl")
+        for how, words in [
+            (lambda: self.transcript.unlink(), "removed"),
+            (lambda: self.transcript.rename(elsewhere), "renamed"),
+            (lambda: (self.transcript.rename(elsewhere), self.transcript.write_text("another")), "replaced"),
+        ]:
+            for path in pathlib.Path(self.folder.name).glob("*.jsonl*"):
+                path.unlink()
+            session = self.session()
+            for _ in range(3):
+                session.answer(session.read()["ask"])
+            ask = session.read()["ask"]
+            before = self.transcript.read_text()
+            how()
+            session.answer(ask)
+            code, out, err = session.end()
+            self.assertEqual((code, out, err.count("\n")), (BAD_FILE, "", 1), err)
+            self.assertIn(words, err)
+            rescued = self.transcript.with_name("run.jsonl.rescued-1")
+            self.assertIn(str(rescued), err)
+            kept = rescued.read_text()
+            self.assertTrue(kept.startswith(before))
+            self.assertEqual(json.loads(kept[len(before) :])["tell"], {"id": 3, "y": measure(ask["x"])})
+            rescued.rename(self.transcript)
+            self.assertEqual(self.session().read()["ask"]["id"], 4)
 
     def test_damaged_and_foreign_transcripts(self):
         session = self.session()
@@ -289,7 +481,7 @@ class Protocol(unittest.TestCase):
         session.end()
         torn = self.transcript.read_text().rstrip("\n")
         self.transcript.write_text(torn)
-        code, out, err = self.session(dict(SPACE, seed=2)).end()
+        code, out, err = self.session(dict(SPACE, initial=[])).end()
         self.assertEqual((code, out), (BAD_FILE, ""), err)
         self.assertIn("another space", err)
         self.assertEqual(self.transcript.read_text(), torn)
@@ -446,6 +638,9 @@ class Refusals(unittest.TestCase):
         self.refused(USAGE, ["--theta"], arguments=["--space", "x", "--theta", "1"])
         self.refused(USAGE, ["--space"], arguments=["--space", ""])
         self.refused(BAD_FILE, ["/nowhere/space.json"], arguments=["--space", "/nowhere/space.json"])
+        self.refused(BAD_FILE, ["/proc/self/mem", "cannot be read"], arguments=["--space", "/proc/self/mem"])
+        self.refused(BAD_FILE, ["/dev/zero", "bytes"], arguments=["--space", "/dev/zero"])
+        self.refused(BAD_FILE, ["cannot be read", "directory"], arguments=["--space", "/"])
         with tempfile.TemporaryDirectory() as folder:
             path = pathlib.Path(folder) / "space.json"
             path.write_text(json.dumps(SPACE))
@@ -486,6 +681,9 @@ class Refusals(unittest.TestCase):
             (changed(lambda s: s.update(evaluations=2.5)), ["evaluations", "2.5"]),
             (changed(lambda s: s.pop("evaluations")), ["evaluations is missing"]),
             (changed(lambda s: s.update(seed=-1)), ["seed"]),
+            (json.dumps(SPACE).replace('"sobol": 4', '"sobol": 4, "sobol": 5'), ['"sobol" twice']),
+            (changed(lambda s: s.update(failures=1.5)), ["failures", "1.5", "0 to 1"]),
+            (b"\xef\xbb\xbf".decode() + json.dumps(SPACE), ["byte order mark"]),
             (changed(lambda s: s.update(source="best")), ["source", "paper", "default"]),
             (changed(lambda s: s["constraints"].append({"terms": {"a": 1}, "upper": 1})), ["initial[0]"]),
             (

@@ -67,7 +67,7 @@ TEST_CASE("A study draws the same designs however many it compares, and no more 
       most(study_problem(finger_space(plain_pad()), largest_study, 1));
   for (int k = 0; k < 3; ++k) CHECK(few.ask()->x == most.ask()->x);
   CHECK(study_problem(finger_space(plain_pad()), largest_study, 1).sobol >=
-        2 * largest_study + CampaignConfig{}.failures_at_least);  // never a search, even if half fail
+        2 * largest_study + CampaignConfig{}.failures.at_least);  // never a search, even if half fail
   for (const int designs : {0, largest_study + 1})
     CHECK_THROWS_AS(study_problem(finger_space(plain_pad()), designs, 1), InvalidArgument);
 }

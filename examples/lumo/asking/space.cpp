@@ -1,16 +1,14 @@
 #include "asking/space.hpp"
 
+#include "lumo/core/files.hpp"
 #include "lumo/optimize/design_sampler.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <cstring>
-#include <filesystem>
-#include <fstream>
 #include <initializer_list>
-#include <iterator>
 #include <limits>
+#include <set>
+#include <vector>
 
 namespace lumo::program {
 
@@ -150,17 +148,9 @@ Design read_design(const Reader& reader, const Json& j, const std::string& where
 }
 
 Json parse_file(const std::string& path) {
-  if (std::filesystem::is_directory(path)) throw InputError("cannot read space file '" + path + "': it is a directory");
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw InputError("cannot read space file '" + path + "': " + std::strerror(errno));
-  const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-  if (in.bad()) throw InputError("cannot read space file '" + path + "'");
+  const std::string text = read_text(path);
   try {
-    return Json::parse(text, flat_enough);
-  } catch (const nlohmann::json::parse_error& e) {
-    throw InputError(lumo::message("space file '", path, "' is not JSON: something is wrong near byte ", e.byte));
-  } catch (const nlohmann::json::exception&) {
-    throw InputError("space file '" + path + "' holds a number that is not finite");
+    return parse_strictly(text);
   } catch (const InvalidArgument& e) {
     throw InputError("space file '" + path + "' " + e.what());
   }
@@ -168,15 +158,34 @@ Json parse_file(const std::string& path) {
 
 }  // namespace
 
-bool flat_enough(int depth, Json::parse_event_t, Json&) {
-  if (depth > 32) throw InvalidArgument("nests values more than 32 deep");
-  return true;
+Json parse_strictly(std::string_view text) {
+  constexpr int deepest = 32;
+  std::vector<std::set<std::string>> open;
+  const auto watch = [&](int depth, Json::parse_event_t event, Json& value) {
+    using Event = Json::parse_event_t;
+    if (depth > deepest) throw InvalidArgument(lumo::message("nests values more than ", deepest, " deep"));
+    if (event == Event::object_start) open.emplace_back();
+    if (event == Event::object_end) open.pop_back();
+    if (event == Event::key && !open.back().insert(value.get<std::string>()).second)
+      throw InvalidArgument("has the key " + short_form(value) + " twice");
+    return true;
+  };
+  if (text.starts_with("\xEF\xBB\xBF")) throw InvalidArgument("begins with a byte order mark, which JSON has not");
+  try {
+    return Json::parse(text, watch);
+  } catch (const nlohmann::json::parse_error& e) {
+    throw InvalidArgument(
+        lumo::message("is not JSON (nor are NaN and Infinity): something is wrong near byte ", e.byte));
+  } catch (const nlohmann::json::exception&) {
+    throw InvalidArgument("holds a number that is not finite");
+  }
 }
 
 SpaceFile read_space(const std::string& path) {
   const Json j = parse_file(path);
   const Reader reader(path);
-  reader.keys(j, "", {"variables", "constraints", "objectives", "initial", "sobol", "evaluations", "seed", "source"});
+  reader.keys(j, "",
+      {"variables", "constraints", "objectives", "initial", "sobol", "evaluations", "failures", "seed", "source"});
   SpaceFile space;
   Problem& p = space.problem;
 
@@ -202,6 +211,11 @@ SpaceFile read_space(const std::string& path) {
     p.initial.push_back(read_design(reader, initial[i], numbered("initial", i), p.space));
   if (j.contains("sobol")) p.sobol = int(reader.whole(j["sobol"], "sobol", 0, 100000));
   p.evaluations = int(reader.whole(reader.at(j, "", "evaluations"), "evaluations", 1, 100000));
+  if (j.contains("failures")) {
+    space.failures = reader.number(j["failures"], "failures");
+    if (!(space.failures >= 0.0 && space.failures <= 1.0))
+      reader.refuse("failures", lumo::message("is ", space.failures, ", must be a share of the evaluations, 0 to 1"));
+  }
   if (j.contains("seed"))
     p.seed = std::uint64_t(reader.whole(j["seed"], "seed", 0, std::numeric_limits<std::int64_t>::max()));
   space.source = j.contains("source") ? reader.one_of(j["source"], "source", "paper", "default") : "default";
@@ -218,7 +232,27 @@ SpaceFile read_space(const std::string& path) {
   space.whole = {{"variables", variables}, {"constraints", constraints}, {"objectives", objectives},
       {"initial", initial}, {"sobol", p.sobol}, {"evaluations", p.evaluations}, {"seed", p.seed},
       {"source", space.source}};
+  if (j.contains("failures")) space.whole["failures"] = space.failures;
   return space;
+}
+
+Json fixed_part(const Json& space) {
+  Json fixed = space;
+  for (const char* key : {"sobol", "evaluations", "failures", "seed", "source"}) fixed.erase(key);
+  for (Json& objective : fixed["objectives"]) {
+    objective.erase("name");
+    objective.erase("reference");
+  }
+  for (std::size_t i = 0; i < fixed["variables"].size(); ++i) {
+    const Json name = fixed["variables"][i]["name"];
+    fixed["variables"][i].erase("name");
+    for (Json& constraint : fixed["constraints"])
+      if (Json& terms = constraint["terms"]; terms.contains(name)) {
+        terms[lumo::message("variables[", i, "]")] = terms[name];
+        terms.erase(name.get<std::string>());
+      }
+  }
+  return fixed;
 }
 
 std::string difference(const Json& now, const Json& before, const std::string& key) {

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include <string>
+#include <string_view>
 
 /// `lumo optimize`: ask and tell as JSON lines.
 namespace lumo::program {
@@ -12,6 +13,7 @@ namespace lumo::program {
 /// What a space file says.
 struct SpaceFile {
   Problem problem;
+  double failures = 0.5;         ///< share of the evaluations above which failures end a search; 1: never
   std::string source;            ///< of candidates: "paper" or "default"
   nlohmann::ordered_json whole;  ///< the file with every default written out, for comparison with a transcript
 };
@@ -19,8 +21,13 @@ struct SpaceFile {
 /// Throws InputError in one line: the file, the key, its value, and what it must be.
 SpaceFile read_space(const std::string& path);
 
-/// Parser callback: throws InvalidArgument where values are nested so deeply that only an attack makes sense of it.
-bool flat_enough(int depth, nlohmann::ordered_json::parse_event_t event, nlohmann::ordered_json& parsed);
+/// Throws InvalidArgument with the predicate of a sentence for what is no JSON, holds a number that is not finite, has
+/// a key twice, or nests values so deeply that only an attack makes sense of it.
+nlohmann::ordered_json parse_strictly(std::string_view text);
+
+/// What of a space must stay as it is as long as a search lasts, with names that depend on nothing: bounds, lattices,
+/// constraints, goals and initial designs. All else may change from one evaluation to the next.
+nlohmann::ordered_json fixed_part(const nlohmann::ordered_json& space);
 
 /// What differs between two JSON values, as `key is …, was …`; empty when they are equal.
 std::string difference(

@@ -44,6 +44,7 @@ class NewFile {
     stream.close();
     std::error_code error;
     if (!stream) error = std::make_error_code(std::errc::io_error);
+    else if (!synchronise(part_)) error = std::error_code(errno, std::generic_category());
     else fs::rename(part_, path_, error);
     if (error) throw InputError("cannot write to '" + path_ + "': " + error.message());
     part_.clear();

@@ -4,8 +4,14 @@
 #include "console/text.hpp"
 #include "store/campaign_problem.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <iostream>
+#include <limits>
 #include <optional>
+#include <set>
+#include <utility>
 
 namespace lumo::program {
 
@@ -16,7 +22,22 @@ void send(const Json& message) {
   if (!std::cout) throw InputError("cannot write to standard output");
 }
 
-Json ask_event(const Trial& trial) { return {{"ask", {{"id", trial.id}, {"x", trial.x}}}}; }
+/// Values as the space file would have them: whole numbers on a lattice of whole numbers.
+Json typed(const Design& x, const DesignSpace& space) {
+  Json values = Json::array();
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Variable& v = space.variables[i];
+    constexpr double largest = 9e15;  // beyond, not every whole number is a double
+    const bool whole = v.step > 0.0 && v.step == std::floor(v.step) && v.origin == std::floor(v.origin) &&
+                       std::abs(x[i]) < largest && x[i] == std::floor(x[i]);
+    values.push_back(whole ? Json(std::int64_t(x[i])) : Json(x[i]));
+  }
+  return values;
+}
+
+Json ask_event(const Trial& trial, const DesignSpace& space) {
+  return {{"ask", {{"id", trial.id}, {"x", typed(trial.x, space)}}}};
+}
 
 int whole(const Json& object, const char* key) {
   if (!object.contains(key) || !object[key].is_number_integer())
@@ -71,23 +92,8 @@ template <class Optimizer> Json answer(Optimizer& optimizer, const Json& message
   return {{"fail", {{"id", id}, {"retry", retry}, {"why", why}}}};
 }
 
-/// Numbers that JSON allows but a double does not hold, and words such as NaN, are refused here.
-Json parse(const std::string& line) {
-  try {
-    return Json::parse(line, flat_enough);
-  } catch (const nlohmann::json::out_of_range&) {
-    throw InvalidArgument("holds a number that is not finite");
-  } catch (const nlohmann::json::exception&) {
-    throw InvalidArgument("is not JSON (nor are NaN and Infinity)");
-  }
-}
-
 template <class Optimizer> void replay(Optimizer& optimizer, const Transcript& transcript, const std::string& path) {
   for (const auto& event : transcript.events()) try {
-      if (event.content.contains("ask") &&
-          optimizer.observed() + optimizer.pending() >= optimizer.problem().evaluations)
-        throw InvalidArgument(
-            lumo::message("asks for more than the ", optimizer.problem().evaluations, " evaluations of the space"));
       if (event.content.contains("ask"))
         optimizer.restore(whole(event.content["ask"], "id"), numbers(event.content["ask"], "x"));
       else answer(optimizer, event.content);
@@ -96,10 +102,39 @@ template <class Optimizer> void replay(Optimizer& optimizer, const Transcript& t
     }
 }
 
-template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& space) {
+void note(const std::string& text) { std::cerr << "lumo: " << text << std::endl; }
+
+/// Names each value that is an outlier, once.
+template <class Optimizer> void name_outliers(const Optimizer& optimizer, std::set<std::pair<int, int>>& named) {
+  for (const auto& o : optimizer.outliers())
+    if (named.emplace(o.id, o.output).second)
+      note(lumo::message("trial ", o.id, ": ", one_line(optimizer.problem().objectives[std::size_t(o.output)].name),
+          " = ", o.value, " is an outlier: the other values lie from ", o.low, " to ", o.high, "; the search takes it ",
+          o.better ? "as not evaluated" : "for a failure"));
+}
+
+/// Why failures end the search; empty while they do not.
+template <class Optimizer>
+std::string too_many_failures(const Optimizer& optimizer, double share, const std::set<int>& own) {
+  const FailureLimit limit{.above = share};
+  for (const FailureTally& tally : {design_failures(optimizer.trials()), machine_failures(optimizer.trials(), own)})
+    if (limit.exceeded(tally)) return "search stops: " + limit.reason(tally, optimizer.trials());
+  return "";
+}
+
+template <class Optimizer> void send_front(const Optimizer& optimizer) {
+  Json front = Json::array();
+  for (const Outcome& o : optimizer.front())
+    front.push_back(
+        {{"x", typed(optimizer.trials()[std::size_t(o.id)].x, optimizer.problem().space)}, {"y", o.objectives}});
+  send({{"front", front}, {"hypervolume", optimizer.hypervolume()}});
+}
+
+template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::string& path, const SpaceFile& space) {
   std::optional<Transcript> transcript;
   if (!path.empty()) {
-    transcript.emplace(path, space);
+    transcript.emplace(path, space.whole);
+    if (!transcript->change().empty()) note("'" + path + "' goes on with a change: " + transcript->change());
     replay(optimizer, *transcript, path);
   }
   const auto keep = [&](const Json& event) {
@@ -111,12 +146,17 @@ template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::st
   for (const Trial& t : optimizer.trials())
     if (t.state == Trial::State::pending) open.push_back(t);
   std::size_t reopened = 0, number = 0;
+  std::set<std::pair<int, int>> named;
+  std::set<int> own;  // trials that were answered from standard input
+  std::string end;
   while (true) {
+    name_outliers(optimizer, named);
+    if (end = too_many_failures(optimizer, space.failures, own); !end.empty()) break;
     std::optional<Trial> trial;
-    if (reopened < open.size()) trial = open[reopened++];
-    else if ((trial = optimizer.ask())) keep(ask_event(*trial));
+    if (reopened < open.size() && optimizer.observed() < optimizer.problem().evaluations) trial = open[reopened++];
+    else if ((trial = optimizer.ask())) keep(ask_event(*trial, optimizer.problem().space));
     if (!trial) break;
-    send(ask_event(*trial));
+    send(ask_event(*trial, optimizer.problem().space));
 
     std::string line;
     do {
@@ -127,19 +167,17 @@ template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::st
       ++number;
     } while (line.find_first_not_of(" \t\r") == std::string::npos);
     try {
-      keep(answer(optimizer, parse(line)));
+      keep(answer(optimizer, parse_strictly(line)));
+      own.insert(trial->id);
     } catch (const InvalidArgument& e) {
       throw InputError(lumo::message("standard input line ", number, ": ", one_line(e.what()), resumable));
     }
   }
   if (optimizer.status() == OptimizerStatus::exhausted)
-    std::cerr << lumo::message("lumo: every feasible design that can be found has been asked, with ",
-                     optimizer.observed(), " of ", optimizer.problem().evaluations, " evaluations answered")
-              << std::endl;
-  Json front = Json::array();
-  for (const Outcome& o : optimizer.front())
-    front.push_back({{"x", optimizer.trials()[std::size_t(o.id)].x}, {"y", o.objectives}});
-  send({{"front", front}, {"hypervolume", optimizer.hypervolume()}});
+    note(lumo::message("every feasible design that can be found has been asked, with ", optimizer.observed(), " of ",
+        optimizer.problem().evaluations, " evaluations answered"));
+  send_front(optimizer);
+  if (!end.empty()) throw NumericalError(end);
 }
 
 struct Optimize : Common {
@@ -152,7 +190,7 @@ struct Optimize : Common {
   }
   Result run(Output&, Progress&) const {
     const SpaceFile file = read_space(space);
-    with_optimizer(file.problem, file.source, [&](auto optimizer) { ask_and_tell(optimizer, transcript, file.whole); });
+    with_optimizer(file.problem, file.source, [&](auto optimizer) { ask_and_tell(optimizer, transcript, file); });
     return std::string();
   }
 };

@@ -7,6 +7,7 @@
 
 #include <unistd.h>
 
+#include <cerrno>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -16,9 +17,9 @@
 
 namespace lumo::program {
 
-/// A whole file or none. Throws InputError.
+/// A whole file or none, in a NewFolder, which brings all to the disk at its end. Throws InputError.
 inline void write_bytes(const std::string& path, const std::vector<std::uint8_t>& bytes) {
-  write_whole(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  write_whole(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()}, Durability::memory);
 }
 
 /// A log's folder that takes its name only when all is in it.
@@ -46,9 +47,12 @@ class NewFolder {
   void keep() {
     const FilesBeingWritten now;
     std::error_code error;
-    std::filesystem::remove(path_, error);
-    std::filesystem::rename(part_, path_, error);
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(part_, error))
+      if (!error && !synchronise(entry.path().string())) error = std::error_code(errno, std::generic_category());
+    if (!error) std::filesystem::remove(path_, error);
+    if (!error) std::filesystem::rename(part_, path_, error);
     if (error) throw InputError("cannot write to '" + path_.string() + "': " + error.message());
+    synchronise(std::filesystem::absolute(path_).parent_path().string());
     part_.clear();
   }
 

@@ -3,6 +3,7 @@
 #include "console/interrupt.hpp"
 #include "console/text.hpp"
 #include "lumo/core/error.hpp"
+#include "lumo/core/files.hpp"
 
 #include <unistd.h>
 
@@ -76,7 +77,8 @@ std::vector<std::string> Output::write() {
     std::ofstream file(parts.back(), std::ios::binary | std::ios::trunc);
     file.write(contents.data(), std::streamsize(contents.size()));
     file.close();
-    if (!file) give_up(directory / name, errno != 0 ? std::strerror(errno) : "write failed");
+    if (!file || !synchronise(parts.back().string()))
+      give_up(directory / name, errno != 0 ? std::strerror(errno) : "write failed");
   }
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const fs::path path = directory / files_[i].first;
@@ -87,6 +89,7 @@ std::vector<std::string> Output::write() {
     }
     paths.push_back(path.string());
   }
+  synchronise(directory.string());  // the names must last as well
   files_.clear();
   return paths;
 }

@@ -5,6 +5,7 @@
 #include "lumo/drawing/svg.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -39,17 +40,19 @@ inline std::string joined(std::span<const double> values, const char* separator 
 
 /// With `digits` after the point, or a dash where it is not defined.
 inline std::string cell(double v, int digits, int width = 0) {
-  char buffer[64];
-  if (std::isfinite(v)) std::snprintf(buffer, sizeof buffer, "%*.*f", width, digits, v);
-  else std::snprintf(buffer, sizeof buffer, "%*s", width, "-");
-  return buffer;
+  std::string text = "-";
+  if (std::isfinite(v)) {
+    char buffer[400];  // the largest number has 309 digits before the point
+    text.assign(buffer, std::to_chars(buffer, buffer + sizeof buffer, v, std::chars_format::fixed, digits).ptr);
+  }
+  if (text.size() < std::size_t(width)) text.insert(0, std::size_t(width) - text.size(), ' ');
+  return text;
 }
 
 inline std::string scientific(double v, int digits = 3) {
   if (!std::isfinite(v)) return "-";
-  char buffer[32];
-  std::snprintf(buffer, sizeof buffer, "%.*e", digits, v);
-  return buffer;
+  char buffer[64];
+  return {buffer, std::to_chars(buffer, buffer + sizeof buffer, v, std::chars_format::scientific, digits).ptr};
 }
 
 /// Of UTF-8: characters, not bytes.
@@ -87,8 +90,8 @@ inline std::string csv_text(std::string_view s) {
 /// A time as people say it.
 inline std::string span(double seconds) {
   char text[32];
-  if (seconds < 99.95) std::snprintf(text, sizeof text, "%.1f s", seconds);
-  else if (seconds < 5400) std::snprintf(text, sizeof text, "%d min %02d s", int(seconds) / 60, int(seconds) % 60);
+  if (seconds < 99.95) return cell(seconds, 1) + " s";
+  if (seconds < 5400) std::snprintf(text, sizeof text, "%d min %02d s", int(seconds) / 60, int(seconds) % 60);
   else std::snprintf(text, sizeof text, "%d h %02d min", int(seconds) / 3600, int(seconds) / 60 % 60);
   return text;
 }

@@ -6,6 +6,7 @@
 #include "lumo/mesh/vtu.hpp"
 #include "report/records.hpp"
 
+#include <locale>
 #include <sstream>
 
 namespace lumo::program {
@@ -40,6 +41,7 @@ std::string state_table(const ScenarioRecord& s) {
 /// With the numbers of light, or without.
 std::string csv(const std::vector<ScenarioRecord>& scenarios, bool light) {
   std::ostringstream out;
+  out.imbue(std::locale::classic());
   out.precision(12);
   out << "diameter_mm,angle_deg,y_mm,status";
   for (const StateQuantity& q : state_quantities) out << "," << q.name;
@@ -105,6 +107,7 @@ std::vector<double> on_all_nodes(std::vector<double> field) {
 /// What the sphere does to the pad, point by point of the deformed surface.
 std::string traction_csv(const std::vector<MechanicalState>& states) {
   std::ostringstream out;
+  out.imbue(std::locale::classic());
   out.precision(12);
   out << "load_N,x_mm,y_mm,z_mm,area_mm2,pressure_kPa,traction_x_kPa,traction_y_kPa,traction_z_kPa\n";
   for (const MechanicalState& s : states)

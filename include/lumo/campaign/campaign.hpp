@@ -74,33 +74,6 @@ template <class O> class CampaignState {
   /// Number of the entry that announced a trial, and of the one that answered it.
   std::int64_t asked(int id) const { return asked_[std::size_t(id)]; }
   std::optional<std::int64_t> answered(int id) const { return answered_[std::size_t(id)]; }
-  /// Evaluations that ended, and how many of them failed.
-  struct Tally {
-    int failed = 0, ended = 0;
-  };
-  /// Counts designs: a failure of the machine is no evaluation.
-  Tally designs() const {
-    const auto count = [&](const auto& is) {
-      return int(std::count_if(optimizer_.trials().begin(), optimizer_.trials().end(), is));
-    };
-    const int failed = count([](const Trial& t) { return t.state == Trial::State::failed && !t.retry; });
-    return {failed, failed + count([](const Trial& t) { return t.state == Trial::State::observed; })};
-  }
-  /// Counts failures of the machine in the trials `own`.
-  Tally machine(const std::set<int>& own) const {
-    const auto failed = [&](int id) {
-      const Trial& t = optimizer_.trials()[std::size_t(id)];
-      return t.state == Trial::State::failed && t.retry;
-    };
-    return {int(std::count_if(own.begin(), own.end(), failed)), int(own.size())};
-  }
-  /// Reason of the latest trial that failed; empty if none did.
-  std::string last_failure() const {
-    std::string why;
-    for (const Trial& t : optimizer_.trials())
-      if (t.state == Trial::State::failed) why = t.why;
-    return why;
-  }
 
  private:
   O optimizer_;
@@ -111,10 +84,8 @@ template <class O> class CampaignState {
 
 /// When a campaign stops because evaluations fail, and how it waits for other processes.
 struct CampaignConfig {
-  /// It stops once so many evaluations have failed: of all for their designs, or of this process's own for the machine.
-  int failures_at_least = 5;
-  double failures_above = 0.5;  ///< and more than this share of them
-  double poll_s = 0.5;          ///< between looks whether another process has ended, or died
+  FailureLimit failures;  ///< of all evaluations for their designs, or of this process's own for the machine
+  double poll_s = 0.5;    ///< between looks whether another process has ended, or died
 };
 
 namespace detail {
@@ -161,11 +132,10 @@ template <Journal J, class O, class Evaluate, class Watch> OptimizerStatus run_c
   std::set<int> own;  // trials that this process answered
   while (true) {
     state.read(journal.entries());
-    for (const auto& [failed, ended] : {state.designs(), state.machine(own)})
-      if (failed >= config.failures_at_least && failed > config.failures_above * ended)
-        throw CampaignError(message("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ",
-            100 * config.failures_above, " % once ", config.failures_at_least,
-            " have; the last: ", state.last_failure()));
+    const std::vector<Trial>& trials = state.optimizer().trials();
+    for (const FailureTally& tally : {design_failures(trials), machine_failures(trials, own)})
+      if (config.failures.exceeded(tally))
+        throw CampaignError("campaign stops: " + config.failures.reason(tally, trials));
     const std::optional<int> id = detail::take_trial(journal, state);
     if (!id) {
       if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();

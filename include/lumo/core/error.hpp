@@ -3,6 +3,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstddef>
+#include <locale>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -100,9 +101,10 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
   return p + (s.size() > most ? "..." : "");
 }
 
-/// Joins its arguments into one line of text.
+/// Joins its arguments into one line of text, the same under every locale: it also becomes SQL and files.
 template <class... Args> std::string message(const Args&... args) {
   std::ostringstream out;
+  out.imbue(std::locale::classic());
   out.precision(10);
   (out << ... << args);
   return out.str();

@@ -3,11 +3,15 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/stopwatch.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+#include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -37,16 +41,59 @@ inline std::optional<std::string> read_whole(const std::string& path, std::uintm
   return bytes;
 }
 
-/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one
-/// is replaced. Throws InputError of one line, and leaves what was there.
-inline void write_whole(const std::string& path, std::string_view bytes) {
+/// All bytes of a file, a pipe or a device that ends. Throws InputError of one line that names file and reason, also
+/// for more than `most` bytes.
+inline std::string read_text(const std::string& path, std::size_t most = std::size_t{1} << 26) {
+  const auto refuse = [&](const std::string& why) { throw InputError(message(path, ": cannot be read: ", why)); };
+  const auto reason = [] { return std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message(); };
+  errno = 0;
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
+  if (!file) refuse(reason());
+  std::string text(std::size_t{1} << 16, '\0');
+  for (std::size_t size = 0;;) {
+    if (size == text.size()) text.resize(std::min(2 * size, most + 1));
+    const std::size_t n = std::fread(text.data() + size, 1, text.size() - size, file.get());
+    size += n;
+    if (size > most) refuse(message("it has more than ", most, " bytes"));
+    if (n > 0) continue;
+    if (std::ferror(file.get()) != 0) refuse(reason());
+    text.resize(size);
+    return text;
+  }
+}
+
+/// Brings a file or folder to the disk; errno says why not.
+inline bool synchronise(const std::string& path) {
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0) return false;
+  const bool done = ::fsync(file) == 0;
+  const int why = errno;
+  ::close(file);
+  errno = why;
+  return done;
+}
+
+/// What a power failure leaves of a file that was written.
+enum class Durability {
+  disk,   ///< the whole of it, once the call has returned
+  memory  ///< what the system had written by then: for the many pictures of a recording
+};
+
+/// The whole file or none, after a power failure, too: written beside its place under a name that no other writer
+/// takes, brought to the disk, then renamed; an older one is replaced. Throws InputError of one line, and leaves what
+/// was there.
+inline void write_whole(const std::string& path, std::string_view bytes, Durability durability = Durability::disk) {
   // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
   const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
   errno = 0;
   std::ofstream out(part, std::ios::binary);
   out.write(bytes.data(), std::streamsize(bytes.size()));
   out.close();
-  if (out && std::rename(part.c_str(), path.c_str()) == 0) return;
+  const bool durable = durability == Durability::disk;
+  if (out && (!durable || synchronise(part)) && std::rename(part.c_str(), path.c_str()) == 0) {
+    if (durable) synchronise(std::filesystem::absolute(path).parent_path().string());  // the name must last as well
+    return;
+  }
   const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
   std::remove(part.c_str());
   throw InputError(message(path, ": cannot be written: ", why));

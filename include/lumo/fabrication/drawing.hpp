@@ -96,7 +96,7 @@ inline void write_svg(std::ostream& out, const Drawing& drawing) {
 inline void write_dxf(std::ostream& out, const Drawing& drawing) {
   using Pairs = std::initializer_list<std::pair<int, std::string>>;
   const auto write = [&out](const Pairs& pairs) {
-    for (const auto& [code, value] : pairs) out << code << "\n" << value << "\n";
+    for (const auto& [code, value] : pairs) out << std::to_string(code) << "\n" << value << "\n";
   };
   const auto point = [&write](const Drawing::Point& p) { write({{10, in_mm(p[0])}, {20, in_mm(p[1])}, {30, "0"}}); };
   const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };

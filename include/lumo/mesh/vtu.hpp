@@ -66,7 +66,7 @@ template <class T> void vtu_array(
   std::memcpy(bytes.data(), &size, sizeof size);
   if (size > 0) std::memcpy(bytes.data() + sizeof size, values.data(), size);
   out << "<DataArray type=\"" << type << "\" Name=\"" << name << "\"";
-  if (components > 1) out << " NumberOfComponents=\"" << components << "\"";
+  if (components > 1) out << message(" NumberOfComponents=\"", components, "\"");
   out << " format=\"binary\">" << base64(bytes) << "</DataArray>\n";
 }
 
@@ -100,8 +100,8 @@ inline void write_vtu(std::ostream& out, const TetMesh& mesh, const std::span<co
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\""
       << (std::endian::native == std::endian::little ? "LittleEndian" : "BigEndian")
       << "\" header_type=\"UInt64\">\n<UnstructuredGrid>\n"
-      << "<Piece NumberOfPoints=\"" << mesh.nodes.size() << "\" NumberOfCells=\"" << mesh.tets.size()
-      << "\">\n<Points>\n";
+      << message(
+             "<Piece NumberOfPoints=\"", mesh.nodes.size(), "\" NumberOfCells=\"", mesh.tets.size(), "\">\n<Points>\n");
   vtu_array(out, "Float64", "position_m", 3, node_field("", mesh.nodes).values);
   out << "</Points>\n<Cells>\n";
   vtu_array(out, "Int64", "connectivity", 1, connectivity);

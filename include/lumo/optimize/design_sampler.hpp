@@ -2,13 +2,13 @@
 
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/types.hpp"
+#include "lumo/optimize/polytope_walk.hpp"
 #include "lumo/optimize/problem.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
-#include <cstdlib>
 #include <optional>
 #include <set>
 #include <vector>
@@ -63,28 +63,28 @@ class DesignSampler {
   /// Number of feasible designs, where they are few enough to be listed.
   std::optional<std::size_t> feasible_count() const { return listed_ ? std::optional(list_.size()) : std::nullopt; }
 
-  /// Up to `count` different feasible designs that are not in `taken`; fewer if there are no more, or none is found
-  /// in `try_limit` tries.
+  /// Up to `count` different feasible designs that are not in `taken`, uniform over the space; fewer if there are no
+  /// more, or none is found in `try_limit` tries. Points of a Sobol sequence, or of a random walk where less than one
+  /// in a thousand of them is feasible.
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
     std::vector<Design> out;
     DesignSet seen;
-    std::optional<Design> anchor;
+    const PolytopeWalk walk(space_);
+    const auto change = [this](std::size_t i, double x, double by) { return shifted(i, x, by); };
+    std::optional<Design> walker;
     const OwenSobol sequence{key};
     const std::uint32_t tries = listed_ ? std::uint32_t(std::min<std::size_t>(64 * count, try_limit)) : try_limit;
     for (std::uint32_t index = 0; index < tries && out.size() < count; ++index) {
       Design x = point(sequence, index);
       if (!space_.contains(x)) {
-        if (listed_ || out.size() * 1000 > index || index < 4096 || index % 64 != 0) continue;
-        auto repair = repaired(x, combine(key, index));
-        if (!repair) continue;
-        x = *repair;
-        if (anchor) {  // between two feasible designs of a convex set there are more, away from its faces
-          Design between = x;
-          const double t = uniform(combine(key, index));
-          for (std::size_t i = 0; i < x.size(); ++i) between[i] = shifted(i, (*anchor)[i], t * (x[i] - (*anchor)[i]));
-          if (space_.contains(between)) x = between;
+        const std::uint64_t draw = combine(key, index);
+        if (!walker) {  // where repair ends is a face
+          if (listed_ || out.size() * 1000 > index || index < 4096 || index % 64 != 0) continue;
+          const auto repair = repaired(x, draw);
+          if (!repair) continue;
+          walker = walk.after(*repair, 10 * walk.between(), draw, change);
         }
-        anchor = repair;
+        x = *(walker = walk.after(*walker, walk.between(), combine(draw, 1), change));
       }
       if (!taken.contains(x) && seen.insert(x).second) out.push_back(x);
     }
@@ -167,10 +167,12 @@ class DesignSampler {
     const Variable& v = space_.variables[i];
     const double x = v.origin + (axes_[i].first_node + k) * v.step;
     char digits[40];
-    std::snprintf(digits, sizeof digits, "%.14g", x);
-    const double rounded = std::strtod(digits, nullptr);
-    return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x,
-        v.lower, v.upper);
+    const char* end = std::to_chars(digits, digits + sizeof digits, x, std::chars_format::general, 14).ptr;
+    double rounded = x;
+    std::from_chars(digits, end, rounded);
+    const double size = std::max({std::abs(x), std::abs(v.origin), std::abs(x - v.origin)});  // of what was added
+    return std::clamp(
+        std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * size ? rounded : x, v.lower, v.upper);
   }
   double place(std::size_t i, double unit) const {
     const Variable& v = space_.variables[i];
@@ -263,8 +265,11 @@ class DesignSampler {
   Design point(const OwenSobol& sequence, std::uint32_t index) const {
     Design x(dimensions());
     for (std::size_t i = 0; i < dimensions(); ++i) {
-      const OwenSobol block{combine(sequence.seed, i / std::size_t(Sobol::dimensions))};
-      x[i] = place(i, block(index, int(i % std::size_t(Sobol::dimensions))));
+      const std::uint64_t number = i / std::size_t(Sobol::dimensions), key = combine(sequence.seed, number);
+      // Later blocks take the points in another order, or their dimensions would go with those of the first.
+      const std::uint32_t of_block =
+          number == 0 ? index : owen_scramble(index, std::uint32_t(combine(key, Sobol::dimensions) >> 32));
+      x[i] = place(i, OwenSobol{key}(of_block, int(i % std::size_t(Sobol::dimensions))));
     }
     return x;
   }

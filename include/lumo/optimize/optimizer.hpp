@@ -3,9 +3,13 @@
 #include "lumo/model/surrogate.hpp"
 #include "lumo/optimize/candidate_source.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
+#include "lumo/optimize/outliers.hpp"
 #include "lumo/optimize/trials.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -28,7 +32,8 @@ class Optimizer {
     AcquisitionPolicy acquisition = {};
     Source source = {};
     R reduction = {};  ///< outputs → objectives, after those of an objective that is minimised have changed sign
-    int retries = 2;   ///< of one design after failures that may be retried
+    OutlierRule outliers = {};
+    int retries = 2;  ///< of one design after failures that may be retried
   };
 
   /// Throws InvalidArgument for a problem that cannot be solved, InfeasibleDesign for an initial design outside the
@@ -74,11 +79,10 @@ class Optimizer {
   int observed() const { return trials_.count(Trial::State::observed); }
   int pending() const { return trials_.count(Trial::State::pending); }
 
-  /// Observed trials that no other dominates, from the best in the first objective on.
+  /// Observed trials that no other dominates, from the best in the first objective on. An outlier counts with its
+  /// own value.
   std::vector<Outcome> front() const {
-    std::vector<int> ids;
-    for (const Trial& t : trials())
-      if (t.state == Trial::State::observed) ids.push_back(t.id);
+    const std::vector<int> ids = trials_.observed_ids();
     const Eigen::MatrixXd y = objectives();
     std::vector<Outcome> out;
     for (const Eigen::Index i : pareto_front(y)) {
@@ -86,6 +90,35 @@ class Optimizer {
       for (Eigen::Index j = 0; j < y.rows(); ++j)
         out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
     }
+    return out;
+  }
+
+  /// A value that lies absurdly far from the others of its objective. The models of values do without its trial; to the
+  /// model of success one that is worse than the others is a failure.
+  struct Outlier {
+    int id = 0, output = 0;
+    double value = 0.0;
+    bool better = false;
+    double low = 0.0, high = 0.0;  ///< between which the others lie
+  };
+  /// By trial. Whether a value is an outlier may change with those that follow.
+  std::vector<Outlier> outliers() const {
+    const std::vector<int> ids = trials_.observed_ids();
+    const Eigen::MatrixXd outputs = trials_.observed_outputs();
+    std::vector<Outlier> out;
+    for (int j = 0; j < int(problem().objectives.size()); ++j) {
+      const std::vector<Eigen::Index> rows = rows_of(j);
+      const Eigen::MatrixXd y = objective(j).signed_value(1.0) * outputs(rows, Eigen::all);
+      const ValueBulk bulk({y.data(), y.data() + y.size()}, trials_.observed_starts() * rows.size(), config_.outliers);
+      for (Eigen::Index i = 0; i < y.cols(); ++i)
+        for (Eigen::Index k = 0; k < y.rows(); ++k) {
+          if (!bulk.worse(y(k, i)) && !bulk.better(y(k, i))) continue;
+          const double first = objective(j).signed_value(bulk.low()), last = objective(j).signed_value(bulk.high());
+          out.push_back({ids[std::size_t(i)], int(rows[std::size_t(k)]), objective(j).signed_value(y(k, i)),
+              bulk.better(y(k, i)), std::min(first, last), std::max(first, last)});
+        }
+    }
+    std::stable_sort(out.begin(), out.end(), [](const Outlier& a, const Outlier& b) { return a.id < b.id; });
     return out;
   }
 
@@ -109,17 +142,16 @@ class Optimizer {
     return models_;
   }
 
-  /// Observed and pending trials as models and acquisition see them: outputs less their reference, larger is better, in
-  /// units of the spread of their objective.
+  /// Observed and pending trials as models and acquisition see them: without outliers, outputs less their reference,
+  /// larger is better, in units of the spread of their objective.
   Evidence evidence() const {
     Evidence e;
-    e.x = trials_.designs(Trial::State::observed);
+    const std::vector<Eigen::Index> kept = inliers();
+    e.x = trials_.designs(Trial::State::observed)(Eigen::all, kept);
     e.pending = trials_.designs(Trial::State::pending);
-    e.outputs = trials_.observed_outputs();
+    e.outputs = trials_.observed_outputs()(Eigen::all, kept);
     for (int j = 0; j < int(problem().objectives.size()); ++j) {
-      std::vector<Eigen::Index> rows;
-      for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-        if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
+      const std::vector<Eigen::Index> rows = rows_of(j);
       Eigen::ArrayXXd y =
           objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
       const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
@@ -144,6 +176,24 @@ class Optimizer {
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
 
+  /// Outputs that an objective is made of.
+  std::vector<Eigen::Index> rows_of(int j) const {
+    std::vector<Eigen::Index> rows;
+    for (int k = 0; k < trials_.outputs(); ++k)
+      if (config_.reduction.objective(k) == j) rows.push_back(k);
+    return rows;
+  }
+  /// Observed trials without outliers, as columns of the observed ones.
+  std::vector<Eigen::Index> inliers() const {
+    std::set<int> absurd;
+    for (const Outlier& o : outliers()) absurd.insert(o.id);
+    const std::vector<int> ids = trials_.observed_ids();
+    std::vector<Eigen::Index> kept;
+    for (std::size_t i = 0; i < ids.size(); ++i)
+      if (!absurd.contains(ids[i])) kept.push_back(Eigen::Index(i));
+    return kept;
+  }
+
   /// Objectives of the observed trials (objectives × n) in their units, larger is better.
   Eigen::MatrixXd objectives() const {
     Eigen::MatrixXd y = trials_.observed_outputs();
@@ -153,9 +203,17 @@ class Optimizer {
                     : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
   }
 
-  /// Model of the success of evaluations; nullopt if none has failed for a reason of its design.
+  /// Model of the success of evaluations; nullopt if none has failed for a reason of its design, or given a value that
+  /// is absurdly bad.
   std::optional<SuccessModel<Kernel>> success(const Evidence& e) const {
-    const Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
+    Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
+    std::set<int> absurd;
+    for (const Outlier& o : outliers())
+      if (!o.better) absurd.insert(o.id);
+    for (const int id : absurd) {
+      failed.conservativeResize(Eigen::NoChange, failed.cols() + 1);
+      failed.rightCols(1) = Eigen::Map<const Eigen::VectorXd>(trials()[std::size_t(id)].x.data(), failed.rows());
+    }
     if (failed.cols() == 0) return std::nullopt;
     return SuccessModel<Kernel>(e.x, failed, e.lower, e.upper, config_.model);
   }
@@ -167,8 +225,11 @@ class Optimizer {
       auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
       return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
     }
+    const std::vector<int> ids = trials_.observed_ids();
+    const std::vector<Eigen::Index> kept = inliers();
     std::vector<Design> standing;
-    for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
+    for (const Eigen::Index i : pareto_front(Eigen::MatrixXd(objectives()(Eigen::all, kept))))
+      standing.push_back(trials()[std::size_t(ids[std::size_t(kept[std::size_t(i)])])].x);
     const Evidence e = evidence();
     const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
     const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};

@@ -67,6 +67,48 @@ struct Outcome {
   std::vector<double> objectives;
 };
 
+/// Evaluations that ended, and how many of them failed.
+struct FailureTally {
+  int failed = 0, ended = 0;
+};
+
+/// Counts designs: a failure of the machine is no evaluation.
+inline FailureTally design_failures(const std::vector<Trial>& trials) {
+  FailureTally tally;
+  for (const Trial& t : trials) {
+    const bool failed = t.state == Trial::State::failed && !t.retry;
+    tally.failed += failed;
+    tally.ended += failed || t.state == Trial::State::observed;
+  }
+  return tally;
+}
+
+/// Counts failures of the machine in the trials `own`.
+inline FailureTally machine_failures(const std::vector<Trial>& trials, const std::set<int>& own) {
+  FailureTally tally{0, int(own.size())};
+  for (const int id : own)
+    tally.failed += trials[std::size_t(id)].state == Trial::State::failed && trials[std::size_t(id)].retry;
+  return tally;
+}
+
+/// When failures end a search, so that one that cannot succeed does not go on for ever.
+struct FailureLimit {
+  int at_least = 5;    ///< once so many evaluations have failed
+  double above = 0.5;  ///< and more than this share of them
+
+  bool exceeded(const FailureTally& tally) const {
+    return tally.failed >= at_least && tally.failed > above * tally.ended;
+  }
+  /// Why a search ends, in words; of the last trial that failed.
+  std::string reason(const FailureTally& tally, const std::vector<Trial>& trials) const {
+    std::string why;
+    for (const Trial& t : trials)
+      if (t.state == Trial::State::failed) why = t.why;
+    return message(tally.failed, " of ", tally.ended, " evaluations failed, the limit is ", 100 * above, " % once ",
+        at_least, " have; the last: ", why);
+  }
+};
+
 enum class OptimizerStatus {
   running,   ///< there is more to ask
   waiting,   ///< no design to ask until a pending trial is answered

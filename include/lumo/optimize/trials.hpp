@@ -39,10 +39,29 @@ class Trials {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
-  /// A failed trial that may be retried, else the next start; nullopt if a model has to choose.
+  int outputs() const { return outputs_; }
+  std::vector<int> observed_ids() const {
+    std::vector<int> ids;
+    for (const Trial& t : trials_)
+      if (t.state == Trial::State::observed) ids.push_back(t.id);
+    return ids;
+  }
+  /// Observed trials before the first that a model chose.
+  std::size_t observed_starts() const {
+    std::size_t count = 0;
+    for (const Trial& t : trials_) {
+      if (std::find(starts_.begin(), starts_.end(), t.x) == starts_.end()) break;
+      count += t.state == Trial::State::observed;
+    }
+    return count;
+  }
+
+  /// A failed trial that may be retried, else the next start; nullopt if a model has to choose. With restored trials of
+  /// another seed, there are as many starts in all as without.
   std::optional<Design> scheduled() const {
     for (const Trial& t : trials_)
       if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
+    if (taken_.size() >= starts_.size()) return std::nullopt;
     for (const Design& x : starts_)
       if (!taken_.contains(x)) return x;
     return std::nullopt;

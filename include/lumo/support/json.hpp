@@ -16,6 +16,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <set>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -211,17 +212,24 @@ inline sense::Segment read_segment(const nlohmann::json& j, const std::string& w
   return g;
 }
 
-/// Throws InputError for what is no JSON or nested too deeply: each level takes stack when the value is destroyed.
+/// Throws InputError for what is no JSON, has a key twice, or is nested too deeply: each level takes stack when the
+/// value is destroyed.
 inline nlohmann::json parse_json(std::string_view text, const std::string& name) {
   constexpr int deepest = 64;
   using Json = nlohmann::json;
-  const auto shallow = [&](int depth, Json::parse_event_t event, Json&) {
-    if (depth >= deepest && (event == Json::parse_event_t::object_start || event == Json::parse_event_t::array_start))
+  using Event = Json::parse_event_t;
+  std::vector<std::set<std::string>> open;
+  const auto watch = [&](int depth, Event event, Json& value) {
+    if (depth >= deepest && (event == Event::object_start || event == Event::array_start))
       throw InputError(message(name, ": is nested deeper than ", deepest, " levels"));
+    if (event == Event::object_start) open.emplace_back();
+    if (event == Event::object_end) open.pop_back();
+    if (event == Event::key && !open.back().insert(value.get<std::string>()).second)
+      throw InputError(message(name, ": has the key '", printable(value.get<std::string>()), "' twice"));
     return true;
   };
   try {
-    return Json::parse(text, shallow);
+    return Json::parse(text, watch);
   } catch (const Json::exception& e) {
     throw InputError(message(name, ": is no JSON: ", printable(e.what(), 200)));
   }
@@ -270,9 +278,8 @@ inline sense::Session session_from_json(std::string_view json, const std::string
 }
 
 inline sense::Session read_session(const std::string& path) {
-  const auto json = read_whole(path);
-  if (!json) throw InputError(message(path, ": cannot be opened"));
-  return session_from_json(*json, path);
+  if (!file_size(path)) throw InputError(message(path, ": cannot be opened"));  // a pipe would wait
+  return session_from_json(read_text(path), path);
 }
 
 namespace detail {

@@ -14,13 +14,18 @@
 #include <unistd.h>
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
+#include <limits>
 #include <memory>
 
 namespace lumo {
 
 /// A campaign's journal in one SQLite file: durable (synchronous=FULL), safe under kill -9 and with several processes.
 /// Each entry carries a digest that includes the one before, and the file says how many there are, because SQLite
-/// itself does not notice a flipped bit. All members throw StoreError. Not to be used after a fork.
+/// itself does not notice a flipped bit. Every path is a file's, also ":memory:" and "file:x". What is found removed,
+/// renamed or replaced at a write is kept beside with the entry to be written. Nothing that a file brings along is
+/// carried out: it has three tables, and no triggers or views. All members throw StoreError. Not to be used after a
+/// fork.
 class SqliteJournal {
  public:
   /// Opens the file, or makes it with this problem when there is none. A file with another problem is refused with the
@@ -29,7 +34,7 @@ class SqliteJournal {
   /// Opens a file that is there, for reading.
   explicit SqliteJournal(const std::string& path);
 
-  /// All entries without their records; every digest is checked on the way.
+  /// All entries without their records. Each is read, and its digest checked, once.
   std::vector<JournalEntry> entries() const;
   std::string record(std::int64_t number) const;
 
@@ -76,6 +81,12 @@ class SqliteJournal {
   static constexpr int application = 0x6c756d6f, format = 1;
 
   void open(int flags);
+  void require_own_tables() const;
+  /// Reads the entries that others, or append(), have added.
+  void catch_up() const;
+  bool moved() const;
+  /// Copies the file, which is no longer at its path, beside it, with this entry; throws StoreError that says so.
+  [[noreturn]] void rescue(const std::optional<JournalEntry>& entry) const;
   void create(const std::string& problem) const;
   void run(const char* sql) const { step(prepare(sql)); }
   Statement prepare(const char* sql) const;
@@ -92,6 +103,8 @@ class SqliteJournal {
   std::string path_;
   pid_t owner_ = getpid();
   std::unique_ptr<sqlite3, Close> db_;
+  mutable std::vector<JournalEntry> known_;
+  mutable std::string known_digest_;
 };
 
 inline SqliteJournal::SqliteJournal(const std::string& path, const std::string& problem) : path_(path) {
@@ -101,6 +114,7 @@ inline SqliteJournal::SqliteJournal(const std::string& path, const std::string& 
     if (number_of("SELECT count(*) FROM sqlite_schema") == 0) create(problem);
     t.commit();
   }
+  require_own_tables();
   const std::string stored = entries().front().content;
   if (stored == problem) return;
   const auto [a, b] = std::mismatch(stored.begin(), stored.end(), problem.begin(), problem.end());
@@ -119,15 +133,21 @@ inline SqliteJournal::SqliteJournal(const std::string& path, const std::string& 
 inline SqliteJournal::SqliteJournal(const std::string& path) : path_(path) {
   open(SQLITE_OPEN_READWRITE);  // a write that was cut off must be taken back first; a file that may not be written is
                                 // opened for reading
+  require_own_tables();
   entries();
 }
 
 inline void SqliteJournal::open(int flags) {
+  if (path_.empty()) throw StoreError(StoreError::Reason::unusable, "store has no name");
   sqlite3* db = nullptr;
-  const int code = sqlite3_open_v2(path_.c_str(), &db, flags, nullptr);
+  // An absolute path is neither SQLite's ":memory:" nor a URI.
+  const int code = sqlite3_open_v2(std::filesystem::absolute(path_).c_str(), &db, flags, nullptr);
   db_.reset(db);
   if (code != SQLITE_OK) fail(code);
   sqlite3_extended_result_codes(db, 1);
+  for (const int option : {SQLITE_DBCONFIG_ENABLE_TRIGGER, SQLITE_DBCONFIG_ENABLE_VIEW, SQLITE_DBCONFIG_TRUSTED_SCHEMA})
+    sqlite3_db_config(db, option, 0, nullptr);
+  if (flags & SQLITE_OPEN_CREATE) sqlite3_db_config(db, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
   sqlite3_busy_timeout(db, 60'000);
   // Readers get as far as a file that was cut short goes, so that the first lost entry can be named.
   if (!(flags & SQLITE_OPEN_CREATE)) run("PRAGMA writable_schema=ON");
@@ -145,19 +165,40 @@ inline void SqliteJournal::create(const std::string& problem) const {
   insert({0, JournalEntry::Kind::problem, problem, "", ""}, "");
 }
 
+inline void SqliteJournal::require_own_tables() const {
+  const Statement s = prepare(
+      "SELECT type, name FROM sqlite_schema WHERE type <> 'table' OR name NOT IN ('entry', 'head', 'worker') LIMIT 1");
+  if (number_of("PRAGMA application_id") == application && step(s))
+    throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has a ", printable(text(s, 0)), " '",
+                                                      printable(text(s, 1)), "' that lumo has not made"));
+}
+
 inline std::vector<JournalEntry> SqliteJournal::entries() const {
+  if (!known_.empty()) {
+    catch_up();
+    const Statement head = prepare("SELECT number, digest FROM head");
+    if (step(head) && sqlite3_column_int64(head.get(), 0) == known_.back().number && text(head, 1) == known_digest_)
+      return known_;
+  }
+  known_.clear();
+  known_digest_.clear();
   if (number_of("PRAGMA application_id") != application)
     throw StoreError(StoreError::Reason::unusable, message(path_, " is not a store of lumo"));
   if (const auto v = number_of("PRAGMA user_version"); v != format)
     throw StoreError(StoreError::Reason::unusable,
         message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
-  std::vector<JournalEntry> list;
-  std::string before;
-  bool whole = false;
+  catch_up();
+  return known_;
+}
+
+inline void SqliteJournal::catch_up() const {
+  std::vector<JournalEntry>& list = known_;
+  bool whole = !list.empty();
   // One statement, so that entries and head are of one moment.
   const Statement s = prepare(
       "SELECT entry.number, kind, content, record, notes, entry.digest, head.number, head.digest FROM entry LEFT JOIN "
-      "head ON id = 0 ORDER BY entry.number");
+      "head ON id = 0 WHERE entry.number >= ? ORDER BY entry.number");
+  sqlite3_bind_int64(s.get(), 1, list.empty() ? std::numeric_limits<std::int64_t>::min() : std::int64_t(list.size()));
   const auto next = [&] {
     try {
       return step(s);
@@ -172,9 +213,9 @@ inline std::vector<JournalEntry> SqliteJournal::entries() const {
     JournalEntry e{sqlite3_column_int64(s.get(), 0), kind.value_or(JournalEntry::Kind::problem), text(s, 2), text(s, 3),
         text(s, 4)};
     const std::string found = text(s, 5);
-    if (!kind || e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
+    if (!kind || e.number != std::int64_t(list.size()) || digest_of(e, known_digest_) != found)
       throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size()));
-    before = found;
+    known_digest_ = found;
     whole = sqlite3_column_int64(s.get(), 6) == e.number && text(s, 7) == found;
     e.record.clear();
     list.push_back(std::move(e));
@@ -182,7 +223,32 @@ inline std::vector<JournalEntry> SqliteJournal::entries() const {
   if (!whole)
     throw StoreError(StoreError::Reason::corrupt,
         message("store ", path_, " is damaged after entry ", std::int64_t(list.size()) - 1, ": entries are missing"));
-  return list;
+}
+
+inline bool SqliteJournal::moved() const {
+  int moved = 0;
+  return sqlite3_file_control(db_.get(), "main", SQLITE_FCNTL_HAS_MOVED, &moved) == SQLITE_OK && moved != 0;
+}
+
+inline void SqliteJournal::rescue(const std::optional<JournalEntry>& entry) const {
+  const std::string what = message("store ", path_, " was ",
+      std::filesystem::exists(path_) ? "replaced" : "removed or renamed", " while it was in use");
+  for (int k = 1; k < 1000; ++k) {
+    const std::string beside = message(path_, ".rescued-", k);
+    if (std::filesystem::exists(beside)) continue;
+    sqlite3* copy = nullptr;
+    const int opened = sqlite3_open_v2(
+        std::filesystem::absolute(beside).c_str(), &copy, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, nullptr);
+    const std::unique_ptr<sqlite3, Close> closes(copy);
+    sqlite3_backup* backup = opened == SQLITE_OK ? sqlite3_backup_init(copy, "main", db_.get(), "main") : nullptr;
+    if (backup) sqlite3_backup_step(backup, -1);
+    if (!backup || sqlite3_backup_finish(backup) != SQLITE_OK)
+      throw StoreError(StoreError::Reason::unusable, message(what, ", and ", beside, " cannot be written"));
+    SqliteJournal kept(beside);
+    if (entry) kept.append([&](const std::vector<JournalEntry>&) { return entry; });
+    throw StoreError(StoreError::Reason::unusable, message(what, "; all that it held is in ", beside));
+  }
+  throw StoreError(StoreError::Reason::unusable, what);
 }
 
 inline std::string SqliteJournal::record(std::int64_t number) const {
@@ -193,6 +259,7 @@ inline std::string SqliteJournal::record(std::int64_t number) const {
 }
 
 template <class Next> std::optional<JournalEntry> SqliteJournal::append(Next&& next) {
+  if (moved()) rescue(next(entries()));
   Transaction t(*this);
   const std::vector<JournalEntry> list = entries();
   std::optional<JournalEntry> entry = next(list);
@@ -205,6 +272,7 @@ template <class Next> std::optional<JournalEntry> SqliteJournal::append(Next&& n
 
 inline bool SqliteJournal::claim(std::int64_t number) {
   const std::string me = process_token();
+  if (moved()) rescue(std::nullopt);
   Transaction t(*this);
   const Statement now = prepare("SELECT process FROM worker WHERE number = ?");
   sqlite3_bind_int64(now.get(), 1, number);
@@ -231,6 +299,7 @@ inline std::string SqliteJournal::digest(std::int64_t number) const {
 }
 
 inline void SqliteJournal::verify() const {
+  known_.clear();
   entries();
   const Statement s = prepare("PRAGMA integrity_check(1)");
   if (step(s))

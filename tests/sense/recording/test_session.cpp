@@ -107,7 +107,10 @@ TEST_CASE("every fault of a session is one line that names file and key", "[sess
   CHECK(fault_of(head + R"(, "title": 1e999})").starts_with("s.json: is no JSON"));
   CHECK(fault_of(std::string(100000, '[')) == "s.json: is nested deeper than 64 levels");
   CHECK(fault_of(head + R"(, "title": ")" + "\xff" + "\"}").starts_with("s.json: is no JSON"));
+  CHECK(fault_of(head + R"(, "title": "a", "title": "b"})") == "s.json: has the key 'title' twice");
+  CHECK(fault_of(head + R"(, "leds": {"count": 5, "count": 6}})") == "s.json: has the key 'count' twice");
   CHECK_THROWS_AS(read_session("/nonexistent/session.json"), InputError);
+  CHECK_THROWS_WITH(read_session("/proc/self/mem"), Catch::Contains("cannot be read: Input/output error"));
 }
 
 TEST_CASE("numbers do not wrap, and brackets in a text are text", "[session]") {

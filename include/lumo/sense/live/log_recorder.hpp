@@ -135,7 +135,8 @@ template <class Encode> class LogRecorder {
       std::string fault;
       try {
         const auto bytes = encode_(p.image.view());
-        write_whole(folder_ + "/frames/" + p.record.file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+        write_whole(folder_ + "/frames/" + p.record.file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()},
+            Durability::memory);
         append(frames_, frame_row(p.record, false, last), "frames.csv");  // after its picture
       } catch (const std::exception& e) {
         fault = e.what();
