@@ -462,6 +462,35 @@ class Mcap(unittest.TestCase):
         self.assertIn("of 4 pictures 1 missing, 1 damaged", done.stderr)
         self.assertEqual(len(list((self.scratch / "of_some" / "frames").iterdir())), 2)
 
+    def test_joints_are_chosen_by_name(self):
+        path = self.scratch / "joints.mcap"
+        writer = mcap_ros2.writer.Writer(str(path))
+        kind = "sensor_msgs/msg/JointState"
+        schema = writer.register_msgdef(kind, self.definitions[kind])
+        for k in range(4):
+            t = START_NS + 4_000_000 * k
+            for names, shift in [(["tip", "base"], 0), (["arm_0", "arm_1", "arm_2"], 1_000_000)]:
+                values = [10.0 * k + n for n in range(len(names))]
+                message = {"header": {"stamp": stamp(t + shift), "frame_id": ""}, "name": names, "position": values}
+                message |= {"velocity": [], "effort": values}
+                writer.write_message("/joint_states", schema, message, log_time=t + shift, publish_time=t)
+        writer.finish()
+        self.refused(
+            BAD_FILE,
+            ["chosen by their names", "arm_0, arm_1, arm_2", "tip, base"],
+            "convert",
+            path,
+            self.scratch / "of_joints",
+            "--quiet",
+        )
+        done = run("convert", path, self.scratch / "of_joints", "--joint-names", "base,tip")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("from the base to the tip are taken to be base, tip", done.stderr)
+        rows = rows_of(self.scratch / "of_joints" / "joint.csv")
+        self.assertEqual([(r["torque_Nm_0"], r["torque_Nm_1"]) for r in rows], [(10.0 * k + 1, 10.0 * k) for k in range(4)])
+        self.refused(BAD_FILE, ["base, toe"], "convert", path, "x", "--joint-names", "base,toe", "--quiet")
+        self.refused(USAGE, ["--joint-names is 'base,'"], "convert", path, "x", "--joint-names", "base,")
+
     def test_doctor_looks_at_a_log(self):
         done = run("doctor", self.folder, "--json")
         self.assertEqual(done.returncode, 0, done.stderr)

@@ -292,8 +292,10 @@ TEST_CASE("a stream that cannot be read leaves the others as they are", "[mcap]"
   CHECK(m.log.joints.empty());
   CHECK(m.log.wrenches.empty());
   CHECK_NOTHROW(require_readable(m.log, LogStream::frames));
-  CHECK(m.log.reading[1].fault ==
-        "a.mcap: topic /joint_states, log time 102 ns: names other joints than the messages before it");
+  CHECK(
+      m.log.reading[1].fault ==
+      "a.mcap: topic /joint_states, log time 102 ns: joints must be chosen by their names: this is of arm, right, the "
+      "first of left, right; it names other joints than the messages before it");
   CHECK_THROWS_AS(require_readable(m.log, LogStream::joints), InputError);
   CHECK_THROWS_AS(require_readable(m.log, LogStream::wrenches), InputError);
   CHECK(log_refusal(bytes) == m.log.reading[1].fault);
@@ -393,6 +395,67 @@ TEST_CASE("joints without velocities get them from their positions", "[mcap]") {
   CHECK(one.front().velocity_rad_per_s == joints_of(0, 0));
 }
 
+TEST_CASE("joints are taken by their names, whoever else publishes on the topic", "[mcap]") {
+  const double nan = std::nan("");
+  const auto read = [&](const std::vector<std::string>& names) {
+    ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+      const auto j = channel_of<RosJointState>(w, "/joint_states");
+      std::uint64_t log = 1;
+      for (std::int64_t k = 1; k < 6; ++k) {
+        const double v = double(k);
+        w.write(j, log++, to_cdr(RosJointState{{100 * k, ""}, {"tip", "base"}, {v, 10 * v}, {1, 2}, {3, 4}}));
+        std::vector<std::string> arm;
+        for (int n = 0; n < 9; ++n) arm.push_back("arm_" + std::to_string(n));
+        const std::vector<double> unknown(9, nan);
+        w.write(j, log++, to_cdr(RosJointState{{100 * k + 50, ""}, arm, unknown, unknown, unknown}));
+        w.write(j, log++, to_cdr(RosJointState{{100 * k + 60, ""}, {"thumb"}, {7 * v}, {0.5}, {nan}}));
+      }
+    }));
+    return read_mcap_log(r, {.joint_names = names}).log;
+  };
+  const Recording chain = read({"base", "tip"});
+  REQUIRE(chain.joints.size() == 5);
+  CHECK(chain.joints[2].stamp_ns == 300);
+  CHECK(chain.joints[2].position_rad == joints_of(30, 3));
+  CHECK(chain.joints[2].velocity_rad_per_s == joints_of(2, 1));
+  CHECK(chain.joints[2].effort == joints_of(4, 3));
+  CHECK(chain.notes == std::vector<std::string>{"joints from the base to the tip are taken to be base, tip"});
+  CHECK(read({"tip"}).joints.at(4).position_rad[0] == 5.0);
+  CHECK(read({"base", "thumb"}).reading[1].fault.find("numbers must be finite") != std::string::npos);
+  CHECK(read({"base", "toe"}).reading[1].fault == "a.mcap: no messages name all of the joints base, toe");
+  CHECK(read({}).reading[1].fault.find("must be chosen by their names: this is of arm_0, ") == std::string::npos);
+  CHECK(read({}).reading[1].fault.find("has 9 joints") != std::string::npos);
+  CHECK_THROWS_AS(read(std::vector<std::string>(9, "x")), InvalidArgument);
+}
+
+TEST_CASE("joints that come by turns, or in another order, keep their places", "[mcap]") {
+  ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+    const auto j = channel_of<RosJointState>(w, "/joint_states");
+    for (std::int64_t k = 1; k < 9; ++k) {
+      RosJointState m = joint_state(k);
+      if (k % 2 == 0) m = {{k, ""}, {"right", "left"}, {2, 1}, {4, 3}, {6, 5}};
+      w.write(j, std::uint64_t(k), to_cdr(m));
+    }
+  }));
+  const std::vector<JointSample> same = read_log_file(r).log.joints;
+  REQUIRE(same.size() == 8);
+  for (const JointSample& s : same) {
+    CHECK(s.position_rad == joints_of(1, 2));
+    CHECK(s.effort == joints_of(5, 6));
+  }
+  ZstdReader turns = reader_of(foreign_mcap([&](McapWriter<>& w) {
+    const auto j = channel_of<RosJointState>(w, "/joint_states");
+    for (std::int64_t k = 1; k < 9; ++k) {
+      const double v = double(k);
+      w.write(j, std::uint64_t(2 * k), to_cdr(RosJointState{{2 * k, ""}, {"a"}, {v}, {1}, {v}}));
+      w.write(j, std::uint64_t(2 * k + 1), to_cdr(RosJointState{{2 * k, ""}, {"b"}, {10 * v}, {1}, {0}}));
+    }
+  }));
+  const std::vector<JointSample> merged = read_log_file(turns, {.joint_names = {"b", "a"}}).log.joints;
+  REQUIRE(merged.size() == 8);  // one for each message of the first joint
+  for (std::size_t k = 0; k < 8; ++k) CHECK(merged[k].position_rad == joints_of(10.0 * double(k + 1), double(k + 1)));
+}
+
 TEST_CASE("streams on two clocks are joined by the log times, which a note reports", "[mcap]") {
   const auto read = [](std::int64_t joint_shift, std::uint64_t joint_log) {
     const std::vector<std::uint8_t> grey = {1, 2};
@@ -407,15 +470,15 @@ TEST_CASE("streams on two clocks are joined by the log times, which a note repor
     return read_log_file(r).log;
   };
   const Recording same = read(0, 0);
-  CHECK(same.notes.empty());
+  CHECK(same.notes.size() == 1);  // which joints
   CHECK(same.session.joint_clock == ClockMap{});
   const Recording boot = read(-1'789'996'400'000'000'000, 0);
   CHECK(boot.session.joint_clock.offset_s == Approx(1'789'996'400.0 - 0.003).epsilon(1e-12));
-  REQUIRE(boot.notes.size() == 1);
-  CHECK(boot.notes[0].find("joint states are stamped on another clock") == 0);
+  REQUIRE(boot.notes.size() == 2);
+  CHECK(boot.notes[1].find("joint states are stamped on another clock") == 0);
   CHECK_NOTHROW(require_common_time(boot));
   const Recording apart = read(-1'789'996'400'000'000'000, 3'600'000'000'000);  // nor do log times agree
-  CHECK(apart.notes.empty());
+  CHECK(apart.notes.size() == 1);
   CHECK_THROWS_WITH(require_common_time(apart),
       "a.mcap: pictures and joint samples have no time in common: pictures from 1790000000.000 to 1790000000.627 s, "
       "joints from 3600.000 to 3600.627 s; if their clocks differ, joint_clock of session.json must say by how much");

@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -39,6 +40,9 @@ namespace lumo::sense {
 /// Which topics to read; empty: the only one of its kind.
 struct McapTopics {
   std::string image{}, joints{}, wrench{};
+  /// The finger's joints in the order of the chain, by the names that messages have. Others are not read, and several
+  /// publishers may share the topic. Empty: all messages name the finger's joints, in this order.
+  std::vector<std::string> joint_names{};
 };
 
 /// Where a frame's picture lies.
@@ -114,7 +118,11 @@ class TopicStamps {
 /// Collects a log's tables from messages. What is wrong with one stream is kept as its fault, and leaves it empty.
 class McapTables {
  public:
-  explicit McapTables(bool has_session) : has_session_(has_session) {}
+  /// `joint_names`: as McapTopics has them.
+  explicit McapTables(bool has_session, std::vector<std::string> joint_names = {})
+      : has_session_(has_session), chosen_(!joint_names.empty()), names_(std::move(joint_names)) {
+    known_.resize(names_.size());
+  }
 
   /// A message of the type with the name `type`.
   template <RosMessage... Messages>
@@ -145,17 +153,30 @@ class McapTables {
   }
   void add(const RosJointState& m, const McapPicture& at) {
     const std::size_t n = m.name.size();
-    if (n < 1 || n > std::size_t(max_joints))
+    if (!chosen_ && (n < 1 || n > std::size_t(max_joints)))
       throw InputError(message("has ", n, " joints, must have 1 to ", max_joints));
-    const bool is_known = std::all_of(m.velocity.begin(), m.velocity.end(), [](double v) { return std::isfinite(v); });
-    if (m.position.size() != n || (m.velocity.size() != n && !m.velocity.empty()) ||
-        (m.effort.size() != n && !m.effort.empty()))
+    const auto fits = [n](const std::vector<double>& list) { return list.size() == n || list.empty(); };
+    if (m.position.size() != n || !fits(m.velocity) || !fits(m.effort))
       throw InputError(message("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(),
           " velocities and ", m.effort.size(), " efforts, must have as many"));
-    if (names_.empty()) names_ = m.name;
-    if (m.name != names_) throw InputError("names other joints than the messages before it");
-    JointSample s{0, joint_vector(m.position), joint_vector(is_known ? m.velocity : std::vector<double>()),
-        joint_vector(m.effort), Effort::torque_Nm};
+    if (names_.empty()) {
+      names_ = m.name;
+      known_.resize(n);
+    }
+    if (!chosen_ && !std::is_permutation(m.name.begin(), m.name.end(), names_.begin(), names_.end()))
+      throw InputError(message("joints must be chosen by their names: this is of ", listed(m.name), ", the first of ",
+          listed(names_), "; it names other joints than the messages before it"));
+    if (!by_name(m)) return;
+    const auto joints = Eigen::Index(names_.size());
+    JointSample s{0, JointVector(joints), JointVector(joints), JointVector(joints), Effort::torque_Nm};
+    for (Eigen::Index j = 0; j < joints; ++j) {
+      const JointValues& v = *known_[std::size_t(j)];
+      s.position_rad[j] = v.position;
+      s.velocity_rad_per_s[j] = v.velocity;
+      s.effort[j] = v.effort;
+    }
+    if (!s.velocity_rad_per_s.allFinite()) s.velocity_rad_per_s.resize(0);
+    if (!s.effort.allFinite()) s.effort.resize(0);
     take(LogStream::joints, m.header, at.at);
     found.log.joints.push_back(std::move(s));
   }
@@ -207,6 +228,7 @@ class McapTables {
     finish(LogStream::photodiodes, found.log.photodiodes);
     if (has_failed(LogStream::frames)) found.pictures.clear();
     join_exposures();
+    name_joints();
     try {
       join_efforts();
       find_velocities(found.log.joints);
@@ -260,6 +282,13 @@ class McapTables {
     keep_rows(rows, ascending.kept);
     if constexpr (std::is_same_v<Row, FrameRecord>) keep_rows(found.pictures, ascending.kept);
   }
+  /// The order of the names is the order of the chain: whoever reads results must see it. lumo's own names are numbers.
+  void name_joints() {
+    if (chosen_ && found.log.joints.empty() && !has_failed(LogStream::joints))
+      fail(LogStream::joints, *name_ + ": ", "no messages name all of the joints " + listed(names_));
+    if (!has_session_ && names_.size() > 1 && !found.log.joints.empty())
+      found.log.notes.push_back("joints from the base to the tip are taken to be " + listed(names_));
+  }
   void join_exposures() {
     std::map<std::int64_t, std::pair<double, double>> at;
     for (std::size_t i = 0; i < exposures_.size(); ++i) at[exposure_stamps_.ns(has_session_)[i]] = exposures_[i];
@@ -305,8 +334,37 @@ class McapTables {
     join(LogStream::wrenches, found.log.wrenches, found.log.session.wrench_clock, "wrenches");
   }
 
-  bool has_session_;
+  /// The part of a joint state that is about one joint. What is missing or not finite is NaN.
+  struct JointValues {
+    double position = std::numeric_limits<double>::quiet_NaN(), velocity = position, effort = position;
+  };
+  static JointValues values_of(const RosJointState& m, std::size_t i) {
+    JointValues v;
+    v.position = finite(m.position[i]);
+    if (!m.velocity.empty() && std::isfinite(m.velocity[i])) v.velocity = m.velocity[i];
+    if (!m.effort.empty()) v.effort = finite(m.effort[i]);
+    return v;
+  }
+  /// The joints by their names; a joint that the message does not name is as it was last. False if the message is none
+  /// of the first joint, or some joint has not been seen yet.
+  bool by_name(const RosJointState& m) {
+    bool first = false;
+    for (std::size_t j = 0; j < names_.size(); ++j)
+      if (const auto at = std::find(m.name.begin(), m.name.end(), names_[j]); at != m.name.end()) {
+        known_[j] = values_of(m, std::size_t(at - m.name.begin()));
+        first = first || j == 0;
+      }
+    return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return k.has_value(); });
+  }
+  static std::string listed(const std::vector<std::string>& names) {
+    std::string text;
+    for (const std::string& n : names) text += (text.empty() ? "" : ", ") + printable(n);
+    return text;
+  }
+
+  bool has_session_, chosen_;
   std::vector<std::string> names_;
+  std::vector<std::optional<JointValues>> known_;
   std::array<TopicStamps, log_streams> stamps_;
   TopicStamps exposure_stamps_, current_stamps_;
   std::vector<std::pair<double, double>> exposures_;
@@ -472,10 +530,13 @@ template <ChunkCodec... Codecs> class TopicChoice {
 template <ChunkCodec... Codecs>
 McapLog read_mcap_log(const McapFiles<Codecs...>& files, const McapTopics& wanted = {}) {
   if (files.empty()) throw InvalidArgument("bag without files");
+  if (wanted.joint_names.size() > std::size_t(max_joints))
+    throw InvalidArgument(
+        message(wanted.joint_names.size(), " joints are chosen by name, must be at most ", max_joints));
   std::string session_json;
   for (const auto& file : files)
     if (session_json.empty()) session_json = detail::attached_session(*file);
-  McapTables tables(!session_json.empty());
+  McapTables tables(!session_json.empty(), wanted.joint_names);
   const detail::TopicChoice<Codecs...> choice(files, wanted, tables);
   for (std::size_t f = 0; f < files.size(); ++f)
     for (const McapEntry& e : files[f]->messages()) {
