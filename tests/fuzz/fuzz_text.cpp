@@ -41,6 +41,14 @@ void check_surface(const char* kind, const std::string& text) {
       if (v < 0 || std::size_t(v) >= s.vertices.size()) fuzz::finding("a triangle without a vertex");
 }
 
+void check_bag(const std::string& text) {
+  std::vector<std::string> files = bag_metadata(text, "metadata.yaml").files;
+  sort_by_number(files);
+  for (const std::string& file : files)
+    if (file.empty() || file.front() == '/' || file.find("..") != std::string::npos)
+      fuzz::finding("a file that is not below the folder");
+}
+
 void parse(std::uint8_t which, const std::string& text) {
   switch (which) {
     case 's': {
@@ -83,14 +91,7 @@ void parse(std::uint8_t which, const std::string& text) {
           text, [&](auto& in, const char* n) { return read_wrench_log(in, n, &reading); },
           [](const auto& rows) { return wrench_log_text(rows); });
     }
-    case 'b': {
-      std::vector<std::string> files = bag_metadata(text, "metadata.yaml").files;
-      sort_by_number(files);
-      for (const std::string& file : files)
-        if (file.empty() || file.front() == '/' || file.find("..") != std::string::npos)
-          fuzz::finding("a file that is not below the folder");
-      return;
-    }
+    case 'b': return check_bag(text);
     case 'o': return check_surface(".obj", text);
     case 't': return check_surface(".stl", text);
     default: {
