@@ -10,6 +10,7 @@
 
 #include "lumo/sense/recording/log_truth.hpp"
 
+#include "lumo/sense/recording/mcap/bag_metadata.hpp"
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
 

@@ -147,7 +147,7 @@ class Lab(unittest.TestCase):
                 self.assertGreaterEqual(other["accuracy"], 0.9)
                 self.assertEqual(len(other["predictions"]), 30)
         r = self.result("decode", self.folder / "recontact", "--out", self.folder / "d")
-        self.assertEqual(set(r), {"accuracy", "confusion", "predictions"})
+        self.assertEqual(set(r), {"accuracy", "confusion", "predictions", "log"})
         self.assertEqual(sum(map(sum, r["confusion"])), 30)
         self.assertEqual(len(r["predictions"]), 30)
         right = sum(r["confusion"][i][i] for i in range(6))
@@ -169,6 +169,7 @@ class Lab(unittest.TestCase):
                 "W_cycle_DN",
                 "cycles",
                 "gain_percent",
+                "log",
             ],
         )
         self.assertAlmostEqual(r["Q"], r["D_neighbor"] / r["W_recontact"])
@@ -196,7 +197,9 @@ class Lab(unittest.TestCase):
     def test_locate(self):
         out = self.folder / "l"
         r = self.result("locate", self.folder / "force", "--out", out)
-        self.assertEqual(list(r), ["samples", "mae_mm", "coverage_90"])
+        self.assertEqual(
+            list(r), ["samples", "mae_mm", "coverage_90", "located", "frames", "contacts", "log"]
+        )
         self.assertGreater(r["samples"], 500)
         self.assertEqual(sorted(p.name for p in out.iterdir()), ["locations.csv", "locations.svg", "overlay.png"])
         rows = rows_of(out / "locations.csv")
@@ -210,7 +213,21 @@ class Lab(unittest.TestCase):
     def test_force(self):
         out = self.folder / "f"
         r = self.result("force", self.folder / "force", "--out", out)
-        self.assertEqual(list(r), ["samples", "mae_N", "alpha", "coverage_90", "frame_ms", "alignment"])
+        self.assertEqual(
+            list(r),
+            [
+                "samples",
+                "mae_N",
+                "alpha",
+                "coverage_90",
+                "frame_ms",
+                "alignment",
+                "samples_of",
+                "frames",
+                "contacts",
+                "log",
+            ],
+        )
         self.assertGreater(r["alignment"]["torque_Nm"], 0.05)  # what the rig's current sensor scatters by, and more
         self.assertLess(r["alignment"]["torque_Nm"], 0.15)
         self.assertEqual(list(r["mae_N"]), ["fused", "optical", "fixed_arm", "known_location", "torque_only"])
@@ -276,7 +293,7 @@ class Lab(unittest.TestCase):
             sorted(p.name for p in log.iterdir()), ["frames", "frames.csv", "joint.csv", "session.json", "truth.csv"]
         )
         r = self.result("hand", log, "--out", out)
-        self.assertEqual(list(r), ["frames", "references", "links", "score", "contacts"])
+        self.assertEqual(list(r), ["frames", "references", "links", "score", "contacts", "log"])
         self.assertEqual(r["frames"] + r["references"], self.hand["frames"])
         self.assertEqual(
             [link["name"] for link in r["links"]], ["left proximal", "left distal", "right proximal", "right distal"]
@@ -422,6 +439,96 @@ class Lab(unittest.TestCase):
         self.assertGreater(half["samples"], 0)
         self.assertLess(half["samples"], whole["samples"])
         self.assertIn("was_cut.mcap: byte ", run("locate", cut).stderr)
+
+    def test_a_log_of_ones_own_is_told_what_was_found(self):
+        own = self.folder / "own"
+        shutil.copytree(self.folder / "force", own)
+        os.remove(own / "truth.csv")
+        session = json.loads((own / "session.json").read_text())
+        session["segments"] = [s for s in session["segments"] if s["kind"] == "unloaded"]
+        (own / "session.json").write_text(json.dumps(session))
+        for command, words in [("locate", "touched in "), ("force", "with a force in ")]:
+            known, blind = (self.result(command, log) for log in (self.folder / "force", own))
+            self.assertEqual(blind["samples"], 0)
+            self.assertEqual(blind["contacts"], known["contacts"])  # whether or not there is a truth
+            self.assertEqual(blind["log"], known["log"])
+            rows = rows_of(self.folder / "force" / "frames.csv")
+            self.assertEqual((blind["frames"]["rows"], blind["log"]["pictures"]["read"]), (len(rows), len(rows)))
+            longest = sorted(c["frames"] for c in blind["contacts"])[-6:]
+            self.assertGreater(sum(longest), 400)
+            self.assertLessEqual(sum(c["frames"] for c in blind["contacts"]), blind["frames"]["touched"])
+            text = run(command, own, "--quiet").stdout
+            self.assertTrue(text.startswith(f"{len(rows)} frames: touched in "), text)
+            self.assertIn(words, text)
+            self.assertIn("no errors: the log has no truth.csv", text)
+            self.assertNotIn("0 frames in contact", text)
+
+    def test_each_mean_has_its_own_count(self):
+        r = self.result("force", self.folder / "force", "--out", self.folder / "counted")
+        truth = {row["stamp_ns"]: row for row in rows_of(self.folder / "force" / "truth.csv")}
+        rows = [
+            row
+            for row in rows_of(self.folder / "counted" / "forces.csv")
+            if float(truth[row["stamp_ns"]]["force_N"]) >= 0.5
+        ]
+        errors = [
+            abs(float(row["force_N"]) - float(truth[row["stamp_ns"]]["force_N"])) for row in rows if row["force_N"]
+        ]
+        self.assertEqual(r["frames"]["in_contact"], len(rows))
+        self.assertEqual(sum(r["frames"]["without_force"].values()), len(rows) - len(errors))
+        self.assertLessEqual(r["samples_of"]["fused"], len(errors))  # joints must be known, too
+        self.assertGreaterEqual(r["samples_of"]["fused"], 0.99 * len(errors))
+        text = run("force", self.folder / "force", "--quiet").stdout
+        self.assertIn(f"  fused           {r['mae_N']['fused']:.2f}, of {r['samples_of']['fused']} frames", text)
+        self.assertIn(f"{len(rows)} frames in contact", text)
+        located = self.result("locate", self.folder / "force")
+        text = run("locate", self.folder / "force", "--quiet").stdout
+        self.assertIn(f"{located['mae_mm']:.2f} mm of the {located['located']} located", text)
+
+    def test_what_is_missing_is_told(self):
+        lossy = self.folder / "lossy"
+        shutil.copytree(self.folder / "force", lossy)
+        frames = sorted((lossy / "frames").iterdir())
+        for frame in frames[600:640]:
+            frame.unlink()
+        for frame in frames[700:720]:
+            frame.write_bytes(b"no picture")
+        lines = (lossy / "joint.csv").read_text().splitlines(keepends=True)
+        half = len(lines) // 2
+        (lossy / "joint.csv").write_text("".join(lines[:half] + [lines[half - 1]]))  # ends halfway, a row twice
+        done = run("force", lossy, "--json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        r = json.loads(done.stdout)
+        pictures = r["log"]["pictures"]
+        self.assertEqual((pictures["missing"], pictures["damaged"]), (40, 20))
+        self.assertEqual(r["log"]["streams"]["joint_states"]["left_out_repeated"], 1)
+        self.assertGreater(r["log"]["streams"]["joint_states"]["pictures_outside"], 300)
+        self.assertGreater(r["frames"]["in_contact"], r["samples"])
+        self.assertIn("40 missing, 20 damaged", done.stderr)
+        self.assertIn("1 came twice", done.stderr)
+        self.assertIn("outside of the joint states' time", done.stderr)
+        (lossy / "joint.csv").write_text("no table\n")
+        done = run("locate", lossy)  # which needs none
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("joint states are not used", done.stderr)
+        self.refused(BAD_FILE, ["joint.csv:1:"], "force", lossy, "--quiet")
+        header, *rows = lines
+        stuck = [",".join([*row.split(",")[:3], "0.5\n"]) for row in rows]
+        (lossy / "joint.csv").write_text("".join([header, *stuck]))
+        self.refused(BAD_FILE, ["effort of joint 0 never changes", "0.5 A"], "force", lossy, "--quiet")
+        shifted = [str(int(row.split(",")[0]) + 10**15) + row[row.index(",") :] for row in rows]
+        (lossy / "joint.csv").write_text("".join([header, *shifted]))
+        self.refused(BAD_FILE, ["no time in common", "joint_clock"], "force", lossy, "--quiet")
+
+    def test_a_spreadsheets_table_is_the_same(self):
+        saved = self.folder / "saved"
+        shutil.copytree(self.folder / "force", saved)
+        text = (saved / "joint.csv").read_text().replace(",", ";").replace(".", ",").replace("\n", "\r\n")
+        (saved / "joint.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
+        results = [self.result("force", log) for log in (self.folder / "force", saved)]
+        for r in results:
+            r.pop("frame_ms")
+        self.assertEqual(*results)
 
     def test_without_truth_what_needs_it_is_null(self):
         bare = self.folder / "bare"

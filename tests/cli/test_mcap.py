@@ -22,6 +22,7 @@ import mcap.stream_reader
 import mcap.writer
 import mcap_ros2.decoder
 import mcap_ros2.writer
+import zstandard
 
 from refusal import check_refusal
 
@@ -287,7 +288,7 @@ class Mcap(unittest.TestCase):
                     for k in range(FRAMES):
                         self.assertEqual((back / "frames" / f"{k:06}.png").read_bytes(), png(pixels(k)))
 
-    def write_by_python(self, path, compression, raw, **options):
+    def write_by_python(self, path, compression, raw, frames=range(FRAMES), **options):
         """As a ROS 2 bag with a camera that gives red first, and a joint whose effort is a torque."""
         writer = mcap_ros2.writer.Writer(
             io.BytesIO()
@@ -306,7 +307,7 @@ class Mcap(unittest.TestCase):
                 "sensor_msgs/msg/CameraInfo",
             ]
         }
-        for k in range(FRAMES):
+        for k in frames:
             t = START_NS + 33_333_333 * k
             header = {"stamp": stamp(t), "frame_id": "c"}
             picture = {
@@ -360,6 +361,149 @@ class Mcap(unittest.TestCase):
             )
         writer.finish()
         file.close()
+
+    def bag(self, name, parts, metadata=True, pack=None):
+        """A folder as `ros2 bag record` leaves it; `pack` makes the bytes of each file."""
+        folder = self.scratch / name
+        folder.mkdir()
+        files = []
+        for n, frames in enumerate(parts):
+            path = folder / f"{name}_{n}.mcap"
+            self.write_by_python(path, mcap.writer.CompressionType.ZSTD, True, frames=frames)
+            if pack:
+                packed = path.with_name(path.name + ".zstd")
+                packed.write_bytes(pack(path.read_bytes()))
+                path.unlink()
+                path = packed
+            files.append(path.name)
+        if metadata:
+            (folder / "metadata.yaml").write_text(
+                "rosbag2_bagfile_information:\n  version: 9\n  storage_identifier: mcap\n  relative_file_paths:\n"
+                + "".join(f"    - {f}\n" for f in files)
+                + "  message_count: 20\n  compression_format: ''\n  compression_mode: ''\n"
+            )
+        return folder
+
+    def test_a_bags_folder_is_one_log(self):
+        whole = self.scratch / "whole.mcap"
+        self.write_by_python(whole, mcap.writer.CompressionType.ZSTD, True)
+        expected = self.scratch / "of_whole"
+        self.converted(whole, expected)
+        bags = {
+            "split": {},
+            "no_metadata": {"metadata": False},
+            "packed": {"pack": zstandard.ZstdCompressor().compress},
+        }
+        for name, options in bags.items():
+            with self.subTest(name):
+                back = self.scratch / f"of_{name}"
+                folder = self.bag(name, [range(3), range(3, FRAMES)], **options)
+                result = self.converted(folder, back)
+                self.assertEqual((result["frames"], result["pictures"], result["fault"]), (FRAMES, FRAMES, None))
+                self.assertEqual(tables_of(back), tables_of(expected))
+                for k in range(FRAMES):
+                    file = f"{k:06}.png"
+                    self.assertEqual((back / "frames" / file).read_bytes(), (expected / "frames" / file).read_bytes())
+        described = self.scratch / "split" / "session.json"
+        described.write_text('{"format": "lumo-log", "version": 1, "title": "by hand"}')
+        self.converted(self.scratch / "split", self.scratch / "of_described")
+        self.assertEqual(json.loads((self.scratch / "of_described" / "session.json").read_text())["title"], "by hand")
+        (self.scratch / "split" / "split_1.mcap").unlink()
+        self.refused(
+            BAD_FILE, ["metadata.yaml", "'split_1.mcap' is missing"], "convert", self.scratch / "split", "x", "--quiet"
+        )
+
+    def test_other_containers_are_named(self):
+        for begins, words in [
+            (b"#ROSBAG V2.0\n" + bytes(99), ["bag of ROS 1", "rosbags-convert"]),
+            (b"SQLite format 3\0" + bytes(99), ["SQLite", "ros2 bag convert"]),
+            (b'{"topics": []}', ["is JSON"]),
+        ]:
+            path = self.scratch / "other_container"
+            path.write_bytes(begins)
+            self.refused(BAD_FILE, ["other_container", *words], "locate", path, "--quiet")
+        path = self.scratch / "foxglove.mcap"
+        with open(path, "wb") as file:
+            writer = mcap.writer.Writer(file)
+            writer.start()
+            schema = writer.register_schema("foxglove.CompressedImage", "jsonschema", b"{}")
+            channel = writer.register_channel("/camera", "json", schema)
+            writer.add_message(channel, START_NS, b"{}", START_NS)
+            writer.finish()
+        self.refused(
+            BAD_FILE, ["no pictures", "/camera (foxglove.CompressedImage, json)"], "locate", path, "--quiet"
+        )
+
+    def write_pictures(self, path, name, pictures):
+        writer = mcap_ros2.writer.Writer(str(path))
+        kind = "sensor_msgs/msg/CompressedImage"
+        schema = writer.register_msgdef(kind, self.definitions[kind])
+        for k, data in enumerate(pictures):
+            t = START_NS + 33_333_333 * k
+            message = {"header": {"stamp": stamp(t), "frame_id": "c"}, "format": name, "data": data}
+            writer.write_message("/cam", schema, message, log_time=t, publish_time=t)
+        writer.finish()
+
+    def test_convert_counts_pictures_or_fails(self):
+        path = self.scratch / "pictures.mcap"
+        self.write_pictures(path, "h264", [b"\0\0\0\1\x65" + bytes(range(200))] * 3)
+        for target in ["of_h264", "of_h264.mcap"]:
+            self.refused(BAD_FILE, ["'h264'", "PNG, JPEG"], "convert", path, self.scratch / target, "--quiet")
+            self.assertFalse((self.scratch / target).exists())
+        self.write_pictures(path, "png", [b"no picture"] * 3)
+        self.refused(
+            BAD_FILE, ["none of its 3 pictures", "3 damaged"], "convert", path, self.scratch / "of_none", "--quiet"
+        )
+        self.assertFalse((self.scratch / "of_none").exists())
+        self.write_pictures(path, "png", [png(pixels(0)), b"no picture", b"", png(pixels(3))])
+        done = run("convert", path, self.scratch / "of_some")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("2 pictures of 4 (1 missing, 1 damaged)", done.stdout)
+        self.assertIn("of 4 pictures 1 missing, 1 damaged", done.stderr)
+        self.assertEqual(len(list((self.scratch / "of_some" / "frames").iterdir())), 2)
+
+    def test_joints_are_chosen_by_name(self):
+        path = self.scratch / "joints.mcap"
+        writer = mcap_ros2.writer.Writer(str(path))
+        kind = "sensor_msgs/msg/JointState"
+        schema = writer.register_msgdef(kind, self.definitions[kind])
+        for k in range(4):
+            t = START_NS + 4_000_000 * k
+            for names, shift in [(["tip", "base"], 0), (["arm_0", "arm_1", "arm_2"], 1_000_000)]:
+                values = [10.0 * k + n for n in range(len(names))]
+                message = {"header": {"stamp": stamp(t + shift), "frame_id": ""}, "name": names, "position": values}
+                message |= {"velocity": [], "effort": values}
+                writer.write_message("/joint_states", schema, message, log_time=t + shift, publish_time=t)
+        writer.finish()
+        self.refused(
+            BAD_FILE,
+            ["chosen by their names", "arm_0, arm_1, arm_2", "tip, base"],
+            "convert",
+            path,
+            self.scratch / "of_joints",
+            "--quiet",
+        )
+        done = run("convert", path, self.scratch / "of_joints", "--joint-names", "base,tip")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("from the base to the tip are taken to be base, tip", done.stderr)
+        rows = rows_of(self.scratch / "of_joints" / "joint.csv")
+        self.assertEqual([(r["torque_Nm_0"], r["torque_Nm_1"]) for r in rows], [(10.0 * k + 1, 10.0 * k) for k in range(4)])
+        self.refused(BAD_FILE, ["base, toe"], "convert", path, "x", "--joint-names", "base,toe", "--quiet")
+        self.refused(USAGE, ["--joint-names is 'base,'"], "convert", path, "x", "--joint-names", "base,")
+
+    def test_doctor_looks_at_a_log(self):
+        done = run("doctor", self.folder, "--json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        r = json.loads(done.stdout)
+        self.assertEqual(r["pictures"], {"rows": FRAMES, "read": FRAMES, "missing": 0, "damaged": 0, "other_size": 0})
+        self.assertEqual((r["width_px"], r["height_px"], r["joints"], r["segments"]), (WIDTH, HEIGHT, 2, 1))
+        joints = r["streams"]["joint_states"]
+        self.assertEqual((joints["rows"], joints["from_ns"], joints["fault"]), (4 * FRAMES, START_NS, None))
+        self.assertFalse(r["unloaded"]["stated"])
+        text = run("doctor", self.mcap_of("zstd")).stdout
+        self.assertIn(f"pictures      {FRAMES}, 1700000000.000 to 1700000000.133 s", text)
+        self.assertIn("joint states  20", text)
+        self.refused(USAGE, ["LOG and --camera"], "doctor", self.folder, "--camera", "63")
 
     def test_lumo_reads_what_python_wrote(self):
         kinds = mcap.writer.CompressionType

@@ -34,7 +34,9 @@ void read_file(const std::string& bytes) {
       picture_header(from_cdr<RosCompressedImage>(m.data).data);
       continue;
     }
-    const ImageView view = view_of(from_cdr<RosImage>(m.data));
+    RosPixels pixels;
+    const RosImage image = from_cdr<RosImage>(m.data);
+    const ImageView view = pixels(image);
     unsigned sum = 0;  // every pixel that the view promises is there
     for (int y = 0; y < view.height; ++y)
       for (int x = 0; x < view.width * channels(view.format); ++x) sum += view.row(y)[x];

@@ -1,9 +1,11 @@
-// Texts that lumo reads: a log's tables and session, surfaces, a pad's responses. The first byte says which.
+// Texts that lumo reads: a log's tables and session, a bag's list of files, surfaces, a pad's responses. The first byte
+// says which.
 #include "findings.hpp"
 
 #include "lumo/geometry/surface_file.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/recording/mcap/bag_metadata.hpp"
 #include "lumo/sense/recording/tables.hpp"
 #include "lumo/support/json.hpp"
 
@@ -11,6 +13,7 @@
 #include <cstdint>
 #include <sstream>
 #include <string>
+#include <vector>
 
 using namespace lumo;
 using namespace lumo::sense;
@@ -36,6 +39,14 @@ void check_surface(const char* kind, const std::string& text) {
   for (const auto& t : s.triangles)
     for (const int v : t)
       if (v < 0 || std::size_t(v) >= s.vertices.size()) fuzz::finding("a triangle without a vertex");
+}
+
+void check_bag(const std::string& text) {
+  std::vector<std::string> files = bag_metadata(text, "metadata.yaml").files;
+  sort_by_number(files);
+  for (const std::string& file : files)
+    if (file.empty() || file.front() == '/' || file.find("..") != std::string::npos)
+      fuzz::finding("a file that is not below the folder");
 }
 
 void parse(std::uint8_t which, const std::string& text) {
@@ -74,6 +85,13 @@ void parse(std::uint8_t which, const std::string& text) {
       return check_table(
           text, [](auto& in, const char* n) { return read_photodiode_log(in, n); },
           [](const auto& rows) { return photodiode_log_text(rows); });
+    case 'c': {  // rows in any order are left out, and what is left ascends
+      StreamReading reading;
+      return check_table(
+          text, [&](auto& in, const char* n) { return read_wrench_log(in, n, &reading); },
+          [](const auto& rows) { return wrench_log_text(rows); });
+    }
+    case 'b': return check_bag(text);
     case 'o': return check_surface(".obj", text);
     case 't': return check_surface(".stl", text);
     default: {

@@ -72,6 +72,9 @@ int main(int count, char** words) {
   write("text/torques", 'j',
       "time_s, position_rad_0, velocity_rad_per_s_0, torque_Nm_0\r\n-1.5, 0, 1e-3, 2\r\n0, 1, 2, 3\r\n");
   write("text/wrench", 'w', wrench_log_text(log.wrenches));
+  write("text/backward", 'c', wrench_log_text(log.wrenches) + "1,0,0,0,0,0,0\n");
+  write("text/spreadsheet", 'j', "time_s;position_rad_0;torque_Nm_0\n0,5;1,25;1e-3\n0,6;1,5;2\n");
+  write("text/bag", 'b', "storage_identifier: mcap\nrelative_file_paths:\n  - a_0.mcap\n  - \"a_10.mcap\" # b\nx: 1\n");
   write("text/marker", 'm', marker_log_text(log.markers));
   write("text/diodes", 'p', photodiode_log_text(log.photodiodes));
   write("text/touches", 'h', "stamp_ns,link,y_mm,force_N\n0,0,-9.5,8\n0,3,12,1e-3\n33333333,15,0,5\n");
@@ -99,6 +102,7 @@ int main(int count, char** words) {
     write(name + "lz4", 'm', without_checksums(mcap_of(log, raw, Lz4{})));
   }
   write("mcap/png", 'i', std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\4\0\0\0\3\10\2\0\0\0", 29));
+  write("mcap/webp", 'i', std::string("RIFF\0\0\0\0WEBPVP8L\0\0\0\0\57\4\300\0\0", 25));
   write("mcap/jpeg", 'i', std::string("\xff\xd8\xff\xe0\0\4\0\0\xff\xff\xc0\0\21\10\0\3\0\4\3", 19));
   write("mcap/bmp", 'i', std::string("BM\0\0\0\0\0\0\0\0\66\0\0\0\50\0\0\0\4\0\0\0\3\0\0\0\1\0\30\0", 30));
   return 0;

@@ -45,6 +45,8 @@ struct PressCurve {
 
 PressCurve press_curve(const Recording& log) {
   PressCurve curve;
+  require_readable(log, LogStream::wrenches);
+  require_readable(log, LogStream::markers);
   const auto& all = log.session.segments;
   const auto first = std::find_if(
       all.begin(), all.end(), [](const Segment& s) { return s.kind == SegmentKind::hold && s.place >= 0; });
@@ -116,7 +118,7 @@ struct Calibrate : LogCommand {
     pictures();
   }
   Result run(Output&, Progress& progress) {
-    const OpenLog opened = open_log(log, progress);
+    const OpenLog opened = open_log(log, progress, topics);
     const Session& session = opened.session;
     const std::optional<Silicone> card = find_silicone(session.material);
     if (session.theta_mm.size() != 5 || !card)

@@ -2,7 +2,7 @@
 #include "console/interrupt.hpp"
 #include "console/new_folder.hpp"
 #include "report/json.hpp"
-#include "sensing/log.hpp"
+#include "sensing/findings.hpp"
 
 #include "lumo/core/files.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
@@ -56,13 +56,20 @@ class NewFile {
   std::string path_, part_;
 };
 
+/// Pictures that were carried over, and those that were not.
+struct Carried {
+  std::size_t pictures = 0, missing = 0, damaged = 0;
+  bool truth = false;
+
+  void count(bool there, bool whole) { ++(whole ? pictures : there ? damaged : missing); }
+};
+
 /// Writes a log in the other form: an MCAP file where the target ends in .mcap, else a folder. Image files are copied
 /// as they are; `raw` makes pixels of them, and what is no image file (a video's frames, pixels of an MCAP file)
 /// becomes PNG otherwise. The truth of a virtual lab is copied beside.
 struct Convert : LogCommand {
   std::string target, compression = "zstd";  ///< of an MCAP file's chunks
   bool raw = false;                          ///< pixels instead of image files, in an MCAP file
-  McapTopics topics;                         ///< of an MCAP file that has several
 
   void declare(CLI::App& app) {
     add_log(app);
@@ -71,9 +78,6 @@ struct Convert : LogCommand {
     add_word(
         app, "--compression", compression, {"zstd", "lz4", "none"}, "Of an MCAP file: zstd (default), lz4 or none");
     add_flag(app, "--raw", raw, "Pixels in an MCAP file (sensor_msgs/Image), not PNG or JPEG (CompressedImage)");
-    add_text(app, "--image-topic", topics.image, "TOPIC", "Topic of the pictures, where an MCAP file has several");
-    add_text(app, "--joint-topic", topics.joints, "TOPIC", "Topic of the joint states, where it has several");
-    add_text(app, "--wrench-topic", topics.wrench, "TOPIC", "Topic of the wrenches, where it has several");
     add_common(app, *this);
   }
   void check() const {
@@ -96,11 +100,11 @@ class LogPictures {
     const std::size_t k = count_++;
     file_.clear();
     view_ = {};
-    if (log_.file && log_.pictures[k].compressed) {
-      const McapMessage m = log_.file->read(log_.pictures[k].at);
+    if (log_.is_bag() && log_.pictures[k].compressed) {
+      const McapMessage m = log_.files[log_.pictures[k].file]->read(log_.pictures[k].at);
       const auto data = from_cdr<RosCompressedImage>(m.data).data;
       file_.assign(data.begin(), data.end());
-    } else if (!log_.file && log_.session.video.empty()) {
+    } else if (!log_.is_bag() && log_.session.video.empty()) {
       const auto bytes = read_whole(fs::path(log_.path) / "frames" / log_.frames[k].file);
       if (bytes) file_.assign(bytes->begin(), bytes->end());
     } else if (const auto f = camera_->next()) {
@@ -133,7 +137,14 @@ void copy_truth(const std::string& from, const std::string& to, bool& copied) {
   copied = true;
 }
 
-void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
+/// Throws InputError if the log has pictures, and none of them could be carried over.
+void require_any(const OpenLog& log, const Carried& carried) {
+  if (!log.frames.empty() && carried.pictures == 0)
+    throw InputError(lumo::message(log.path, ": none of its ", log.frames.size(), " pictures can be read (",
+        carried.missing, " missing, ", carried.damaged, " damaged)"));
+}
+
+void write_file(const OpenLog& log, const Convert& o, Progress& progress, Carried& carried) {
   NewFile out(o.target);
   Recording tables = log;
   tables.session.video.clear();  // its frames go into the file
@@ -153,8 +164,9 @@ void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
     }
     p.width = width;
     p.height = height;
+    carried.count(!taken.file().empty(), as_it_is || !p.pixels.empty());
     if (as_it_is) {
-      p.format = ending == ".jpg" ? "jpeg" : "png";
+      p.format = ending == ".jpg" ? "jpeg" : ending.substr(1);
       p.file = taken.file();
     } else if (!o.raw) {
       p.format = "png";
@@ -169,10 +181,11 @@ void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
   if (o.compression == "none") write(Uncompressed{});
   else if (o.compression == "lz4") write(Lz4{});
   else write(Zstd{});
+  require_any(log, carried);
   out.keep();
 }
 
-void write_folder(const OpenLog& log, const Convert& o, Progress& progress, bool& truth) {
+void write_folder(const OpenLog& log, const Convert& o, Progress& progress, Carried& carried) {
   NewFolder folder(o.target);
   Recording tables = log;
   tables.path = folder.path().string();
@@ -185,45 +198,64 @@ void write_folder(const OpenLog& log, const Convert& o, Progress& progress, bool
     const fs::path to = folder.path() / "frames" / name;
     std::error_code error;
     fs::create_directories(to.parent_path(), error);
-    const bool as_it_is = !taken.file().empty() && (!log.file || !taken.ending().empty());
+    const bool as_it_is = !taken.file().empty() && (!log.is_bag() || !taken.ending().empty());
+    bool whole = as_it_is && !taken.ending().empty();
     if (as_it_is) write_bytes(to.string(), taken.file());
-    else if (const ImageView v = taken.pixels(); !v.empty())
-      write_bytes(to.string(), pictures().encode(to.extension().string(), v));
+    if (!whole)
+      if (const ImageView v = taken.pixels(); !v.empty()) {
+        whole = true;
+        if (!as_it_is) write_bytes(to.string(), pictures().encode(to.extension().string(), v));
+      }
+    carried.count(!taken.file().empty(), whole);
     progress.step();
   }
+  require_any(log, carried);
   write_log_folder(tables);
-  copy_truth(log.truth_file(), (folder.path() / "truth.csv").string(), truth);
+  copy_truth(log.truth_file(), (folder.path() / "truth.csv").string(), carried.truth);
   folder.keep();
 }
 
 Result Convert::run(Output&, Progress& progress) const {
   progress.stage("reading the log");
   const OpenLog from = open_log(log, progress, topics);
+  require_readable(from);
   progress.step();
-  bool truth = false;
+  Carried carried;
   progress.stage("pictures", int(from.frames.size()));
   try {
     if (fs::path(target).extension() == ".mcap") {
-      write_file(from, *this, progress);
-      copy_truth(from.truth_file(), fs::path(target).replace_extension(".truth.csv").string(), truth);
+      write_file(from, *this, progress, carried);
+      copy_truth(from.truth_file(), fs::path(target).replace_extension(".truth.csv").string(), carried.truth);
     } else {
-      write_folder(from, *this, progress, truth);
+      write_folder(from, *this, progress, carried);
     }
   } catch (const InvalidArgument& e) {
     throw InputError(log + ": " + e.what());
   }
   progress.finish();
-  const bool cut = from.file && !from.file->fault().empty();
+  const PictureCount count{from.frames.size(), carried.pictures, carried.missing, carried.damaged, 0};
+  tell_findings(from, count, progress);
+  const std::string cut = from.cut();
+  std::size_t left_out = 0;
+  for (const StreamReading& r : from.reading) left_out += r.left_out();
   if (json)
     return Json{{"out", target}, {"frames", from.frames.size()}, {"joint_samples", from.joints.size()},
                {"wrench_samples", from.wrenches.size()}, {"marker_samples", from.markers.size()},
-               {"photodiode_samples", from.photodiodes.size()}, {"truth", truth},
-               {"fault", cut ? Json(from.file->fault()) : Json(nullptr)}}
+               {"photodiode_samples", from.photodiodes.size()}, {"truth", carried.truth},
+               {"fault", cut.empty() ? Json(nullptr) : Json(cut)}, {"pictures", carried.pictures},
+               {"pictures_missing", carried.missing}, {"pictures_damaged", carried.damaged},
+               {"rows_left_out", left_out}}
                .dump(2) +
            "\n";
-  return lumo::message(target, ": ", from.frames.size(), " pictures, ", from.joints.size(), " joint samples, ",
-      from.wrenches.size(), " wrenches, ", from.markers.size(), " displacements, ", from.photodiodes.size(),
-      " photodiode samples", truth ? ", truth beside them" : "", cut ? "; the log was cut" : "", "\n");
+  const bool all = carried.pictures == from.frames.size();
+  return lumo::message(target, ": ", carried.pictures, " pictures",
+      all ? std::string()
+          : lumo::message(
+                " of ", from.frames.size(), " (", carried.missing, " missing, ", carried.damaged, " damaged)"),
+      ", ", from.joints.size(), " joint samples, ", from.wrenches.size(), " wrenches, ", from.markers.size(),
+      " displacements, ", from.photodiodes.size(), " photodiode samples",
+      left_out > 0 ? lumo::message(", ", left_out, " rows left out") : std::string(),
+      carried.truth ? ", truth beside them" : "", cut.empty() ? "" : "; the log was cut", "\n");
 }
 
 }  // namespace

@@ -1,8 +1,7 @@
 #include "charts/sensing_overlay.hpp"
 #include "commands/logs.hpp"
 #include "console/text.hpp"
-#include "report/json.hpp"
-#include "sensing/log.hpp"
+#include "sensing/findings.hpp"
 
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/decoder.hpp"
@@ -50,7 +49,7 @@ std::pair<DecodingTask, DecodingReport> Decode::decoded(const SensedLog& s) cons
 Result Decode::run(Output& files, Progress& progress) const {
   const std::string path = recorded(progress);
   progress.stage("reading the log");
-  const SensedLog s = read_sensed_log(path, LongitudinalBins::parts(), progress);
+  const SensedLog s = read_sensed_log(path, LongitudinalBins::parts(), progress, topics);
   const auto [task, report] = about(path, [&] { return decoded(s); });
   Json confusion = Json::array(), predictions = Json::array();
   std::string table = "repetition,y_mm,decoded_y_mm,probability\n";
@@ -68,9 +67,11 @@ Result Decode::run(Output& files, Progress& progress) const {
   }
   files.add("predictions.csv", table);
   files.add("confusion.svg", draw_confusion(report.confusion, task.data.place_m));
+  tell_findings(s.log, s.pictures, progress);
   if (json)
-    return Json{{"accuracy", number(report.accuracy.value)}, {"confusion", confusion}, {"predictions", predictions}}
-               .dump(2) +
+    return text_of(Json{{"accuracy", number(report.accuracy.value)}, {"confusion", confusion},
+                       {"predictions", predictions}, {"log", findings_json(s.log, s.pictures)}},
+               2) +
            "\n";
   std::string text = lumo::message("accuracy ", short_number(report.accuracy.value, 3), " of ",
       report.predictions.size(), " (95 % from ", short_number(report.accuracy.low, 3), " to ",
@@ -80,7 +81,7 @@ Result Decode::run(Output& files, Progress& progress) const {
     text += "\n" + cell(1e3 * task.data.place_m[i], 1, 19);
     for (Eigen::Index j = 0; j < report.confusion.cols(); ++j) text += pad(std::to_string(report.confusion(i, j)), 7);
   }
-  return text + "\n";
+  return text + "\n" + findings_text(s.log, s.pictures);
 }
 
 }  // namespace

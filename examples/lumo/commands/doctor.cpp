@@ -1,3 +1,5 @@
+#include "commands/doctor.hpp"
+
 #include "commands/commands.hpp"
 #include "computing/provenance.hpp"
 #include "console/text.hpp"
@@ -57,17 +59,32 @@ std::string report_of(bool as_json) {
   return text;
 }
 
-/// What was found, or with --camera what a camera shows.
+/// What was found, or with --camera what a camera shows, or what a log holds.
 struct Doctor : Common {
   CameraOptions camera;
+  std::string log;  ///< empty: none
+  McapTopics topics;
 
   void declare(CLI::App& app) {
+    app.add_option("LOG", log,
+        "Log to look at, without estimating anything: streams, times, pictures; a folder, an MCAP file, or the folder "
+        "of a ROS 2 bag");
+    add_topics(app, topics);
     add_camera(app, camera, "Number of a camera to look through: rate, exposure, LEDs found");
     add_picture_options(app, camera);
     add_common(app, *this);
   }
-  void check() const { camera.check(); }
-  Result run(Output&, Progress&) const { return camera.number ? watch(camera, json) : report_of(json); }
+  void check() const {
+    camera.check();
+    if (camera.number && !log.empty()) throw UsageError("LOG and --camera: one of them can be looked at");
+  }
+  Result run(Output&, Progress& progress) const {
+    if (camera.number) return watch(camera, json);
+    if (log.empty()) return report_of(json);
+    if (examine_log == nullptr)
+      throw Error("logs cannot be read here: the libraries that 'lumo doctor' lists as off are missing");
+    return examine_log(log, topics, json, progress);
+  }
 };
 
 }  // namespace

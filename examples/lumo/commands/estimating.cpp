@@ -1,9 +1,13 @@
 #include "commands/estimating.hpp"
 
-#include "report/json.hpp"
+#include "console/text.hpp"
 
+#include "lumo/core/statistics.hpp"
 #include "lumo/sense/recording/csv.hpp"
+#include "lumo/sense/recording/streams.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
 namespace lumo::program {
@@ -59,6 +63,78 @@ void add_curve(
 }
 
 }  // namespace
+
+std::vector<TouchSpell> touch_spells(const std::vector<TouchedFrame>& touched) {
+  std::vector<TouchSpell> spells;
+  std::vector<double> y_m, force_N;
+  const auto close = [&] {
+    if (!spells.empty() && !y_m.empty()) spells.back().y_m = median(y_m);
+    if (!spells.empty() && !force_N.empty()) {
+      spells.back().force_N = median(force_N);
+      spells.back().most_N = *std::max_element(force_N.begin(), force_N.end());
+    }
+    y_m.clear();
+    force_N.clear();
+  };
+  for (const TouchedFrame& f : touched) {
+    const bool later = spells.empty() || 1e-9 * double(f.stamp_ns - spells.back().to_ns) > TouchSpell::gap_s;
+    const bool elsewhere = f.y_m && !y_m.empty() && std::abs(*f.y_m - y_m.back()) > TouchSpell::apart_m;
+    if (later || elsewhere) {
+      close();
+      spells.push_back({f.stamp_ns, f.stamp_ns, 0, {}, {}, {}});
+    }
+    spells.back().to_ns = f.stamp_ns;
+    ++spells.back().frames;
+    if (f.y_m) y_m.push_back(*f.y_m);
+    if (f.force_N) force_N.push_back(*f.force_N);
+  }
+  close();
+  return spells;
+}
+
+std::string spells_text(const std::vector<TouchSpell>& spells, bool forces) {
+  constexpr std::size_t most = 40;
+  std::string text;
+  std::size_t shown = 0, short_ones = 0;
+  for (const TouchSpell& s : spells) {
+    if (s.frames < TouchSpell::least_frames) {
+      ++short_ones;
+      continue;
+    }
+    if (++shown > most) continue;
+    const double y_mm = s.y_m ? 1e3 * *s.y_m : undefined;
+    text += "  " + to_string(Stretch{s.from_ns, s.to_ns}) + lumo::message(", ", s.frames, " frames: y ") +
+            cell(y_mm, 1) + " mm";
+    if (forces)
+      text += ", " + cell(s.force_N.value_or(undefined), 2) + " N (median), at most " +
+              cell(s.most_N.value_or(undefined), 2) + " N";
+    text += "\n";
+  }
+  if (shown > most) text += lumo::message("  and ", shown - most, " more contacts\n");
+  if (short_ones > 0)
+    text += lumo::message("  and ", short_ones, " touches of fewer than ", TouchSpell::least_frames, " frames\n");
+  return text;
+}
+
+Json spells_json(const std::vector<TouchSpell>& spells, bool forces) {
+  Json list = Json::array();
+  for (const TouchSpell& s : spells) {
+    Json j = {{"from_ns", s.from_ns}, {"to_ns", s.to_ns}, {"frames", s.frames},
+        {"y_mm", s.y_m ? number(1e3 * *s.y_m) : Json(nullptr)}};
+    if (forces) {
+      j["force_N"] = maybe(s.force_N);
+      j["most_N"] = maybe(s.most_N);
+    }
+    list.push_back(std::move(j));
+  }
+  return list;
+}
+
+std::string counts_text(const std::map<std::string, int>& counts) {
+  std::string text;
+  for (const auto& [name, count] : counts) text += lumo::message(text.empty() ? "" : ", ", name, ' ', count);
+  return text;
+}
 
 std::string draw(const Timeline& t) {
   LineChart chart = {t.title, "estimate at each frame against the truth", "time [s]", t.quantity, {}};

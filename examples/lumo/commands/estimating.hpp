@@ -2,10 +2,14 @@
 
 #include "charts/chart.hpp"
 #include "commands/logs.hpp"
+#include "report/json.hpp"
 #include "sensing/live.hpp"
 
 #include "lumo/sense/estimate.hpp"
 
+#include <cstddef>
+#include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -39,6 +43,31 @@ template <class Use> auto with_maker(const std::string& name, Use use) {
 /// A further column of a table, empty for what is not known.
 std::string field(const std::optional<double>& v, double scale = 1.0);
 double seconds_between(const FrameEstimate& first, const FrameEstimate& e);
+
+/// A frame in which the finger is touched, and what is known of it.
+struct TouchedFrame {
+  std::int64_t stamp_ns = 0;
+  std::optional<double> y_m = {}, force_N = {};
+};
+
+/// Frames that follow one another and show the finger touched at about one place.
+struct TouchSpell {
+  static constexpr double gap_s = 0.3, apart_m = 8e-3;  ///< what ends it: time without a touch, a leap of the place
+  static constexpr std::size_t least_frames = 3;        ///< that it is listed
+
+  std::int64_t from_ns = 0, to_ns = 0;
+  std::size_t frames = 0;
+  std::optional<double> y_m, force_N;  ///< medians
+  std::optional<double> most_N;
+};
+
+std::vector<TouchSpell> touch_spells(const std::vector<TouchedFrame>& touched);
+/// A line for each spell; those of fewer frames are counted.
+std::string spells_text(const std::vector<TouchSpell>& spells, bool forces);
+Json spells_json(const std::vector<TouchSpell>& spells, bool forces);
+
+/// "vision_only 4, invalid 2".
+std::string counts_text(const std::map<std::string, int>& counts);
 
 /// Estimates at each frame against the truth. What is not known for some frames interrupts a line.
 struct Timeline {

@@ -1,13 +1,15 @@
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
-#include "report/json.hpp"
-#include "sensing/log.hpp"
+#include "sensing/findings.hpp"
 
 #include "lumo/sense/live/live.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <optional>
+#include <string>
+#include <utility>
 #include <vector>
 
 namespace lumo::program {
@@ -36,7 +38,25 @@ struct Force : EstimatingCommand {
   void live(LiveLines& lines, Progress& progress) const override;
 };
 
+/// What was found at each frame, whatever the truth was.
+struct ForceFound {
+  std::size_t frames = 0, touched = 0, with_force = 0;
+  std::map<std::string, int> states = {}, faults = {};
+  std::vector<TouchSpell> spells = {};
+  int in_contact = 0;                       ///< frames, by the truth
+  std::map<std::string, int> without = {};  ///< of them, those without a force, by why
+
+  int estimated() const {
+    const auto count = [&](EstimatorState s) {
+      const auto found = states.find(to_string(s));
+      return found == states.end() ? 0 : found->second;
+    };
+    return count(EstimatorState::ok) + count(EstimatorState::degraded);
+  }
+};
+
 struct ForceResult {
+  ForceFound found;
   ForceScore score;
   std::optional<TorqueScale> scale;  ///< none: fewer than two sequences
   std::vector<double> times_ms;      ///< from a frame to its estimate
@@ -75,7 +95,74 @@ std::string alphas_text(const std::optional<TorqueScale>& scale) {
       ", each sequence by the alpha fitted on the others (", cell(low, 3), " to ", cell(high, 3), ")\n");
 }
 
-std::string shown(const ForceResult& r, bool as_json) {
+/// Why a frame has no force.
+std::string why_without(const ForceEstimate& e) {
+  if (e.state != EstimatorState::ok && e.state != EstimatorState::degraded)
+    return to_string(e.state) + (e.faults.any() ? " (" + to_string(e.faults) + ")" : std::string());
+  return e.contacts == 0 ? "no contact seen" : "force not known";
+}
+
+ForceFound found_in(const std::vector<FrameEstimate>& estimates, const LogTruth& truth) {
+  constexpr double from_N = 0.5;  // as force_score has it
+  ForceFound found;
+  found.frames = estimates.size();
+  std::vector<TouchedFrame> touched;
+  for (const FrameEstimate& e : estimates) {
+    ++found.states[to_string(e.force.state)];
+    for (std::size_t f = 0; f < std::size_t(Fault::count); ++f)
+      if (e.force.faults.has(Fault(f))) {
+        Faults one;
+        one.add(Fault(f));
+        ++found.faults[to_string(one)];
+      }
+    const std::optional<double> force = e.force.contact[0].force_N;
+    if (e.force.contacts > 0) {
+      touched.push_back({e.stamp_ns, e.force.contact[0].y_m, force});
+      found.with_force += force.has_value();
+    }
+    const auto t = truth.at(e.stamp_ns);
+    if (!t.y_m || !t.force_N || *t.force_N < from_N) continue;
+    ++found.in_contact;
+    if (!force) ++found.without[why_without(e.force)];
+  }
+  found.touched = touched.size();
+  found.spells = touch_spells(touched);
+  return found;
+}
+
+Json found_json(const ForceFound& f) {
+  return {{"rows", f.frames}, {"estimated", f.estimated()}, {"touched", f.touched}, {"with_force", f.with_force},
+      {"states", f.states}, {"faults", f.faults}, {"in_contact", f.in_contact}, {"without_force", f.without}};
+}
+
+std::string found_text(const ForceFound& f) {
+  std::string text = lumo::message(f.frames, " frames: touched in ", f.touched, ", with a force in ", f.with_force,
+      "\n  states: ", counts_text(f.states), "\n");
+  if (!f.faults.empty()) text += "  faults: " + counts_text(f.faults) + "\n";
+  return text + spells_text(f.spells, true);
+}
+
+/// Errors against the truth, each with the number of frames that it is the mean of.
+std::string errors_text(const ForceResult& r) {
+  const ForceErrors& e = r.score.errors;
+  if (r.found.in_contact == 0)
+    return "no errors: the log has no truth.csv, and no holds at known places with forces in wrench.csv\n";
+  const auto line = [](const char* way, const ForceErrors::Error& error) {
+    return "\n  " + pad(way, -16) + cell(error.samples > 0 ? error.mae_N : undefined, 2) +
+           lumo::message(", of ", error.samples, " frames");
+  };
+  std::string text = lumo::message(r.found.in_contact, " frames in contact",
+      r.found.in_contact > r.score.samples ? lumo::message(", joints known in ", r.score.samples) : std::string(),
+      "; mean error [N], alpha 1: torque constants of the session, fitted on no sequence", line("fused", e.fused),
+      line("optical", e.optical), line("fixed arm", e.fixed_arm), line("known location", e.known_location),
+      line("torque only", e.torque_only), "\n");
+  if (!r.found.without.empty()) text += "  in contact without a fused force: " + counts_text(r.found.without) + "\n";
+  return text + alphas_text(r.scale) + "90 % interval holds the truth in " +
+         cell(e.fused.samples > 0 ? 100.0 * r.score.coverage_90 : undefined, 1) +
+         lumo::message(" % of ", e.fused.samples, " frames\n");
+}
+
+std::string shown(const ForceResult& r, const SensedLog& s, bool as_json) {
   const auto mae = [](const ForceErrors::Error& e) { return e.samples > 0 ? e.mae_N : undefined; };
   const ForceErrors& e = r.score.errors;
   const double middle = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.5),
@@ -89,20 +176,21 @@ std::string shown(const ForceResult& r, bool as_json) {
                {"coverage_90", r.score.samples > 0 ? number(r.score.coverage_90) : Json(nullptr)},
                {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
                {"alignment", {{"clock_s", number(r.clock_s)}, {"position_rad", number(r.off_rad)},
-                                 {"torque_Nm", number(r.off_Nm)}}}}
+                                 {"torque_Nm", number(r.off_Nm)}}},
+               {"samples_of",
+                   {{"fused", e.fused.samples}, {"optical", e.optical.samples}, {"fixed_arm", e.fixed_arm.samples},
+                       {"known_location", e.known_location.samples}, {"torque_only", e.torque_only.samples}}},
+               {"frames", found_json(r.found)}, {"contacts", spells_json(r.found.spells, true)},
+               {"log", findings_json(s.log, s.pictures)}}
                .dump(2) +
            "\n";
-  return lumo::message(r.score.samples,
-      " frames in contact; mean error [N], alpha 1: torque constants of the session, fitted on no sequence",
-      "\n  fused           ", cell(mae(e.fused), 2), "\n  optical         ", cell(mae(e.optical), 2),
-      "\n  fixed arm       ", cell(mae(e.fixed_arm), 2), "\n  known location  ", cell(mae(e.known_location), 2),
-      "\n  torque only     ", cell(mae(e.torque_only), 2), "\n", alphas_text(r.scale),
-      "90 % interval holds the truth in ", cell(r.score.samples > 0 ? 100.0 * r.score.coverage_90 : undefined, 1),
-      " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3),
-      " ms (95 %)\nalignment        a joint sample and the line through its neighbours differ by ",
-      cell(1e3 * r.off_rad, 2), " mrad, ", cell(1e3 * r.off_Nm, 1),
-      " mN·m (RMS: noise, and what interpolation at the pictures' times misses)",
-      r.clock_s > 0.0 ? lumo::message(", their clock by ", cell(1e3 * r.clock_s, 3), " ms") : std::string(), "\n");
+  return found_text(r.found) + findings_text(s.log, s.pictures) + errors_text(r) +
+         lumo::message("frame to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3),
+             " ms (95 %)\nalignment        a joint sample and the line through its neighbours differ by ",
+             cell(1e3 * r.off_rad, 2), " mrad, ", cell(1e3 * r.off_Nm, 1),
+             " mN·m (RMS: noise, and what interpolation at the pictures' times misses)",
+             r.clock_s > 0.0 ? lumo::message(", their clock by ", cell(1e3 * r.clock_s, 3), " ms") : std::string(),
+             "\n");
 }
 
 /// A table and a chart of all estimates.
@@ -131,14 +219,28 @@ std::optional<TorqueScale> Force::fitted(const ForceScore& score) const {
   return torque_scale(score.optical, alpha_from);
 }
 
+/// Throws InputError if a joint's effort never changes: its driver does not measure it, or has stopped to.
+void require_live_efforts(const OpenLog& log) {
+  if (log.joints.size() < 2) return;
+  for (Eigen::Index j = 0; j < log.joints.front().effort.size(); ++j) {
+    const double first = log.joints.front().effort[j];
+    if (std::all_of(log.joints.begin(), log.joints.end(), [&](const JointSample& s) { return s.effort[j] == first; }))
+      throw InputError(lumo::message(log.path, ": the effort of joint ", j, " never changes: it is ", first,
+          log.joints.front().unit == Effort::current_A ? " A" : " N·m", " in all ", log.joints.size(), " samples"));
+  }
+}
+
 /// Places that are judged, ± from the middle.
 constexpr double judged_m = 25.0_mm;
 
 Result Force::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
-  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress);
+  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics);
   FingerModel<> finger = finger_model(s.log.session);
   finger.optics = optics_of(s, log);
+  require_readable(s.log, LogStream::joints);
+  require_live_efforts(s.log);
+  require_common_time(s.log);
   finger.joints = about(log, [&] { return unloaded_joints(s.log, s.stretch.to_ns); });
   const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(log, [&] {
@@ -152,16 +254,22 @@ Result Force::on_log(Output& files, Progress& progress) const {
   double noise_Nm = 0.0;
   for (const TorqueModel& t : torque) noise_Nm = std::max(noise_Nm, t.noise_Nm);
   const LogTruth truth = truth_of(s.log);
-  ForceResult r{force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm), {}, {},
-      residual.head(joints).maxCoeff(), residual.tail(joints).maxCoeff(), s.log.session.joint_clock.residual_s};
+  ForceScore score = about(log, [&] {
+    return force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm);
+  });
+  ForceResult r{found_in(estimates, truth), std::move(score), {}, {}, residual.head(joints).maxCoeff(),
+      residual.tail(joints).maxCoeff(), s.log.session.joint_clock.residual_s};
   r.scale = fitted(r.score);
   for (const FrameEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
   add_estimates(estimates, truth, files);
-  return shown(r, json);
+  tell_findings(s.log, s.pictures, progress);
+  std::string text = shown(r, s, json);
+  if (r.found.estimated() > 0) return text;
+  return {std::move(text), log + ": no frame has a force: " + counts_text(r.found.states)};
 }
 
 void Force::live(LiveLines& lines, Progress& progress) const {
-  const OpenLog opened = open_log(log, progress);
+  const OpenLog opened = open_log(log, progress, topics);
   FingerModel<> finger = about(opened.session_place(), [&] { return finger_model(opened.session); });
   finger.joints = about(log, [&] { return unloaded_joints(opened, unloaded_stretch(opened).to_ns); });
   require_motors(camera, finger.jacobian.joints());

@@ -1,8 +1,7 @@
 #include "charts/chart.hpp"
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
-#include "report/json.hpp"
-#include "sensing/log.hpp"
+#include "sensing/findings.hpp"
 
 #include "lumo/sense/hand/hand_log.hpp"
 #include "lumo/sense/live/live.hpp"
@@ -43,6 +42,7 @@ struct Seen {
   std::vector<Row> rows;
   std::vector<int> frames_of_link;  ///< in which it was seen
   int references = 0;
+  PictureCount pictures = {};
 };
 
 /// One strip for each link: places along it over time.
@@ -137,6 +137,7 @@ Seen look(const OpenLog& log, HandObserver& observer, Output& files, Progress& p
           if (files.wanted()) spells.add(observer, *e, image);
         });
     spells.close();
+    seen.pictures = camera.count();
   });
   progress.finish();
   if (without_joints > 0)
@@ -222,19 +223,24 @@ std::string hand_text(const HandObserver& observer, const Seen& seen, const Hand
 }
 
 Result Hand::on_log(Output& files, Progress& progress) const {
-  const OpenLog opened = open_hand_log(log, progress);
+  const OpenLog opened = open_hand_log(log, progress, topics);
   HandObserver observer = about(opened.session_place(), [&] { return hand_observer(opened.session); });
   const Seen seen = look(opened, observer, files, progress);
   const auto truth = left_truth<HandTouches>(opened);  // opened now that all estimates are made
   const Found found = found_in(observer, seen, truth);
   files.add("contacts.csv", found.table);
   files.add("contacts.svg", draw_places(observer, seen, truth));
-  if (json) return text_of(hand_json(observer, seen, found, truth.has_value()), 2) + "\n";
-  return hand_text(observer, seen, truth ? &found.score : nullptr);
+  tell_findings(opened, seen.pictures, progress);
+  if (json) {
+    Json result = hand_json(observer, seen, found, truth.has_value());
+    result["log"] = findings_json(opened, seen.pictures);
+    return text_of(result, 2) + "\n";
+  }
+  return hand_text(observer, seen, truth ? &found.score : nullptr) + findings_text(opened, seen.pictures);
 }
 
 void Hand::live(LiveLines& lines, Progress& progress) const {
-  const OpenLog opened = open_hand_log(log, progress);
+  const OpenLog opened = open_hand_log(log, progress, topics);
   HandObserver observer = about(opened.session_place(), [&] { return hand_observer(opened.session); });
   const TimeSeries positions = about(log, [&] { return joint_positions(opened.joints, opened.session); });
   LogCamera recorded(opened);

@@ -1,13 +1,16 @@
 #include "charts/sensing_overlay.hpp"
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
-#include "report/json.hpp"
-#include "sensing/log.hpp"
+#include "sensing/findings.hpp"
 
 #include "lumo/sense/live/live.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <string>
+#include <vector>
 
 namespace lumo::program {
 
@@ -16,6 +19,8 @@ using namespace sense;
 namespace {
 
 constexpr double default_from_N = 5.0;
+
+struct Located;
 
 struct Locate : EstimatingCommand {
   std::optional<double> from_N;  ///< true force from which a location counts
@@ -41,11 +46,46 @@ struct Locate : EstimatingCommand {
   }
   Result on_log(Output& files, Progress& progress) const override;
   void live(LiveLines& lines, Progress& progress) const override;
+  std::string shown(const SensedLog& s, const Located& where, const LocationScore& score) const;
 };
+
+/// In how many frames the finger was touched, and where.
+struct Located {
+  std::size_t frames = 0, estimates = 0, touched = 0, two = 0;
+  std::vector<TouchSpell> spells = {};
+};
+
+Located located_in(const SensedLog& s, const std::vector<FrameEstimate>& estimates) {
+  Located found{s.log.frames.size(), estimates.size()};
+  std::vector<TouchedFrame> touched;
+  for (const FrameEstimate& e : estimates) {
+    if (e.location.contacts == 0) continue;
+    found.two += e.location.contacts > 1;
+    const auto y = e.contact();
+    touched.push_back({e.stamp_ns, y ? std::optional(y->y_m) : std::nullopt});
+  }
+  found.touched = touched.size();
+  found.spells = touch_spells(touched);
+  return found;
+}
+
+Json located_json(const Located& l) {
+  return {{"rows", l.frames}, {"estimated", l.estimates}, {"touched", l.touched}, {"two_contacts", l.two},
+      {"free", l.estimates - l.touched}, {"without_estimate", l.frames - std::min(l.frames, l.estimates)}};
+}
+
+std::string located_text(const Located& l) {
+  const std::size_t without = l.frames - std::min(l.frames, l.estimates);
+  return lumo::message(l.frames, " frames: touched in ", l.touched,
+             l.two > 0 ? lumo::message(" (", l.two, " of them at two places)") : std::string(), ", free in ",
+             l.estimates - l.touched, without > 0 ? lumo::message(", without an estimate ", without) : std::string(),
+             "\n") +
+         spells_text(l.spells, false);
+}
 
 Result Locate::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
-  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress);
+  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics);
   const FingerOptics optics = optics_of(s, log);
   const auto estimates =
       with_maker(localizer, [&](auto make) { return lumo::sense::locate(s.profiles, optics, make); });
@@ -69,23 +109,33 @@ Result Locate::on_log(Output& files, Progress& progress) const {
   files.add("locations.csv", table);
   if (!chart.estimate.empty()) files.add("locations.svg", draw(chart));
   if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *strongest->contact()));
+  tell_findings(s.log, s.pictures, progress);
+  return shown(s, located_in(s, estimates), score);
+}
+
+std::string Locate::shown(const SensedLog& s, const Located& where, const LocationScore& score) const {
   const bool known = score.samples > 0, found = score.located > 0;
   if (json)
-    return Json{{"samples", score.samples}, {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)},
-               {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}}
-               .dump(2) +
+    return text_of(Json{{"samples", score.samples}, {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)},
+                       {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}, {"located", score.located},
+                       {"frames", located_json(where)}, {"contacts", spells_json(where.spells, false)},
+                       {"log", findings_json(s.log, s.pictures)}},
+               2) +
            "\n";
+  const std::string from = short_number(from_N.value_or(default_from_N));
+  const std::string text = located_text(where) + findings_text(s.log, s.pictures);
   if (!known)
-    return lumo::message(
-        estimates.size(), " frames; the log does not state where contacts were, so that nothing can be compared\n");
-  return lumo::message(score.samples, " frames at ", short_number(from_N.value_or(default_from_N)), " N and more, ",
-      score.located, " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2),
-      " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
+    return text + "no errors: the log has no truth.csv, and no holds at known places at which wrench.csv reads " +
+           from + " N and more\n";
+  return text + lumo::message(score.samples, " frames at ", from, " N and more, ", score.located,
+                    " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2), " mm of the ",
+                    score.located, " located\n90 % interval holds the truth in ",
+                    cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
 }
 
 void Locate::live(LiveLines& lines, Progress& progress) const {
   Session session;
-  if (!log.empty()) session = open_log(log, progress).session;
+  if (!log.empty()) session = open_log(log, progress, topics).session;
   const auto source = pictures().live(settings_of(camera));
   progress.tell("leave the finger alone for a second");
   const auto line = [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {

@@ -27,7 +27,7 @@ void PlannedCommand::check() const {
 
 std::string PlannedCommand::recorded(Progress& progress) const {
   if (!camera.number) return log;
-  if (open_log(log, progress).session.segments.empty())
+  if (open_log(log, progress, topics).session.segments.empty())
     throw InputError(log + ": its session has no segments, nothing states what was touched when");
   const std::string folder = *out + "/recording";
   progress.note(record(camera, log, folder, progress).counts);

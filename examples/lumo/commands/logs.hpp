@@ -1,6 +1,7 @@
 #pragma once
 
 #include "commands/commands.hpp"
+#include "commands/topics.hpp"
 #include "sensing/camera_options.hpp"
 
 #include <string>
@@ -11,11 +12,14 @@ using namespace sense;
 
 /// A command about a log.
 struct LogCommand : Common {
-  std::string log;   ///< folder, or MCAP file
-  std::string hint;  ///< where its help is
+  std::string log;    ///< folder, MCAP file, or a ROS 2 bag's folder
+  std::string hint;   ///< where its help is
+  McapTopics topics;  ///< of a bag that has several
 
-  void add_log(CLI::App& app, const char* help = "Folder of the log, or an MCAP file (docs/log_format.md)") {
+  void add_log(CLI::App& app,
+      const char* help = "Folder of the log, an MCAP file, or the folder of a ROS 2 bag (docs/log_format.md)") {
     app.add_option("LOG", log, help);
+    add_topics(app, topics);
     hint = " (see " + full_name(app) + " --help)";
   }
   void require_log() const {

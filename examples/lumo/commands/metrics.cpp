@@ -1,8 +1,7 @@
 #include "charts/chart.hpp"
 #include "commands/logs.hpp"
 #include "console/text.hpp"
-#include "report/json.hpp"
-#include "sensing/log.hpp"
+#include "sensing/findings.hpp"
 
 #include "lumo/sense/decode/constraint_gain.hpp"
 #include "lumo/sense/decode/cycle_metrics.hpp"
@@ -58,7 +57,7 @@ struct Measured {
   }
 };
 
-std::string shown(const Measured& m, bool as_json) {
+std::string shown(const Measured& m, const SensedLog& log, bool as_json) {
   const auto D = m.of([](const auto&q) { return q.metrics.D_neighbor; }),
              W = m.of([](const auto&q) { return q.metrics.W_recontact; }),
              Q = m.of([](const auto&q) { return *q.metrics.Q; });
@@ -71,10 +70,11 @@ std::string shown(const Measured& m, bool as_json) {
     const Json compared = {{"runs", cycles ? cycles->runs : 0}, {"runs_lost", m.cycles_lost},
         {"from_N", cycles ? Json(cycles->from_N) : Json(nullptr)},
         {"to_N", cycles ? Json(cycles->to_N) : Json(nullptr)}};
-    return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)},
-               {"Q_high", maybe(high)}, {"Q_bootstrap_low", maybe(from)}, {"Q_bootstrap_high", maybe(to)},
-               {"W_cycle_DN", maybe(W_cycle)}, {"cycles", compared}, {"gain_percent", maybe(m.gain)}}
-               .dump(2) +
+    return text_of(Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)},
+                       {"Q_high", maybe(high)}, {"Q_bootstrap_low", maybe(from)}, {"Q_bootstrap_high", maybe(to)},
+                       {"W_cycle_DN", maybe(W_cycle)}, {"cycles", compared}, {"gain_percent", maybe(m.gain)},
+                       {"log", findings_json(log.log, log.pictures)}},
+               2) +
            "\n";
   }
   const auto show = [](const std::optional<double>& v, int digits) { return cell(v.value_or(undefined), digits); };
@@ -85,7 +85,7 @@ std::string shown(const Measured& m, bool as_json) {
                        cell(cycles->to_N, 1) + " N)"
                  : std::string()) +
          (m.cycles_lost > 0 ? ", contact lost in " + std::to_string(m.cycles_lost) + " more" : std::string()) +
-         "\ngain         " + show(m.gain, 1) + " %\n";
+         "\ngain         " + show(m.gain, 1) + " %\n" + findings_text(log.log, log.pictures);
 }
 
 struct Metrics : PlannedCommand {
@@ -99,7 +99,7 @@ struct Metrics : PlannedCommand {
   Result run(Output& files, Progress& progress) const {
     const std::string path = recorded(progress);
     progress.stage("reading the log");
-    const SensedLog s = read_sensed_log(path, SensedLog{}.bins, progress);
+    const SensedLog s = read_sensed_log(path, SensedLog{}.bins, progress, topics);
     Measured m;
     const auto holds = about(path, [&] { return hold_responses(s.profiles, s.log.session.segments); });
     const auto slopes = about(path, [&] { return slope_profiles(holds); });
@@ -114,7 +114,8 @@ struct Metrics : PlannedCommand {
       if (here && base) m.gain = progressive_constraint_gain_percent(*here, *base);
     }
     if (!slopes.empty()) add_slopes(s.bins, slopes, files);
-    return shown(m, json);
+    tell_findings(s.log, s.pictures, progress);
+    return shown(m, s, json);
   }
 };
 

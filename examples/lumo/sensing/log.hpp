@@ -21,40 +21,58 @@ namespace lumo::program {
 using namespace sense;
 
 using LogFile = McapReader<Lz4, Zstd>;
+using LogFiles = McapFiles<Lz4, Zstd>;
 
 /// A log, and what is needed to get at its pictures.
 struct OpenLog : Recording {
-  std::shared_ptr<LogFile> file;      ///< none: `path` is a folder
-  std::vector<McapPicture> pictures;  ///< of the frames in `file`
+  LogFiles files;                     ///< of a bag; none: `path` is a folder of tables
+  std::vector<McapPicture> pictures;  ///< of the frames in `files`
+  std::string contents;               ///< of a bag, its topics
 
+  bool is_bag() const { return !files.empty(); }
   /// Who reads an error looks there.
-  std::string session_place() const { return file ? path + ": session.json" : path + "/session.json"; }
+  std::string session_place() const { return is_bag() ? path + ": session.json" : path + "/session.json"; }
   /// Of the virtual lab: truth.csv in the folder, or NAME.truth.csv beside NAME.mcap.
-  std::string truth_file() const {
-    return file ? std::filesystem::path(path).replace_extension(".truth.csv").string() : path + "/truth.csv";
-  }
+  std::string truth_file() const;
+  /// Place and reason of the end of a file that was cut; empty for whole files.
+  std::string cut() const;
 };
 
-/// Reads a log's folder, or an MCAP file; where that was cut, a note reports it and the log ends there. Throws
-/// InputError.
+/// Reads a log's folder, an MCAP file, or a ROS 2 bag's folder of them; where one was cut, a note reports it and the
+/// file ends there. A stream that cannot be read is empty, see Recording::reading. Throws InputError.
 OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics = {});
 
 /// A log of a hand: its session describes links, and it has joint samples. Throws InputError.
-OpenLog open_hand_log(const std::string& path, Progress& progress);
+OpenLog open_hand_log(const std::string& path, Progress& progress, const McapTopics& topics);
 
 /// When nothing touches the log's finger for the first time.
 UnloadedStretch unloaded_stretch(const OpenLog& log);
 
-/// A log's pictures, from a folder, a video or an MCAP file.
+/// What became of a log's pictures. Those of a video that ended too soon are missing.
+struct PictureCount {
+  std::size_t rows = 0, read = 0, missing = 0, damaged = 0;
+  std::size_t other_size = 0;  ///< of those read: not of the size or format of the unloaded ones
+
+  std::size_t lost() const { return missing + damaged + other_size; }
+};
+
+/// A log's pictures, from a folder, a video or MCAP files.
 class LogCamera {
  public:
-  explicit LogCamera(const OpenLog& log) : source_(open(log)) {}
-  std::optional<Frame> next() { return source_->next(); }
+  /// `log` lives at least as long. Throws InputError without pictures.
+  explicit LogCamera(const OpenLog& log) : log_(&log), source_(open(log)) { count_.rows = log.frames.size(); }
+  std::optional<Frame> next();
   StreamState state() const { return source_->state(); }
+  /// Of what `next` has given; when it gives no more, of all.
+  const PictureCount& count() const { return count_; }
 
  private:
   static std::unique_ptr<AnyCamera> open(const OpenLog& log);
+  bool is_missing(std::size_t frame) const;
+
+  const OpenLog* log_;
   std::unique_ptr<AnyCamera> source_;
+  PictureCount count_;
 };
 
 static_assert(Camera<LogCamera>);
@@ -66,6 +84,7 @@ struct SensedLog {
   UnloadedStretch stretch;
   FingerView view;
   std::vector<Profile> profiles;  ///< of `bins`
+  PictureCount pictures;
   LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
 };
 
@@ -96,6 +115,7 @@ LogTruth truth_of(const OpenLog& log);
 FingerOptics optics_of(const SensedLog& s, const std::string& path);
 
 /// Throws InputError.
-SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress);
+SensedLog read_sensed_log(
+    const std::string& path, const LongitudinalBins& bins, Progress& progress, const McapTopics& topics);
 
 }  // namespace lumo::program

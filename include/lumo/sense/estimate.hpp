@@ -28,6 +28,7 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
   GreenProfile readout = finger.optics.readout();
   finger.optics.unloaded = unloaded_reference(read_profiles(pictures, readout), rest, recording.path);
   finger.joints = unloaded_joints(recording, rest.to_ns);
+  require_common_time(recording);
   return finger;
 }
 

@@ -16,6 +16,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <memory>
 #include <set>
 #include <string>
 #include <string_view>
@@ -340,40 +341,78 @@ inline std::string to_json(const sense::Session& s) {
   }
 }
 
-/// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
-inline sense::Recording read_log_folder(const std::string& path) {
+namespace detail {
+
+/// Session and tables that do not match are a fault of the joints, which only some need.
+inline void validate_joints(sense::Recording& log) {
+  std::string& fault = log.reading[std::size_t(sense::LogStream::joints)].fault;
+  try {
+    validate(log);
+  } catch (const InputError& e) {
+    if (fault.empty()) fault = e.what();
+    log.joints.clear();
+  }
+}
+
+}  // namespace detail
+
+/// Reads session.json and the tables of a log's folder. Rows whose stamps do not ascend are left out and counted; a
+/// table that cannot be read is empty, see Recording::reading. Throws InputError for the session.
+inline sense::Recording read_log_streams(const std::string& path) {
+  using sense::LogStream;
+  using sense::StreamReading;
   sense::Recording log;
   log.path = path;
   log.session = read_session(path + "/session.json");
-  const auto table = [&](const char* name, auto read) {
+  const auto table = [&](LogStream stream, const char* name, auto& rows, auto read) {
     const std::string file = path + '/' + name;
     std::error_code error;
     if (!std::filesystem::exists(file, error)) return;
-    std::ifstream in = sense::open_text(file);
-    read(in, file);
+    StreamReading& reading = log.reading[std::size_t(stream)];
+    try {
+      std::ifstream in = sense::open_text(file);
+      rows = read(in, file, &reading);
+    } catch (const InputError& e) {
+      reading.fault = e.what();
+    }
   };
-  table("frames.csv", [&](std::istream& in, const std::string& name) {
-    log.frames = sense::read_frame_log(in, name, !log.session.video.empty());
+  const bool video = !log.session.video.empty();
+  table(LogStream::frames, "frames.csv", log.frames, [&](std::istream& in, const std::string& file, StreamReading* r) {
+    return sense::read_frame_log(in, file, video, video ? nullptr : r);  // a video has a frame for each row
   });
-  table("joint.csv", [&](std::istream& in, const std::string& name) { log.joints = sense::read_joint_log(in, name); });
-  table("wrench.csv",
-      [&](std::istream& in, const std::string& name) { log.wrenches = sense::read_wrench_log(in, name); });
-  table(
-      "marker.csv", [&](std::istream& in, const std::string& name) { log.markers = sense::read_marker_log(in, name); });
-  table("photodiode.csv",
-      [&](std::istream& in, const std::string& name) { log.photodiodes = sense::read_photodiode_log(in, name); });
-  validate(log);
+  table(LogStream::joints, "joint.csv", log.joints, sense::read_joint_log);
+  table(LogStream::wrenches, "wrench.csv", log.wrenches, sense::read_wrench_log);
+  table(LogStream::markers, "marker.csv", log.markers, sense::read_marker_log);
+  table(LogStream::photodiodes, "photodiode.csv", log.photodiodes, sense::read_photodiode_log);
+  detail::validate_joints(log);
   return log;
 }
 
-/// Reads an MCAP file's tables, places of pictures, and session, which is the default one if the file has none.
-/// Throws InputError.
+/// The same, but all tables must be readable. Throws InputError.
+inline sense::Recording read_log_folder(const std::string& path) {
+  sense::Recording log = read_log_streams(path);
+  require_readable(log);
+  return log;
+}
+
+/// Reads a bag's tables, places of pictures, and session, which is the default one if the files have none. A stream
+/// that cannot be read is empty, see Recording::reading. Throws InputError for what concerns all of it.
+template <sense::ChunkCodec... Codecs>
+sense::McapLog read_log_files(const sense::McapFiles<Codecs...>& files, const sense::McapTopics& topics = {}) {
+  sense::McapLog m = read_mcap_log(files, topics);
+  if (!m.session_json.empty()) m.log.session = session_from_json(m.session_json, m.log.path + ": session.json");
+  m.log.session.video.clear();  // the pictures are in the files
+  detail::validate_joints(m.log);
+  return m;
+}
+
+/// The same of a single MCAP file, all of whose streams must be readable. Throws InputError.
 template <sense::ChunkCodec... Codecs>
 sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::McapTopics& topics = {}) {
-  sense::McapLog m = read_mcap_log(file, topics);
-  if (!m.session_json.empty()) m.log.session = session_from_json(m.session_json, file.name() + ": session.json");
-  m.log.session.video.clear();  // the pictures are in the file
-  validate(m.log);
+  using Reader = sense::McapReader<Codecs...>;
+  sense::McapLog m =
+      read_log_files(sense::McapFiles<Codecs...>{std::shared_ptr<Reader>(std::shared_ptr<void>(), &file)}, topics);
+  require_readable(m.log);
   return m;
 }
 

@@ -53,7 +53,7 @@ inline int flags_of(sense::PixelFormat format) {
   return (format == sense::PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION;
 }
 
-/// Decoded bytes of a PNG, JPEG or BMP file of sane size, or an empty matrix.
+/// Decoded bytes of a PNG, JPEG, BMP or WebP file of sane size, or an empty matrix.
 inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, sense::PixelFormat format) {
   if (file.size() > std::size_t(std::numeric_limits<int>::max()) || !sense::is_decodable(sense::picture_header(file)))
     return {};
@@ -76,12 +76,12 @@ inline void require_file(const std::string& path, const char* what) {
   if (!std::filesystem::is_regular_file(path, error)) throw InputError(message(path, ": no such ", what));
 }
 
-/// Reads a PNG, JPEG or BMP file as 8 bits, colour or grey. Throws InputError.
+/// Reads a PNG, JPEG, BMP or WebP file as 8 bits, colour or grey. Throws InputError.
 inline sense::Image read_image(const std::string& path, sense::PixelFormat format = sense::PixelFormat::bgr) {
   require_file(path, "image");
   const cv::Mat m = decode_file(path, format);
   const sense::ImageView v = view_of(m);
-  if (v.empty()) throw InputError(message(path, ": is no PNG, JPEG or BMP image that can be decoded"));
+  if (v.empty()) throw InputError(message(path, ": is no PNG, JPEG, BMP or WebP image that can be decoded"));
   sense::Image image = sense::Image::black(v.width, v.height, format);
   for (int y = 0; y < v.height; ++y)
     std::memcpy(image.row(y), v.row(y), std::size_t(v.width) * std::size_t(channels(format)));
@@ -111,7 +111,7 @@ inline std::vector<std::uint8_t> encode_image(const std::string& ending, const s
   return bytes;
 }
 
-/// Makes 8-bit pixels of a PNG, JPEG or BMP file's bytes, colour or grey.
+/// Makes 8-bit pixels of a PNG, JPEG, BMP or WebP file's bytes, colour or grey.
 class ImageDecoder {
  public:
   explicit ImageDecoder(sense::PixelFormat format = sense::PixelFormat::bgr) : format_(format) {}
@@ -140,7 +140,7 @@ class FolderCamera {
     std::error_code error;
     if (!std::filesystem::is_directory(folder_, error)) throw InputError(message(folder_, ": no such folder"));
   }
-  /// All .png, .jpg, .jpeg and .bmp files of a folder by name, at a rate. Throws InputError when there are none.
+  /// All .png, .jpg, .jpeg, .bmp and .webp files of a folder by name, at a rate. Throws InputError when there are none.
   static FolderCamera by_name(
       const std::string& folder, double frames_per_s, sense::PixelFormat format = sense::PixelFormat::bgr) {
     require_positive("frame rate", frames_per_s, "1/s");
@@ -150,7 +150,7 @@ class FolderCamera {
       std::string ending = i->path().extension().string();
       std::transform(
           ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
-      if (ending == ".png" || ending == ".jpg" || ending == ".jpeg" || ending == ".bmp")
+      if (ending == ".png" || ending == ".jpg" || ending == ".jpeg" || ending == ".bmp" || ending == ".webp")
         names.push_back(i->path().filename().string());
     }
     if (names.empty()) throw InputError(message(folder, ": holds no images"));

@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -30,6 +31,15 @@ struct Zstd {
     std::vector<std::uint8_t> out(ZSTD_compressBound(bytes.size()));
     out.resize(good(ZSTD_compress2(context.get(), out.data(), out.size(), bytes.data(), bytes.size())));
     return out;
+  }
+
+  /// What a frame says that it holds [bytes]; nullopt for what begins with no frame, or with one that does not say it.
+  static std::optional<std::uint64_t> frame_bytes(std::span<const std::uint8_t> bytes) {
+    const unsigned long long size = ZSTD_getFrameContentSize(bytes.data(), bytes.size());
+    const bool is_frame =
+        bytes.size() >= 4 && bytes[0] == 0x28 && bytes[1] == 0xB5 && bytes[2] == 0x2F && bytes[3] == 0xFD;
+    if (!is_frame || size == ZSTD_CONTENTSIZE_UNKNOWN || size == ZSTD_CONTENTSIZE_ERROR) return std::nullopt;
+    return size;
   }
 
   std::vector<std::uint8_t> decompress(std::span<const std::uint8_t> bytes, std::size_t size) const {

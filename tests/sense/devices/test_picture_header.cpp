@@ -3,6 +3,7 @@
 #include "lumo/sense/devices/picture_header.hpp"
 #include "lumo/support/opencv.hpp"
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -30,8 +31,9 @@ Bytes png_that_claims(std::uint32_t width, std::uint32_t height) {
 TEST_CASE("headers of what OpenCV writes say what the picture is") {
   for (const PixelFormat format : {PixelFormat::grey, PixelFormat::bgr})
     for (const auto& [width, height] : {std::pair(1, 1), std::pair(640, 480), std::pair(3, 300)})
-      for (const auto& [ending, kind] : {std::pair(".png", PictureHeader::Format::png),
-               std::pair(".jpg", PictureHeader::Format::jpeg), std::pair(".bmp", PictureHeader::Format::bmp)}) {
+      for (const auto& [ending, kind] :
+          {std::pair(".png", PictureHeader::Format::png), std::pair(".jpg", PictureHeader::Format::jpeg),
+              std::pair(".bmp", PictureHeader::Format::bmp), std::pair(".webp", PictureHeader::Format::webp)}) {
         const auto h = picture_header(encode_image(ending, Image::black(width, height, format).view()));
         INFO(ending << ' ' << width << " x " << height);
         REQUIRE(h);
@@ -39,6 +41,24 @@ TEST_CASE("headers of what OpenCV writes say what the picture is") {
         CHECK((h->width == std::uint32_t(width) && h->height == std::uint32_t(height)));
         CHECK(is_decodable(h));
       }
+}
+
+TEST_CASE("a WebP file says its size in three ways") {  // RFC 9649, §2.5 to §2.7
+  const auto file = [](const char* chunk, const Bytes& contents) {
+    Bytes f = bytes_of(std::string("RIFF\0\0\0\0WEBP", 12) + chunk + std::string(4, '\0'));
+    f.insert(f.end(), contents.begin(), contents.end());
+    f.resize(std::max<std::size_t>(f.size(), 40));
+    return f;
+  };
+  const auto lossy = picture_header(file("VP8 ", {0x30, 1, 0, 0x9d, 0x01, 0x2a, 0x80, 0x42, 0xe0, 0x41}));
+  REQUIRE(lossy);  // 640 x 480, with bits of scaling above the fourteen
+  CHECK((lossy->width == 640 && lossy->height == 480));
+  const auto extended = picture_header(file("VP8X", {0x10, 0, 0, 0, 0xff, 0x0f, 0x01, 0x2b, 0x01, 0x00}));
+  REQUIRE(extended);
+  CHECK((extended->width == 0x11000 && extended->height == 300));
+  CHECK_FALSE(is_decodable(extended));  // wider than a picture may be
+  CHECK_FALSE(picture_header(file("VP8 ", {0x30, 1, 0, 0, 0, 0, 1, 0, 1, 0})));
+  CHECK_FALSE(picture_header(file("ALPH", {})));
 }
 
 TEST_CASE("what is cut before its size, or is something else, has no header") {

@@ -2,6 +2,7 @@
 
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
+#include "lumo/sense/recording/recording.hpp"
 #include "lumo/sense/recording/tables.hpp"
 #include "sense/synthetic.hpp"
 
@@ -250,4 +251,79 @@ TEST_CASE(
   session.wrench_clock.drift = -0.1;
   CHECK_THROWS_AS(LogTruth::from_log(session, {{0}, {1}, {2}, {3}, {4}, {5}, {6}}),
       InvalidArgument);  // two of them come to the same nanosecond
+}
+
+TEST_CASE("tables as spreadsheets write them", "[log]") {
+  const std::string plain = "time_s,position_rad_0,velocity_rad_per_s_0,current_A_0\n0.5,1.25,-0.5,1e-3\n1.5,2,0,3\n";
+  const auto wanted = joint_log_text(from(plain, joints));
+  const std::string german =
+      "\xef\xbb\xbftime_s;position_rad_0;velocity_rad_per_s_0;current_A_0\r\n0,5;1,25;-0,5;1e-3\r\n1,5;2;0;3\r\n";
+  CHECK(joint_log_text(from(german, joints)) == wanted);
+  CHECK(joint_log_text(from("sep=;\n" + german.substr(3), joints)) == wanted);
+  CHECK(joint_log_text(from("time_s;position_rad_0;velocity_rad_per_s_0;current_A_0\n0.5;1.25;-0.5;1e-3\n1.5;2;0;3\n",
+            joints)) == wanted);
+  CHECK(
+      joint_log_text(from("time_s\tposition_rad_0\tvelocity_rad_per_s_0\tcurrent_A_0\n0,5\t1,25\t-0,5\t1e-3\n1,5\t2\t0"
+                          "\t3\n",
+          joints)) == wanted);
+  const auto refused = [](const std::string& text) { return fault_of([&] { from(text, wrenches); }); };
+  CHECK(refused("time_s;force_x_N;force_y_N;force_z_N\n1;1.234,5;0;0\n") ==
+        "t.csv:2: column force_x_N: '1.234,5' is no finite number");
+  CHECK(refused("stamp_ns;force_x_N;force_y_N;force_z_N\n1,79E+18;1;0;0\n") ==
+        "t.csv:2: column stamp_ns: '1,79E+18' is no whole number of 64 bits");
+  CHECK(refused(std::string("\xff\xfet\0i\0", 6)) == "t.csv:1: holds a zero byte, is UTF-16 and not UTF-8");
+}
+
+TEST_CASE("rows whose stamps do not ascend are left out and counted, up to a share", "[log]") {
+  std::string text = "stamp_ns,force_x_N,force_y_N,force_z_N\n";
+  for (int k = 0; k < 50; ++k) text += std::to_string(10 * k) + ",0,0," + std::to_string(k) + '\n';
+  const std::string twice = text + "490,0,0,50\n";
+  const auto read = [](const std::string& table, StreamReading& r) {
+    return from(table, [&](std::istream& in, const std::string& name) { return read_wrench_log(in, name, &r); });
+  };
+  StreamReading r;
+  CHECK(wrench_log_text(read(twice, r)) == wrench_log_text(from(text, wrenches)));
+  CHECK(r == StreamReading{"", 51, 1, 0});
+  CHECK(wrench_log_text(read(text, r)) == wrench_log_text(from(text, wrenches)));
+  CHECK(r == StreamReading{"", 50, 0, 0});
+  CHECK(fault_of([&] { from(twice, wrenches); }) ==
+        "t.csv:52: column stamp_ns: '490' does not exceed the stamp before it");
+  CHECK(fault_of([&] { read(twice + "1,0,0,0\n2,0,0,0\n3,0,0,0\n", r); }) ==
+        "t.csv:52: column stamp_ns does not exceed the stamp before it, and so do 4 of 54 rows, at most 5 % are left "
+        "out");
+}
+
+TEST_CASE("a table without velocities gives them by the positions", "[log]") {
+  std::string text = "time_s,position_rad_0,torque_Nm_0\n";
+  for (int k = 0; k < 30; ++k) text += "0." + std::to_string(100 + k) + ',' + std::to_string(0.002 * k) + ",1\n";
+  for (const JointSample& s : from(text, joints)) CHECK(s.velocity_rad_per_s[0] == Approx(2.0));
+  CHECK(fault_of([] {
+    from("time_s,position_rad_0,velocity_rad_per_s_0,torque_Nm_0,position_rad_1,torque_Nm_1\n", joints);
+  }) == "t.csv:1: column 'velocity_rad_per_s_1' is missing");
+}
+
+TEST_CASE("a log's table that cannot be read is a fault of its stream alone", "[log]") {
+  const Recording good;
+  CHECK_NOTHROW(require_readable(good));
+  Recording bad;
+  bad.reading[std::size_t(LogStream::wrenches)].fault = "wrench.csv:1: is empty";
+  CHECK_NOTHROW(require_readable(bad, LogStream::joints));
+  CHECK_THROWS_WITH(require_readable(bad), "wrench.csv:1: is empty");
+}
+
+TEST_CASE("a stream's period is the mean, and a pause does not make it longer", "[log]") {
+  std::vector<MarkerSample> even, paused;
+  for (int k = 0; k < 101; ++k) even.push_back({1'000'000LL * k + (k % 2) * 50'000, 0.0});
+  CHECK(stream_period_s(even) == 1e-9 * double(even.back().stamp_ns - even.front().stamp_ns) / 100.0);
+  for (int k = 0; k < 101; ++k) paused.push_back({1'000'000LL * k + (k > 50 ? 3'000'000'000 : 0), 0.0});
+  CHECK(stream_period_s(paused) == Approx(1e-3));
+}
+
+TEST_CASE("a stretch of time is written in seconds", "[log]") {
+  CHECK(to_string(Stretch{12'500'000'000, 1'790'000'000'000'000'001}) == "12.500 to 1790000000.000 s");
+  CHECK(to_string(Stretch{-500'000'000, 0}) == "-0.500 to 0.000 s");
+  CHECK(to_string(Stretch{-1'002'000'000, 7'000'000}) == "-1.002 to 0.007 s");
+  CHECK(Stretch{0, 10}.meets({10, 20}));
+  CHECK_FALSE(Stretch{0, 10}.meets({11, 20}));
+  CHECK_FALSE(Stretch::of(std::vector<MarkerSample>{}));
 }

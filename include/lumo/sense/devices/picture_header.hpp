@@ -10,19 +10,20 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string_view>
 
 namespace lumo::sense {
 
 /// Format and size of an image file, which stand before its pixels.
 struct PictureHeader {
-  enum class Format { png, jpeg, bmp };
+  enum class Format { png, jpeg, bmp, webp };
   Format format;
   std::uint32_t width, height;  ///< [px]
   int bits;                     ///< of one channel; of a whole pixel in a BMP file
 };
 
-/// The header of a PNG, JPEG or BMP file (PNG: W3C 2003 §11.2.2; JPEG: ITU-T T.81 §B.2.2; BMP: BITMAPINFOHEADER and
-/// later); nullopt without one, since the memory that a decoder would take is then unknown.
+/// The header of a PNG, JPEG, BMP or WebP file (PNG: W3C 2003 §11.2.2; JPEG: ITU-T T.81 §B.2.2; BMP: BITMAPINFOHEADER
+/// and later; WebP: RFC 9649 §2); nullopt without one, since the memory that a decoder would take is then unknown.
 std::optional<PictureHeader> picture_header(std::span<const std::uint8_t> file);
 
 /// Whether a picture is worth decoding: a few bytes must not ask for gigabytes.
@@ -80,11 +81,34 @@ inline std::optional<PictureHeader> bmp_header(std::span<const std::uint8_t> f) 
       height >> 31 ? ~height + 1 : height, int(number_in<std::uint16_t>(f, 28, ByteOrder::little))};
 }
 
+/// A container whose first chunk is the picture with loss, the one without, or the canvas of several chunks.
+inline std::optional<PictureHeader> webp_header(std::span<const std::uint8_t> f) {
+  const auto is = [&](std::size_t at, std::string_view word) {
+    return std::equal(word.begin(), word.end(), f.begin() + std::ptrdiff_t(at));
+  };
+  if (f.size() < 25 || !is(0, "RIFF") || !is(8, "WEBP")) return std::nullopt;
+  const auto number = [&](std::size_t at, int from_bit, int bits) {
+    return number_in<std::uint32_t>(f, at, ByteOrder::little) >> from_bit & ((1u << bits) - 1);
+  };
+  const auto header = [](std::uint32_t width, std::uint32_t height) {
+    return PictureHeader{PictureHeader::Format::webp, width, height, 8};
+  };
+  constexpr int side_bits = 14, canvas_bits = 24;
+  if (is(12, "VP8L") && f[20] == 0x2f)
+    return header(number(21, 0, side_bits) + 1, number(21, side_bits, side_bits) + 1);
+  if (f.size() < 30) return std::nullopt;
+  if (is(12, "VP8 ") && f[23] == 0x9d && f[24] == 0x01 && f[25] == 0x2a)
+    return header(number(26, 0, side_bits), number(26, 16, side_bits));
+  if (is(12, "VP8X")) return header(number(24, 0, canvas_bits) + 1, number(26, 8, canvas_bits) + 1);
+  return std::nullopt;
+}
+
 }  // namespace detail
 
 inline std::optional<PictureHeader> picture_header(std::span<const std::uint8_t> file) {
   if (const auto png = detail::png_header(file)) return png;
   if (const auto jpeg = detail::jpeg_header(file)) return jpeg;
+  if (const auto webp = detail::webp_header(file)) return webp;
   return detail::bmp_header(file);
 }
 

@@ -82,7 +82,7 @@ inline FingerModel<> finger_model(const Session& session) {
   return {session, std::move(joints), link, {}, {}, {}};
 }
 
-/// Mean periods of a finger's streams, and the unit of its efforts.
+/// Periods of a finger's streams, and the unit of its efforts.
 struct StreamRates {
   double frame_period_s = FrameMonitor::Config{}.period_s;
   double joint_period_s = JointMonitor::Config{}.period_s;
@@ -93,9 +93,8 @@ struct StreamRates {
 inline StreamRates stream_rates(std::span<const FrameRecord> frames, std::span<const JointSample> samples) {
   StreamRates rates;
   rates.unit = samples.front().unit;
-  rates.joint_period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
-  if (frames.size() > 1)
-    rates.frame_period_s = 1e-9 * double(frames.back().stamp_ns - frames.front().stamp_ns) / double(frames.size() - 1);
+  rates.joint_period_s = stream_period_s(samples);
+  if (frames.size() > 1) rates.frame_period_s = stream_period_s(frames);
   return rates;
 }
 
@@ -110,6 +109,7 @@ inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
 /// there are none, or of other joints than the session's.
 inline JointReference unloaded_joints(const Recording& recording, std::int64_t until_ns) {
   const Session& session = recording.session;
+  require_readable(recording, LogStream::joints);
   if (recording.joints.empty())
     throw InputError(recording.path + ": has no joint samples (joint.csv) to estimate a force from");
   const int joints = PlanarFinger(session.joint_to_joint_m, session.joint_to_origin_m).joints();

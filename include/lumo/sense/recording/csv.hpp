@@ -16,6 +16,7 @@ namespace lumo::sense {
 
 /// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields.
 /// No quotes, no empty lines but at the end, no comments; fields may have spaces around them, lines may end in CR LF.
+/// A header without commas is a spreadsheet's: semicolons or tabs separate, and numbers may have a decimal comma.
 /// Every fault is an InputError of one line with file, line and column.
 class CsvReader {
  public:
@@ -25,6 +26,10 @@ class CsvReader {
   CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
     if (!read_line()) throw InputError(message(name_, ": is empty, must begin with a line of column names"));
     if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
+    if (line_text_.starts_with("sep=") && line_text_.size() == 5 && !read_line())  // a spreadsheet's line of its own
+      throw InputError(message(name_, ":2: is empty, must be a line of column names"));
+    for (const char separator : {'\t', ';', ','})
+      if (line_text_.find(separator) != std::string::npos) separator_ = separator;
     split();
     for (const std::string_view f : fields_) {
       if (f.empty()) throw InputError(message(name_, ":1: column ", columns_.size() + 1, " has no name"));
@@ -69,7 +74,13 @@ class CsvReader {
   std::string_view text(int column) const { return fields_[std::size_t(column)]; }
   /// A finite number.
   double number(int column) const {
-    const std::string_view f = text(column);
+    std::string_view f = text(column);
+    std::string with_point;
+    if (const auto comma = f.find(','); separator_ != ',' && comma != std::string_view::npos) {
+      with_point = f;
+      with_point[comma] = '.';
+      f = with_point;
+    }
     double v = 0.0;
     const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
@@ -99,7 +110,11 @@ class CsvReader {
         if (line_text_.ends_with('\r')) line_text_.pop_back();
         return true;
       }
-      if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
+      if (c == '\0') {
+        const bool wide = line_text_.starts_with("\xff\xfe") || line_text_.starts_with("\xfe\xff");
+        throw InputError(
+            message(name_, ":", line_, ": holds a zero byte, is ", wide ? "UTF-16 and not UTF-8" : "no text"));
+      }
       line_text_ += char(c);
       if (line_text_.size() > max_line)
         throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
@@ -114,7 +129,7 @@ class CsvReader {
     if (const auto quote = all.find('"'); quote != std::string_view::npos)
       throw InputError(message(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
     for (std::size_t from = 0;;) {
-      const std::size_t to = std::min(all.find(',', from), all.size());
+      const std::size_t to = std::min(all.find(separator_, from), all.size());
       std::string_view f = all.substr(from, to - from);
       while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
       while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
@@ -131,6 +146,7 @@ class CsvReader {
   std::vector<std::string> columns_;
   std::vector<std::string_view> fields_;
   long line_ = 0;
+  char separator_ = ',';
 };
 
 /// The shortest text that reads back as the same number. Throws InvalidArgument unless it is finite.

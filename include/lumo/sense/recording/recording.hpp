@@ -2,9 +2,11 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/sense/recording/session.hpp"
+#include "lumo/sense/recording/streams.hpp"
 #include "lumo/sense/recording/tables.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -22,7 +24,31 @@ struct Recording {
   std::vector<WrenchSample> wrenches;
   std::vector<MarkerSample> markers;
   std::vector<PhotodiodeSample> photodiodes;
+  std::array<StreamReading, log_streams> reading{};  ///< of each LogStream, where it was read
+  std::vector<std::string> notes{};                  ///< what readers of results should know of how it was read
 };
+
+/// Throws InputError if the log has this stream and it could not be read.
+inline void require_readable(const Recording& log, LogStream stream) {
+  if (const std::string& fault = log.reading[std::size_t(stream)].fault; !fault.empty()) throw InputError(fault);
+}
+
+/// The same for all streams.
+inline void require_readable(const Recording& log) {
+  for (std::size_t s = 0; s < log_streams; ++s) require_readable(log, LogStream(s));
+}
+
+/// Throws InputError if pictures and joint samples, by the session's clocks, have no time in common.
+inline void require_common_time(const Recording& log) {
+  const auto frames = Stretch::of(log.frames);
+  auto joints = Stretch::of(log.joints);
+  if (!frames || !joints) return;
+  joints = Stretch{log.session.joint_clock(joints->from_ns), log.session.joint_clock(joints->to_ns)};
+  if (!joints->meets(*frames))
+    throw InputError(message(log.path, ": pictures and joint samples have no time in common: pictures from ",
+        to_string(*frames), ", joints from ", to_string(*joints),
+        "; if their clocks differ, joint_clock of session.json must say by how much"));
+}
 
 /// Throws InputError if session and tables do not match: currents need a torque constant for each joint.
 inline void validate(const Recording& log) {

@@ -6,6 +6,8 @@
 #include "lumo/sense/devices/photodiodes.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/csv.hpp"
+#include "lumo/sense/recording/streams.hpp"
+#include "lumo/sense/recording/velocities.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -58,10 +60,12 @@ struct MarkerSample {
   double displacement_m = 0.0;
 };
 
-/// The time column of a log's table, as integer nanoseconds; strictly ascending.
+/// The time column of a log's table, as integer nanoseconds; strictly ascending, or made so at the end.
 class StampColumn {
  public:
-  explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
+  /// `reading`: counts rows whose stamps do not ascend, which `finish` then leaves out; null: such a row is an error.
+  explicit StampColumn(const CsvReader& csv, StreamReading* reading = nullptr)
+      : column_(csv.find("stamp_ns")), seconds_(column_ < 0), reading_(reading) {
     if (seconds_) column_ = csv.find("time_s");
     if (column_ < 0) throw InputError(message(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
     if (!seconds_ && csv.find("time_s") >= 0)
@@ -77,15 +81,33 @@ class StampColumn {
       stamp = csv.integer(column_);
       if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) csv.fail(column_, "is beyond the range of stamps");
     }
-    if (last_ && stamp <= *last_) csv.fail(column_, "does not exceed the stamp before it");
+    if (last_ && stamp <= *last_) {
+      if (reading_ == nullptr) csv.fail(column_, "does not exceed the stamp before it");
+      if (!backward_line_) backward_line_ = csv.line();
+    }
     last_ = stamp;
+    if (reading_ != nullptr) all_.push_back(stamp);
     return stamp;
+  }
+  /// To be called with all rows: leaves out those whose stamps do not ascend. Throws InputError for too many.
+  template <class Row> void finish(const CsvReader& csv, std::vector<Row>& rows) {
+    if (reading_ == nullptr) return;
+    const AscendingRows ascending = ascending_rows(all_);
+    *reading_ = ascending.reading;
+    if (reading_->is_beyond_limit())
+      throw InputError(message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
+          " does not exceed the stamp before it, and so do ", reading_->left_out(), " of ", reading_->rows,
+          " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
+    keep_rows(rows, ascending.kept);
   }
 
  private:
   int column_;
   bool seconds_;
+  StreamReading* reading_;
   std::optional<std::int64_t> last_;
+  std::optional<long> backward_line_;
+  std::vector<std::int64_t> all_;
 };
 
 /// A path below a log's frames/ that a table can hold.
@@ -117,12 +139,16 @@ inline std::ifstream open_text(const std::string& path) {
   return in;
 }
 
+/// Each of the readers below throws InputError, with file, line and column. With `reading` rows whose stamps do not
+/// ascend are left out and counted there, up to its limit; without it such a row is an error.
+
 /// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
-inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
+inline std::vector<FrameRecord> read_frame_log(
+    std::istream& in, const std::string& name, bool video = false, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
   csv.require_known(
       [&](std::string_view c) { return is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   const int file = video ? -1 : csv.require("file"), exposure = csv.find("exposure_s"), gain = csv.find("gain");
   std::vector<FrameRecord> list;
   while (csv.next()) {
@@ -135,13 +161,16 @@ inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::stri
     if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
     list.push_back(std::move(f));
   }
+  stamp.finish(csv, list);
   return list;
 }
 
-/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque.
-inline std::vector<JointSample> read_joint_log(std::istream& in, const std::string& name) {
+/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque. Without
+/// columns for velocities these follow from the positions.
+inline std::vector<JointSample> read_joint_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   int joints = 0;
   while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
   if (joints == 0) csv.require("position_rad_0");
@@ -150,7 +179,8 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
   std::vector<int> position, velocity, effort;
   for (int j = 0; j < joints; ++j) {
     position.push_back(csv.require(numbered("position_rad", j)));
-    velocity.push_back(csv.require(numbered("velocity_rad_per_s", j)));
+    velocity.push_back(
+        csv.find(numbered("velocity_rad_per_s", 0)) < 0 ? -1 : csv.require(numbered("velocity_rad_per_s", j)));
     effort.push_back(csv.require(numbered(effort_name, j)));
   }
   csv.require_known([&](std::string_view c) {
@@ -162,23 +192,27 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
   });
   std::vector<JointSample> list;
   while (csv.next()) {
-    JointSample s{stamp.read(csv), JointVector(joints), JointVector(joints), JointVector(joints), unit};
+    JointSample s{
+        stamp.read(csv), JointVector(joints), JointVector(velocity[0] < 0 ? 0 : joints), JointVector(joints), unit};
     for (int j = 0; j < joints; ++j) {
       s.position_rad[j] = csv.number(position[std::size_t(j)]);
-      s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
+      if (velocity[0] >= 0) s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
       s.effort[j] = csv.number(effort[std::size_t(j)]);
     }
     list.push_back(std::move(s));
   }
+  stamp.finish(csv, list);
+  find_velocities(list);
   return list;
 }
 
 /// Reads wrench.csv; torques may be absent altogether.
-inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::string& name) {
+inline std::vector<WrenchSample> read_wrench_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   static constexpr const char* forces[] = {"force_x_N", "force_y_N", "force_z_N"};
   static constexpr const char* torques[] = {"torque_x_Nm", "torque_y_Nm", "torque_z_Nm"};
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   bool with_torque = false;
   for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
   int column[6] = {};
@@ -201,13 +235,15 @@ inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::st
     }
     list.push_back(w);
   }
+  stamp.finish(csv, list);
   return list;
 }
 
 /// Reads marker.csv.
-inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::string& name) {
+inline std::vector<MarkerSample> read_marker_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   const int place = csv.require("displacement_m");
   csv.require_known([](std::string_view c) { return is_time(c) || c == "displacement_m"; });
   std::vector<MarkerSample> list;
@@ -215,14 +251,16 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
     const std::int64_t at = stamp.read(csv);
     list.push_back({at, csv.number(place)});
   }
+  stamp.finish(csv, list);
   return list;
 }
 
 /// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws
 /// InputError.
-inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
+inline std::vector<PhotodiodeSample> read_photodiode_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   std::vector<int> column;
   while (csv.find(numbered("signal_V", int(column.size()))) >= 0)
     column.push_back(csv.find(numbered("signal_V", int(column.size()))));
@@ -238,6 +276,7 @@ inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const
     for (std::size_t i = 0; i < column.size(); ++i) s.signal_V[Eigen::Index(i)] = csv.number(column[i]);
     list.push_back(std::move(s));
   }
+  stamp.finish(csv, list);
   return list;
 }
 

@@ -213,16 +213,19 @@ TEST_CASE("messages with impossible contents are refused with topic and time", "
     }));
   };
   CHECK(one(RosImage{{1, ""}, 1, 1, "16UC1", 0, 2, {}}) ==
-        "a.mcap: topic /x, log time 5 ns: pictures are of encoding '16UC1', read are mono8, bgr8 and rgb8");
+        "a.mcap: topic /x, log time 5 ns: pictures are of encoding '16UC1', read are mono8, bgr8, rgb8, bgra8, rgba8, "
+        "yuv422 (uyvy), yuv422_yuy2 (yuyv), 8UC1, 8UC3 and bayer_*8");
   CHECK(one(RosImage{{1, ""}, 2, 2, "mono8", 0, 1, {}}).ends_with("a picture's rows have 1 bytes, must have 2"));
   CHECK(one(RosImage{{1, ""}, 2, 2, "mono8", 0, 4294967295u, {}})
             .ends_with("a picture has 0 bytes, must have 4294967297"));
   CHECK(one(RosImage{{1, ""}, 40000, 2, "mono8", 0, 2, {}})
             .ends_with("a picture has 2 x 40000 px, must have 1 to 32768 each way"));
   CHECK(one(joint_state(3), joint_state(3))
-            .ends_with("log time 6 ns: stamp 3 ns does not exceed the one before it, 3 ns"));
-  CHECK(one(RosJointState{{1, ""}, {"a"}, {1}, {}, {1}})
-            .ends_with("has 1 joints, 1 positions, 0 velocities and 1 efforts, must have as many"));
+            .ends_with(
+                "log time 6 ns: stamp 3 ns does not exceed the one before it, 3 ns; 1 of 2 stamps do not ascend, at "
+                "most 5 % are left out"));
+  CHECK(one(RosJointState{{1, ""}, {"a"}, {1}, {2, 3}, {1}})
+            .ends_with("has 1 joints, 1 positions, 2 velocities and 1 efforts, must have as many"));
   CHECK(one(RosJointState{{1, ""}, {}, {}, {}, {}}).ends_with("has 0 joints, must have 1 to 8"));
   CHECK(one(RosJointState{{1, ""}, {"a"}, {1}, {1}, {}}) == "a.mcap: joints at 1 ns have neither efforts nor currents");
   CHECK(one(joint_state(3), RosJointState{{4, ""}, {"left", "x"}, {1, 2}, {3, 4}, {5, 6}})
@@ -268,6 +271,359 @@ TEST_CASE("a cut log keeps its session and what came before the cut, damaged one
     if (why.find('\n') != std::string::npos) FAIL(why);
   }
   CHECK(refused > 300);
+}
+
+TEST_CASE("a stream that cannot be read leaves the others as they are", "[mcap]") {
+  const std::vector<std::uint8_t> grey = {1, 2};
+  const std::string bytes = foreign_mcap([&](McapWriter<>& w) {
+    const auto i = channel_of<RosImage>(w, "/image"), j = channel_of<RosJointState>(w, "/joint_states"),
+               f = channel_of<RosWrenchStamped>(w, "/ft");
+    for (int k = 1; k < 4; ++k) {
+      w.write(i, std::uint64_t(100 + k), to_cdr(RosImage{{k, "c"}, 1, 2, "mono8", 0, 2, grey}));
+      RosJointState m = joint_state(k);
+      if (k == 2) m.name = {"arm", "right"};
+      w.write(j, std::uint64_t(100 + k), to_cdr(m));
+      w.write(f, std::uint64_t(100 + k), to_cdr(RosWrenchStamped{{k, "f"}, {1, 2, k == 3 ? std::nan("") : 3.0}, {}}));
+    }
+  });
+  ZstdReader r = reader_of(bytes);
+  const McapLog m = read_mcap_log(r);
+  CHECK(m.log.frames.size() == 3);
+  CHECK(m.log.joints.empty());
+  CHECK(m.log.wrenches.empty());
+  CHECK_NOTHROW(require_readable(m.log, LogStream::frames));
+  CHECK(
+      m.log.reading[1].fault ==
+      "a.mcap: topic /joint_states, log time 102 ns: joints must be chosen by their names: this is of arm, right, the "
+      "first of left, right; it names other joints than the messages before it");
+  CHECK_THROWS_AS(require_readable(m.log, LogStream::joints), InputError);
+  CHECK_THROWS_AS(require_readable(m.log, LogStream::wrenches), InputError);
+  CHECK(log_refusal(bytes) == m.log.reading[1].fault);
+  CHECK(m.contents ==
+        "/ft (geometry_msgs/msg/WrenchStamped, cdr), /image (sensor_msgs/msg/Image, cdr), /joint_states "
+        "(sensor_msgs/msg/JointState, cdr)");
+}
+
+TEST_CASE("a clock that begins at 0 is one: log times replace stamps only where none is set", "[mcap]") {
+  const auto times = [](const std::vector<std::int64_t>& stamps) {
+    ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+      const auto j = channel_of<RosJointState>(w, "/joint_states");
+      std::uint64_t log = 1'790'000'000'000'000'000;
+      for (const std::int64_t t : stamps) w.write(j, log++, to_cdr(joint_state(t)));
+    }));
+    std::vector<std::int64_t> found;
+    for (const JointSample& s : read_log_file(r).log.joints) found.push_back(s.stamp_ns);
+    return found;
+  };
+  CHECK(times({0, 4'000'000, 8'000'000}) == std::vector<std::int64_t>{0, 4'000'000, 8'000'000});
+  CHECK(times({0, 0, 0}) ==
+        std::vector<std::int64_t>{1'790'000'000'000'000'000, 1'790'000'000'000'000'001, 1'790'000'000'000'000'002});
+}
+
+TEST_CASE("messages that came twice, late or from the future are left out and counted", "[mcap]") {
+  std::vector<std::int64_t> stamps;
+  for (int k = 0; k < 100; ++k) stamps.push_back(1000 + 10 * k);
+  stamps.insert(stamps.begin() + 50, 1490);       // a row twice
+  stamps.insert(stamps.begin() + 70, 1'000'000);  // far ahead: one row goes, not the thirty behind it
+  stamps.insert(stamps.begin() + 90, 1005);       // long ago
+  ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+    const auto j = channel_of<RosJointState>(w, "/joint_states");
+    std::uint64_t log = 1;
+    for (const std::int64_t t : stamps) {
+      RosJointState m = joint_state(t);
+      m.position = {double(log), 0.0};
+      w.write(j, log++, to_cdr(m));
+    }
+  }));
+  const Recording log = read_log_file(r).log;
+  REQUIRE(log.joints.size() == 100);
+  for (int k = 0; k < 100; ++k) CHECK(log.joints[std::size_t(k)].stamp_ns == 1000 + 10 * k);
+  CHECK(log.joints[49].position_rad[0] == 50.0);  // of rows of one stamp the first
+  CHECK(log.joints[50].position_rad[0] == 52.0);
+  CHECK(log.reading[1].rows == 103);
+  CHECK(log.reading[1].repeated == 1);
+  CHECK(log.reading[1].backward == 2);
+}
+
+TEST_CASE("ascending rows are as many as possible", "[mcap]") {
+  synthetic::Normal draw(5);
+  for (int trial = 0; trial < 200; ++trial) {
+    std::vector<std::int64_t> stamp;
+    for (int k = 0; k < 9; ++k) stamp.push_back(std::int64_t(8.0 * draw.uniform()));
+    std::size_t most = 0;
+    for (unsigned set = 0; set < 1u << 9; ++set) {  // all subsets
+      std::optional<std::int64_t> last;
+      std::size_t count = 0;
+      bool good = true;
+      for (std::size_t k = 0; k < 9; ++k)
+        if (set >> k & 1u) {
+          good = good && (!last || stamp[k] > *last);
+          last = stamp[k];
+          ++count;
+        }
+      if (good) most = std::max(most, count);
+    }
+    const AscendingRows rows = ascending_rows(stamp);
+    CHECK(rows.kept.size() == most);
+    CHECK(rows.kept.size() + rows.reading.left_out() == 9);
+    for (std::size_t k = 1; k < rows.kept.size(); ++k) CHECK(stamp[rows.kept[k]] > stamp[rows.kept[k - 1]]);
+  }
+  CHECK(ascending_rows({}).kept.empty());
+}
+
+TEST_CASE("joints without velocities get them from their positions", "[mcap]") {
+  const auto velocities = [](std::vector<double> given) {
+    ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+      const auto j = channel_of<RosJointState>(w, "/joint_states");
+      for (int k = 1; k < 40; ++k) {
+        const double t = 0.004 * k;
+        w.write(j, std::uint64_t(k),
+            to_cdr(RosJointState{{4'000'000LL * k, ""}, {"a", "b"}, {0.3 * t, -2.0 * t}, given, {1, 2}}));
+      }
+    }));
+    return read_log_file(r).log.joints;
+  };
+  for (const auto& given : {std::vector<double>{}, std::vector<double>{std::nan(""), 0.0}})
+    for (const JointSample& s : velocities(given)) {
+      REQUIRE(s.velocity_rad_per_s.size() == 2);
+      CHECK(s.velocity_rad_per_s[0] == Approx(0.3));
+      CHECK(s.velocity_rad_per_s[1] == Approx(-2.0));
+    }
+  CHECK(velocities({7.0, 8.0}).front().velocity_rad_per_s == joints_of(7, 8));
+  std::vector<JointSample> one = {{5, joints_of(1, 2), {}, joints_of(0, 0), Effort::torque_Nm}};
+  find_velocities(one);
+  CHECK(one.front().velocity_rad_per_s == joints_of(0, 0));
+}
+
+TEST_CASE("joints are taken by their names, whoever else publishes on the topic", "[mcap]") {
+  const double nan = std::nan("");
+  const auto read = [&](const std::vector<std::string>& names) {
+    ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+      const auto j = channel_of<RosJointState>(w, "/joint_states");
+      std::uint64_t log = 1;
+      for (std::int64_t k = 1; k < 6; ++k) {
+        const double v = double(k);
+        w.write(j, log++, to_cdr(RosJointState{{100 * k, ""}, {"tip", "base"}, {v, 10 * v}, {1, 2}, {3, 4}}));
+        std::vector<std::string> arm;
+        for (int n = 0; n < 9; ++n) arm.push_back("arm_" + std::to_string(n));
+        const std::vector<double> unknown(9, nan);
+        w.write(j, log++, to_cdr(RosJointState{{100 * k + 50, ""}, arm, unknown, unknown, unknown}));
+        w.write(j, log++, to_cdr(RosJointState{{100 * k + 60, ""}, {"thumb"}, {7 * v}, {0.5}, {nan}}));
+      }
+    }));
+    return read_mcap_log(r, {.joint_names = names}).log;
+  };
+  const Recording chain = read({"base", "tip"});
+  REQUIRE(chain.joints.size() == 5);
+  CHECK(chain.joints[2].stamp_ns == 300);
+  CHECK(chain.joints[2].position_rad == joints_of(30, 3));
+  CHECK(chain.joints[2].velocity_rad_per_s == joints_of(2, 1));
+  CHECK(chain.joints[2].effort == joints_of(4, 3));
+  CHECK(chain.notes == std::vector<std::string>{"joints from the base to the tip are taken to be base, tip"});
+  CHECK(read({"tip"}).joints.at(4).position_rad[0] == 5.0);
+  CHECK(read({"base", "thumb"}).reading[1].fault.find("numbers must be finite") != std::string::npos);
+  CHECK(read({"base", "toe"}).reading[1].fault == "a.mcap: no messages name all of the joints base, toe");
+  CHECK(read({}).reading[1].fault.find("must be chosen by their names: this is of arm_0, ") == std::string::npos);
+  CHECK(read({}).reading[1].fault.find("has 9 joints") != std::string::npos);
+  CHECK_THROWS_AS(read(std::vector<std::string>(9, "x")), InvalidArgument);
+}
+
+TEST_CASE("joints that come by turns, or in another order, keep their places", "[mcap]") {
+  ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+    const auto j = channel_of<RosJointState>(w, "/joint_states");
+    for (std::int64_t k = 1; k < 9; ++k) {
+      RosJointState m = joint_state(k);
+      if (k % 2 == 0) m = {{k, ""}, {"right", "left"}, {2, 1}, {4, 3}, {6, 5}};
+      w.write(j, std::uint64_t(k), to_cdr(m));
+    }
+  }));
+  const std::vector<JointSample> same = read_log_file(r).log.joints;
+  REQUIRE(same.size() == 8);
+  for (const JointSample& s : same) {
+    CHECK(s.position_rad == joints_of(1, 2));
+    CHECK(s.effort == joints_of(5, 6));
+  }
+  ZstdReader turns = reader_of(foreign_mcap([&](McapWriter<>& w) {
+    const auto j = channel_of<RosJointState>(w, "/joint_states");
+    for (std::int64_t k = 1; k < 9; ++k) {
+      const double v = double(k);
+      w.write(j, std::uint64_t(2 * k), to_cdr(RosJointState{{2 * k, ""}, {"a"}, {v}, {1}, {v}}));
+      w.write(j, std::uint64_t(2 * k + 1), to_cdr(RosJointState{{2 * k, ""}, {"b"}, {10 * v}, {1}, {0}}));
+    }
+  }));
+  const std::vector<JointSample> merged = read_log_file(turns, {.joint_names = {"b", "a"}}).log.joints;
+  REQUIRE(merged.size() == 8);  // one for each message of the first joint
+  for (std::size_t k = 0; k < 8; ++k) CHECK(merged[k].position_rad == joints_of(10.0 * double(k + 1), double(k + 1)));
+}
+
+TEST_CASE("streams on two clocks are joined by the log times, which a note reports", "[mcap]") {
+  const auto read = [](std::int64_t joint_shift, std::uint64_t joint_log) {
+    const std::vector<std::uint8_t> grey = {1, 2};
+    ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+      const auto i = channel_of<RosImage>(w, "/image"), j = channel_of<RosJointState>(w, "/joint_states");
+      for (int k = 0; k < 20; ++k) {
+        const std::int64_t t = 1'790'000'000'000'000'000 + 33'000'000LL * k;
+        w.write(i, std::uint64_t(t) + 5'000'000, to_cdr(RosImage{{t, "c"}, 1, 2, "mono8", 0, 2, grey}));
+        w.write(j, std::uint64_t(t) + 2'000'000 + joint_log, to_cdr(joint_state(t + joint_shift)));
+      }
+    }));
+    return read_log_file(r).log;
+  };
+  const Recording same = read(0, 0);
+  CHECK(same.notes.size() == 1);  // which joints
+  CHECK(same.session.joint_clock == ClockMap{});
+  const Recording boot = read(-1'789'996'400'000'000'000, 0);
+  CHECK(boot.session.joint_clock.offset_s == Approx(1'789'996'400.0 - 0.003).epsilon(1e-12));
+  REQUIRE(boot.notes.size() == 2);
+  CHECK(boot.notes[1].find("joint states are stamped on another clock") == 0);
+  CHECK_NOTHROW(require_common_time(boot));
+  const Recording apart = read(-1'789'996'400'000'000'000, 3'600'000'000'000);  // nor do log times agree
+  CHECK(apart.notes.size() == 1);
+  CHECK_THROWS_WITH(require_common_time(apart),
+      "a.mcap: pictures and joint samples have no time in common: pictures from 1790000000.000 to 1790000000.627 s, "
+      "joints from 3600.000 to 3600.627 s; if their clocks differ, joint_clock of session.json must say by how much");
+}
+
+TEST_CASE("pixels of each encoding are the same picture", "[mcap]") {
+  const Image grey = view_picture(3, PixelFormat::grey), wanted = [] {
+    Image image = Image::black(6, 4);
+    for (int y = 0; y < 4; ++y)
+      for (int x = 0; x < 6; ++x)
+        for (int c = 0; c < 3; ++c) image.row(y)[3 * x + c] = std::uint8_t(20 * y + 7 * x + 3 * c);
+    return image;
+  }();
+  const auto shown = [](const std::string& encoding, int width, int bytes, const std::vector<std::uint8_t>& data) {
+    RosPixels pixels;
+    const RosImage m{{1, "c"}, std::uint32_t(data.size()) / std::uint32_t(width * bytes), std::uint32_t(width),
+        encoding, 0, std::uint32_t(width * bytes), data};
+    return Image::copy(pixels(m));
+  };
+  for (const char* name : {"mono8", "8UC1"}) CHECK(shown(name, 5, 1, grey.pixels).pixels == grey.pixels);
+  const auto arranged = [&](std::vector<int> places) {  // -1: alpha
+    std::vector<std::uint8_t> bytes;
+    for (std::size_t p = 0; p < 24; ++p)
+      for (const int c : places) bytes.push_back(c < 0 ? 255 : wanted.pixels[3 * p + std::size_t(c)]);
+    return bytes;
+  };
+  CHECK(shown("bgr8", 6, 3, arranged({0, 1, 2})).pixels == wanted.pixels);
+  CHECK(shown("8UC3", 6, 3, arranged({0, 1, 2})).pixels == wanted.pixels);
+  CHECK(shown("rgb8", 6, 3, arranged({2, 1, 0})).pixels == wanted.pixels);
+  CHECK(shown("bgra8", 6, 4, arranged({0, 1, 2, -1})).pixels == wanted.pixels);
+  CHECK(shown("rgba8", 6, 4, arranged({2, 1, 0, -1})).pixels == wanted.pixels);
+  // Grey light has no colour difference; one step of V is 1.402 of red and -0.714 of green.
+  for (const auto& [name, first] : {std::pair("yuv422", 1), {"uyvy", 1}, {"yuv422_yuy2", 0}, {"yuyv", 0}}) {
+    std::vector<std::uint8_t> bytes(16, 128);
+    for (std::size_t x = 0; x < 8; ++x) bytes[2 * x + std::size_t(first)] = std::uint8_t(30 * x);
+    const Image level = shown(name, 4, 2, bytes);
+    for (std::size_t p = 0; p < 8; ++p)
+      for (std::size_t c = 0; c < 3; ++c) CHECK(level.pixels[3 * p + c] == 30 * p);
+    bytes[std::size_t(first == 1 ? 2 : 3)] = 148;  // V of the first two pixels
+    const Image red = shown(name, 4, 2, bytes);
+    CHECK(red.pixels[3 + 2] == 58);
+    CHECK(red.pixels[3 + 1] == 16);
+    CHECK(red.pixels[3 * 2 + 2] == 60);
+  }
+  CHECK_THROWS_WITH(
+      shown("yuyv", 3, 2, std::vector<std::uint8_t>(6)), "a picture of encoding 'yuyv' is 3 px wide, must be even");
+  // A level colour comes back, whatever the pattern; a lone green pixel spreads to its neighbours of other colours.
+  for (const std::string pattern : {"rggb", "bggr", "gbrg", "grbg"}) {
+    std::vector<std::uint8_t> bytes;
+    for (std::size_t y = 0; y < 4; ++y)
+      for (std::size_t x = 0; x < 6; ++x) {
+        const char c = pattern[2 * (y % 2) + x % 2];
+        bytes.push_back(c == 'b' ? 10 : c == 'g' ? 100 : 200);
+      }
+    const Image level = shown("bayer_" + pattern + "8", 6, 1, bytes);
+    for (std::size_t p = 0; p < 24; ++p)
+      CHECK(std::array{level.pixels[3 * p], level.pixels[3 * p + 1], level.pixels[3 * p + 2]} ==
+            std::array<std::uint8_t, 3>{10, 100, 200});
+  }
+}
+
+TEST_CASE("a depth topic, and pictures that are packed again, need not be chosen against", "[mcap]") {
+  const std::vector<std::uint8_t> rgb(6, 9), depth(4, 1);
+  const auto bag = [&](bool twin, bool second) {
+    return foreign_mcap([&](McapWriter<>& w) {
+      const auto c = channel_of<RosImage>(w, "/camera/color/image_raw"), d = channel_of<RosImage>(w, "/camera/depth"),
+                 p = channel_of<RosCompressedImage>(w, "/camera/color/image_raw/compressed"),
+                 o = channel_of<RosImage>(w, "/other");
+      for (int k = 1; k < 4; ++k) {
+        w.write(c, std::uint64_t(k), to_cdr(RosImage{{k, "c"}, 1, 2, "rgb8", 0, 6, rgb}));
+        w.write(d, std::uint64_t(k), to_cdr(RosImage{{k, "c"}, 1, 2, "16UC1", 0, 4, depth}));
+        if (twin) w.write(p, std::uint64_t(k), to_cdr(RosCompressedImage{{k, "c"}, "rgb8; jpeg compressed bgr8", {}}));
+        if (second) w.write(o, std::uint64_t(k), to_cdr(RosImage{{k, "c"}, 1, 2, "rgb8", 0, 6, rgb}));
+      }
+    });
+  };
+  ZstdReader r = reader_of(bag(true, false));
+  const McapLog m = read_log_file(r);
+  CHECK(m.log.frames.size() == 3);
+  CHECK_FALSE(m.pictures.at(0).compressed);
+  REQUIRE(m.log.notes.size() == 1);
+  CHECK(m.log.notes[0].find("/camera/depth: pictures are of encoding '16UC1'") != std::string::npos);
+  CHECK(log_refusal(bag(false, true)) ==
+        "a.mcap: has pictures on several topics, one must be chosen: /camera/color/image_raw, /camera/depth, /other");
+  CHECK(log_refusal(bag(false, false), {.image = "/camera/depth"}).find("'16UC1'") != std::string::npos);
+}
+
+TEST_CASE("packed pictures: WebP is read, a video and depth are refused by name", "[mcap]") {
+  const auto packed = [](const std::string& format, const std::vector<std::uint8_t>& data) {
+    return foreign_mcap([&](McapWriter<>& w) {
+      const auto c = channel_of<RosCompressedImage>(w, "/camera");
+      for (int k = 1; k < 4; ++k) w.write(c, std::uint64_t(k), to_cdr(RosCompressedImage{{k, "c"}, format, data}));
+    });
+  };
+  CHECK(log_refusal(packed("h264", {0, 0, 0, 1, 0x65, 7, 7, 7})) ==
+        "a.mcap: topic /camera, log time 1 ns: pictures are of format 'h264', read are PNG, JPEG, BMP and WebP of 8 "
+        "bits");
+  const Image image = view_picture(1);
+  const std::vector<std::uint8_t> png = encode_image(".png", image.view());
+  CHECK(
+      log_refusal(packed("16UC1; compressedDepth png", png)).find("'16UC1; compressedDepth png'") != std::string::npos);
+  CHECK(log_refusal(packed("png", {1, 2, 3})).empty());  // damaged: a frame without pixels
+  CHECK(log_refusal(packed("", png)).empty());
+  // Without loss, and with the header of the lossy form, whose pixels nobody checks here.
+  const auto file = std::make_shared<ZstdReader>(reader_of(packed("webp", encode_image(".webp", image.view()))));
+  const McapLog m = read_log_file(*file);
+  CHECK(m.log.frames.at(0).file == "000000.webp");
+  McapCamera camera(file, m.pictures, m.log.frames, ImageDecoder());
+  const auto f = camera.next();
+  REQUIRE(f);
+  CHECK(f->image.width == 5);
+  CHECK(f->image.height == 4);
+}
+
+TEST_CASE("a bag of several files is one log, and messages may be packed one by one", "[mcap]") {
+  const auto part = [](int from, int to, bool zstd) {
+    return foreign_mcap([&](McapWriter<>& w) {
+      const std::vector<std::uint8_t> grey(2, std::uint8_t(from));
+      const auto j = channel_of<RosJointState>(w, "/joint_states"), i = channel_of<RosImage>(w, "/image");
+      const auto write = [&](std::uint16_t channel, int k, const std::vector<std::uint8_t>& bytes) {
+        w.write(channel, std::uint64_t(k), zstd ? Zstd{}.compress(bytes) : bytes);
+      };
+      for (int k = from; k < to; ++k) {
+        write(j, k, to_cdr(joint_state(k)));
+        write(i, k, to_cdr(RosImage{{k, "c"}, 1, 2, "mono8", 0, 2, grey}));
+      }
+    });
+  };
+  for (const bool zstd : {false, true}) {
+    const McapFiles<Zstd> files = {std::make_shared<ZstdReader>(reader_of(part(1, 5, zstd))),
+        std::make_shared<ZstdReader>(reader_of(part(5, 9, zstd)))};
+    const McapLog m = read_mcap_log(files);
+    REQUIRE(m.log.joints.size() == 8);
+    REQUIRE(m.log.frames.size() == 8);
+    CHECK(m.log.reading[0].fault.empty());
+    CHECK(m.log.frames[7].file == "000007.png");
+    McapCamera camera(files, m.pictures, m.log.frames, ImageDecoder());
+    for (int k = 1; k < 9; ++k) {
+      const auto f = camera.next();
+      REQUIRE(f);
+      CHECK(f->image.row(0)[0] == (k < 5 ? 1 : 5));
+    }
+    CHECK(camera.state() == StreamState::ended);
+  }
+  CHECK_THROWS_AS(read_mcap_log(McapFiles<Zstd>{}), InvalidArgument);
 }
 
 TEST_CASE("what is no decoder is none", "[mcap]") {

@@ -15,22 +15,30 @@ namespace lumo::sense {
 /// Pictures of an MCAP file, in the order of the log. One that cannot be decoded is a frame without pixels.
 template <PictureDecoder Decoder, ChunkCodec... Codecs> class McapCamera {
  public:
-  /// `log`: of read_mcap_log(*file).
-  McapCamera(std::shared_ptr<McapReader<Codecs...>> file, const std::vector<McapPicture>& pictures,
+  /// `pictures` and `records`: of read_mcap_log(files).
+  McapCamera(McapFiles<Codecs...> files, const std::vector<McapPicture>& pictures,
       const std::vector<FrameRecord>& records, Decoder decoder = Decoder())
-      : file_(std::move(file)), pictures_(pictures), records_(records), decoder_(std::move(decoder)) {
+      : files_(std::move(files)), pictures_(pictures), records_(records), decoder_(std::move(decoder)) {
     if (pictures_.size() != records_.size())
       throw InvalidArgument(
           message("camera has ", pictures_.size(), " pictures and ", records_.size(), " records, must have as many"));
+    for (const McapPicture& p : pictures_)
+      if (p.file >= files_.size())
+        throw InvalidArgument(message("camera has ", files_.size(), " files, a picture is in number ", p.file));
   }
+  /// Of a single file.
+  McapCamera(std::shared_ptr<McapReader<Codecs...>> file, const std::vector<McapPicture>& pictures,
+      const std::vector<FrameRecord>& records, Decoder decoder = Decoder())
+      : McapCamera(McapFiles<Codecs...>{std::move(file)}, pictures, records, std::move(decoder)) {}
 
   std::optional<Frame> next() {
     if (state() != StreamState::open) return std::nullopt;
     const FrameRecord& r = records_[next_];
     try {
-      message_ = file_->read(pictures_[next_].at);
-      return Frame{pictures_[next_].compressed ? decoder_(from_cdr<RosCompressedImage>(message_.data).data)
-                                               : pixels(from_cdr<RosImage>(message_.data)),
+      const McapPicture& p = pictures_[next_];
+      message_ = files_[p.file]->read(p.at);
+      return Frame{p.compressed ? decoder_(from_cdr<RosCompressedImage>(message_.data).data)
+                                : pixels_(from_cdr<RosImage>(message_.data)),
           r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
     } catch (const InputError&) {  // the file has changed since it was opened
       failed_ = true;
@@ -42,22 +50,12 @@ template <PictureDecoder Decoder, ChunkCodec... Codecs> class McapCamera {
   }
 
  private:
-  ImageView pixels(const RosImage& m) {
-    const ImageView v = view_of(m);
-    if (v.empty() || m.encoding != "rgb8") return v;
-    image_ = Image::black(v.width, v.height);
-    for (int y = 0; y < v.height; ++y)
-      for (int x = 0; x < v.width; ++x)
-        for (int c = 0; c < 3; ++c) image_.row(y)[3 * x + c] = v.row(y)[3 * x + 2 - c];
-    return image_.view();
-  }
-
-  std::shared_ptr<McapReader<Codecs...>> file_;
+  McapFiles<Codecs...> files_;
   std::vector<McapPicture> pictures_;
   std::vector<FrameRecord> records_;
   Decoder decoder_;
   McapMessage message_;  ///< owns the bytes of the last frame
-  Image image_;
+  RosPixels pixels_;
   std::size_t next_ = 0;
   bool failed_ = false;
 };

@@ -1,16 +1,22 @@
 #pragma once
 
 #include "lumo/sense/devices/device.hpp"
+#include "lumo/sense/devices/picture_header.hpp"
 #include "lumo/sense/recording/mcap/mcap_reader.hpp"
 #include "lumo/sense/recording/mcap/ros_messages.hpp"
+#include "lumo/sense/recording/mcap/ros_pixels.hpp"
 #include "lumo/sense/recording/recording.hpp"
+#include "lumo/sense/recording/velocities.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
+#include <limits>
 #include <map>
+#include <memory>
 #include <optional>
 #include <set>
 #include <span>
@@ -23,7 +29,7 @@
 namespace lumo::sense {
 
 // A log as an MCAP file (docs/log_format.md): one topic for each table, messages of ROS 2 (CDR, schema encoding
-// ros2msg), session.json as an attachment.
+// ros2msg), session.json as an attachment. A bag of ROS 2 may have several files, which follow one another.
 //
 // - Image or CompressedImage: pictures; a frame's stamp is the header's
 // - FrameExposure: exposure and gain of the picture of the same stamp
@@ -34,12 +40,16 @@ namespace lumo::sense {
 /// Which topics to read; empty: the only one of its kind.
 struct McapTopics {
   std::string image{}, joints{}, wrench{};
+  /// The finger's joints in the order of the chain, by the names that messages have. Others are not read, and several
+  /// publishers may share the topic. Empty: all messages name the finger's joints, in this order.
+  std::vector<std::string> joint_names{};
 };
 
 /// Where a frame's picture lies.
 struct McapPicture {
   McapEntry at;
   bool compressed = false;
+  std::size_t file = 0;  ///< number of its file in a bag
 };
 
 /// Contents of an MCAP file. A file of other programs has no session: then the default one holds, and its LEDs and
@@ -49,118 +59,184 @@ struct McapLog {
   std::string session_json;             ///< text of the attachment session.json; may be empty
   std::vector<McapPicture> pictures;    ///< of the frames
   std::optional<RosCameraInfo> camera;  ///< the first one, if one topic has them
+  std::string contents;                 ///< all topics that have messages, with their types, for people
 };
 
-/// View of a message's pixels, in its own order of colours; empty without pixels. Throws InputError for another
-/// encoding or sizes that do not match.
-inline ImageView view_of(const RosImage& m) {
-  if (m.encoding != "mono8" && m.encoding != "bgr8" && m.encoding != "rgb8")
-    throw InputError(message("pictures are of encoding '", printable(m.encoding), "', read are mono8, bgr8 and rgb8"));
-  if (m.width == 0 && m.height == 0) return {};
-  const PixelFormat format = m.encoding == "mono8" ? PixelFormat::grey : PixelFormat::bgr;
-  if (m.width < 1 || m.height < 1 || m.width > max_image_side || m.height > max_image_side)
-    throw InputError(
-        message("a picture has ", m.width, " x ", m.height, " px, must have 1 to ", max_image_side, " each way"));
-  const std::uint64_t row = std::uint64_t(m.width) * std::uint64_t(channels(format)),
-                      needed = std::uint64_t(m.step) * (m.height - 1) + row;
-  if (m.step < row) throw InputError(message("a picture's rows have ", m.step, " bytes, must have ", row));
-  if (m.data.size() < needed) throw InputError(message("a picture has ", m.data.size(), " bytes, must have ", needed));
-  return {m.data.data(), int(m.width), int(m.height), std::ptrdiff_t(m.step), format};
-}
+/// The files of a bag, in their order.
+template <ChunkCodec... Codecs> using McapFiles = std::vector<std::shared_ptr<McapReader<Codecs...>>>;
 
-/// ".png" or ".jpg"; empty for any other format.
+/// Ending of the names of image files of this kind: ".png", ".jpg" or ".webp"; empty for any other.
 inline std::string_view picture_ending(std::span<const std::uint8_t> file) {
   const auto begins = [&](std::initializer_list<std::uint8_t> magic) {
     return file.size() > magic.size() && std::equal(magic.begin(), magic.end(), file.begin());
   };
-  return begins({0x89, 'P', 'N', 'G'}) ? ".png" : begins({0xFF, 0xD8, 0xFF}) ? ".jpg" : "";
+  if (begins({0x89, 'P', 'N', 'G'})) return ".png";
+  if (begins({0xFF, 0xD8, 0xFF})) return ".jpg";
+  const auto header = picture_header(file);
+  return header && header->format == PictureHeader::Format::webp ? ".webp" : "";
 }
 
-/// Collects a log's tables from messages.
+/// Why a CompressedImage is none of those that are read: a video's packet, a depth picture. Empty: it is one, or it is
+/// damaged. Its format says so, and its first bytes.
+inline std::string packed_fault(const RosCompressedImage& m) {
+  const auto says = [&](std::string_view word) { return m.format.find(word) != std::string::npos; };
+  const bool depth = says("compressedDepth") || m.format.starts_with("16UC1") || m.format.starts_with("32FC1");
+  if (!depth && (m.data.empty() || picture_header(m.data))) return "";
+  const bool known = m.format.empty() || says("png") || says("jpeg") || says("jpg") || says("bmp") || says("webp");
+  return known && !depth ? ""
+                         : message("pictures are of format '", printable(m.format),
+                               "', read are PNG, JPEG, BMP and WebP of 8 bits");
+}
+
+/// Stamps of one topic's messages, which only all of them tell: programs that do not set a header's stamp leave it 0,
+/// and a simulator's clock begins at 0.
+class TopicStamps {
+ public:
+  void add(std::int64_t header_ns, std::uint64_t log_ns) {
+    header_.push_back(header_ns);
+    log_.push_back(std::int64_t(std::min(log_ns, std::uint64_t(stamp_limit_ns))));
+    set_ = set_ || header_ns != 0;
+  }
+  /// The headers' stamps, or where none is set the log's times. A log of lumo's has its stamps.
+  const std::vector<std::int64_t>& ns(bool has_session) const { return set_ || has_session ? header_ : log_; }
+  const std::vector<std::int64_t>& log_ns() const { return log_; }
+  /// Median of log times less stamps; nullopt without any.
+  std::optional<std::int64_t> log_less_stamp_ns(bool has_session) const {
+    std::vector<std::int64_t> late;
+    for (std::size_t i = 0; i < log_.size(); ++i) late.push_back(log_[i] - ns(has_session)[i]);
+    if (late.empty()) return std::nullopt;
+    const auto middle = late.begin() + std::ptrdiff_t(late.size() / 2);
+    std::nth_element(late.begin(), middle, late.end());
+    return *middle;
+  }
+
+ private:
+  std::vector<std::int64_t> header_, log_;
+  bool set_ = false;
+};
+
+/// Collects a log's tables from messages. What is wrong with one stream is kept as its fault, and leaves it empty.
 class McapTables {
  public:
-  explicit McapTables(bool has_session) : has_session_(has_session) {}
+  /// `joint_names`: as McapTopics has them.
+  explicit McapTables(bool has_session, std::vector<std::string> joint_names = {})
+      : has_session_(has_session), chosen_(!joint_names.empty()), names_(std::move(joint_names)) {
+    known_.resize(names_.size());
+  }
 
   /// A message of the type with the name `type`.
   template <RosMessage... Messages>
-  void add_any(std::string_view type, std::span<const std::uint8_t> data, const McapEntry& at, std::string_view topic) {
+  void add_any(std::string_view type, std::span<const std::uint8_t> data, const McapPicture& at) {
     const auto attempt = [&]<RosMessage M>(std::type_identity<M>) {
-      if (type == M::type) add(from_cdr<M>(data), at, topic);
+      if (type == M::type) add(from_cdr<M>(data), at);
     };
     (attempt(std::type_identity<Messages>{}), ...);
   }
 
-  void add(const RosImage& m, const McapEntry& at, std::string_view topic) {
-    view_of(m);
-    add_frame(m.header, at, topic, {at, false}, ".png");
+  void add(const RosImage& m, const McapPicture& at) {
+    require_readable(m);
+    add_frame(m.header, {at.at, false, at.file}, ".png");
   }
-  void add(const RosCompressedImage& m, const McapEntry& at, std::string_view topic) {
+  void add(const RosCompressedImage& m, const McapPicture& at) {
+    if (const std::string fault = packed_fault(m); !fault.empty()) throw InputError(fault);
     const std::string_view ending = picture_ending(m.data);
-    add_frame(m.header, at, topic, {at, true}, ending.empty() ? ".png" : ending);
+    add_frame(m.header, {at.at, true, at.file}, ending.empty() ? ".png" : ending);
   }
-  void add(const RosCameraInfo& m, const McapEntry&, std::string_view) {
+  void add(const RosCameraInfo& m, const McapPicture&) {
     if (!found.camera) found.camera = m;
   }
-  void add(const FrameExposure& m, const McapEntry& at, std::string_view) {
+  void add(const FrameExposure& m, const McapPicture& at) {
     if (!(m.exposure_s >= 0.0 && m.gain >= 0.0))
       throw InputError(message("exposure is ", m.exposure_s, " s, gain ", m.gain, ", must not be negative"));
-    exposures_[stamp(m.header, at)] = {finite(m.exposure_s), finite(m.gain)};
+    exposure_stamps_.add(m.header.stamp_ns, at.at.log_ns);
+    exposures_.emplace_back(finite(m.exposure_s), finite(m.gain));
   }
-  void add(const RosJointState& m, const McapEntry& at, std::string_view topic) {
+  void add(const RosJointState& m, const McapPicture& at) {
     const std::size_t n = m.name.size();
-    if (n < 1 || n > std::size_t(max_joints))
+    if (!chosen_ && (n < 1 || n > std::size_t(max_joints)))
       throw InputError(message("has ", n, " joints, must have 1 to ", max_joints));
-    if (m.position.size() != n || m.velocity.size() != n || (m.effort.size() != n && !m.effort.empty()))
+    const auto fits = [n](const std::vector<double>& list) { return list.size() == n || list.empty(); };
+    if (m.position.size() != n || !fits(m.velocity) || !fits(m.effort))
       throw InputError(message("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(),
           " velocities and ", m.effort.size(), " efforts, must have as many"));
-    if (names_.empty()) names_ = m.name;
-    if (m.name != names_) throw InputError("names other joints than the messages before it");
-    found.log.joints.push_back({ascending(m.header, at, topic), joint_vector(m.position), joint_vector(m.velocity),
-        joint_vector(m.effort), Effort::torque_Nm});
+    if (names_.empty()) {
+      names_ = m.name;
+      known_.resize(n);
+    }
+    if (!chosen_ && !std::is_permutation(m.name.begin(), m.name.end(), names_.begin(), names_.end()))
+      throw InputError(message("joints must be chosen by their names: this is of ", listed(m.name), ", the first of ",
+          listed(names_), "; it names other joints than the messages before it"));
+    if (!by_name(m)) return;
+    const auto joints = Eigen::Index(names_.size());
+    JointSample s{0, JointVector(joints), JointVector(joints), JointVector(joints), Effort::torque_Nm};
+    for (Eigen::Index j = 0; j < joints; ++j) {
+      const JointValues& v = *known_[std::size_t(j)];
+      s.position_rad[j] = v.position;
+      s.velocity_rad_per_s[j] = v.velocity;
+      s.effort[j] = v.effort;
+    }
+    if (!s.velocity_rad_per_s.allFinite()) s.velocity_rad_per_s.resize(0);
+    if (!s.effort.allFinite()) s.effort.resize(0);
+    take(LogStream::joints, m.header, at.at);
+    found.log.joints.push_back(std::move(s));
   }
-  void add(const JointCurrents& m, const McapEntry& at, std::string_view) {
+  void add(const JointCurrents& m, const McapPicture& at) {
     if (m.current_A.size() > std::size_t(max_joints))
       throw InputError(message("has ", m.current_A.size(), " currents, must have at most ", max_joints));
-    currents_[stamp(m.header, at)] = joint_vector(m.current_A);
+    currents_.push_back(joint_vector(m.current_A));
+    current_stamps_.add(m.header.stamp_ns, at.at.log_ns);
   }
-  void add(const RosWrenchStamped& m, const McapEntry& at, std::string_view topic) {
-    WrenchSample w{ascending(m.header, at, topic)};
+  void add(const RosWrenchStamped& m, const McapPicture& at) {
+    WrenchSample w;
     for (std::size_t k = 0; k < 3; ++k) {
       w.force_N[Eigen::Index(k)] = finite(m.force[k]);
       w.torque_Nm[Eigen::Index(k)] = finite(m.torque[k]);
     }
+    take(LogStream::wrenches, m.header, at.at);
     found.log.wrenches.push_back(w);
   }
-  void add(const MarkerDisplacement& m, const McapEntry& at, std::string_view topic) {
-    found.log.markers.push_back({ascending(m.header, at, topic), finite(m.displacement_m)});
+  void add(const MarkerDisplacement& m, const McapPicture& at) {
+    found.log.markers.push_back({0, finite(m.displacement_m)});
+    take(LogStream::markers, m.header, at.at);
   }
-  void add(const PhotodiodeSignals& m, const McapEntry& at, std::string_view topic) {
-    PhotodiodeSample s{ascending(m.header, at, topic), Eigen::VectorXd(Eigen::Index(m.signal_V.size()))};
+  void add(const PhotodiodeSignals& m, const McapPicture& at) {
+    PhotodiodeSample s{0, Eigen::VectorXd(Eigen::Index(m.signal_V.size()))};
     for (std::size_t k = 0; k < m.signal_V.size(); ++k) s.signal_V[Eigen::Index(k)] = finite(m.signal_V[k]);
     const auto& list = found.log.photodiodes;
     if (s.signal_V.size() == 0 || (!list.empty() && list.front().signal_V.size() != s.signal_V.size()))
       throw InputError("all messages must have as many diodes, at least 1");
+    take(LogStream::photodiodes, m.header, at.at);
     found.log.photodiodes.push_back(std::move(s));
   }
 
-  /// To be called last: joins messages of one stamp.
-  void join() {
-    for (FrameRecord& f : found.log.frames)
-      if (const auto e = exposures_.find(f.stamp_ns); e != exposures_.end()) {
-        f.exposure_s = e->second.first;
-        f.gain = e->second.second;
-      }
-    for (JointSample& s : found.log.joints) {
-      if (s.effort.size() == s.position_rad.size()) continue;
-      const auto c = currents_.find(s.stamp_ns);
-      if (c == currents_.end() || c->second.size() != s.position_rad.size())
-        throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
-      s.effort = c->second;
-      s.unit = Effort::current_A;
+  /// `where` and the error become the stream's fault, if it has none yet.
+  void fail(LogStream stream, const std::string& where, const std::string& error) {
+    std::string& fault = found.log.reading[std::size_t(stream)].fault;
+    if (fault.empty()) fault = where + error;
+  }
+  bool has_failed(LogStream stream) const { return !found.log.reading[std::size_t(stream)].fault.empty(); }
+
+  /// To be called last: gives all rows their stamps, leaves out those whose stamps do not ascend, and joins messages of
+  /// one stamp. `topic` of a stream stands in faults of the file `name`.
+  void finish(const std::string& name, const std::array<std::string, log_streams>& topic) {
+    name_ = &name;
+    topic_ = &topic;
+    finish(LogStream::frames, found.log.frames);
+    finish(LogStream::joints, found.log.joints);
+    finish(LogStream::wrenches, found.log.wrenches);
+    finish(LogStream::markers, found.log.markers);
+    finish(LogStream::photodiodes, found.log.photodiodes);
+    if (has_failed(LogStream::frames)) found.pictures.clear();
+    join_exposures();
+    name_joints();
+    try {
+      join_efforts();
+      find_velocities(found.log.joints);
+    } catch (const InputError& error) {
+      fail(LogStream::joints, name + ": ", error.what());
+      found.log.joints.clear();
     }
-    for (const JointSample& s : found.log.joints)
-      if (s.unit != found.log.joints.front().unit)
-        throw InputError(message("joints at ", s.stamp_ns, " ns have another kind of effort than the first ones"));
+    if (!has_session_) join_clocks();
   }
 
   McapLog found;
@@ -175,49 +251,142 @@ class McapTables {
     for (std::size_t k = 0; k < v.size(); ++k) j[Eigen::Index(k)] = finite(v[k]);
     return j;
   }
-  /// Programs that do not set a header's stamp leave it 0; then the log's time replaces it. A log of lumo's has its
-  /// stamps, 0 included.
-  std::int64_t stamp(const RosHeader& h, const McapEntry& at) const {
-    if (h.stamp_ns != 0 || has_session_) return h.stamp_ns;
-    if (at.log_ns > std::uint64_t(stamp_limit_ns))
-      throw InputError(message("log time ", at.log_ns, " ns is beyond the range of stamps"));
-    return std::int64_t(at.log_ns);
+  void take(LogStream stream, const RosHeader& h, const McapEntry& at) {
+    stamps_[std::size_t(stream)].add(h.stamp_ns, at.log_ns);
   }
-  std::int64_t ascending(const RosHeader& h, const McapEntry& at, std::string_view topic) {
-    const std::int64_t t = stamp(h, at);
-    const auto [last, first] = last_.try_emplace(std::string(topic), t);
-    if (!first && t <= last->second)
-      throw InputError(message("stamp ", t, " ns does not exceed the one before it, ", last->second, " ns"));
-    return last->second = t;
-  }
-  void add_frame(const RosHeader& h, const McapEntry& at, std::string_view topic, const McapPicture& picture,
-      std::string_view ending) {
-    found.log.frames.push_back({ascending(h, at, topic), frame_file(found.pictures.size(), ending), 0.0, 0.0});
+  void add_frame(const RosHeader& h, const McapPicture& picture, std::string_view ending) {
+    take(LogStream::frames, h, picture.at);
+    found.log.frames.push_back({0, frame_file(found.pictures.size(), ending), 0.0, 0.0});
     found.pictures.push_back(picture);
   }
 
-  bool has_session_;
+  template <class Row> void finish(LogStream stream, std::vector<Row>& rows) {
+    StreamReading& reading = found.log.reading[std::size_t(stream)];
+    const TopicStamps& topic = stamps_[std::size_t(stream)];
+    const std::vector<std::int64_t>& stamp = topic.ns(has_session_);
+    for (std::size_t i = 0; i < rows.size(); ++i) rows[i].stamp_ns = stamp[i];
+    AscendingRows ascending = ascending_rows(stamp);
+    ascending.reading.fault = reading.fault;
+    reading = ascending.reading;
+    if (reading.fault.empty() && reading.is_beyond_limit()) {
+      const std::size_t row = first_backward(stamp);
+      fail(stream,
+          message(*name_, ": topic ", printable((*topic_)[std::size_t(stream)]), ", log time ", topic.log_ns()[row],
+              " ns: "),
+          stamps_fault(stamp, reading, row));
+    }
+    if (!reading.fault.empty()) {
+      rows.clear();
+      return;
+    }
+    keep_rows(rows, ascending.kept);
+    if constexpr (std::is_same_v<Row, FrameRecord>) keep_rows(found.pictures, ascending.kept);
+  }
+  /// The order of the names is the order of the chain: whoever reads results must see it. lumo's own names are numbers.
+  void name_joints() {
+    if (chosen_ && found.log.joints.empty() && !has_failed(LogStream::joints))
+      fail(LogStream::joints, *name_ + ": ", "no messages name all of the joints " + listed(names_));
+    if (!has_session_ && names_.size() > 1 && !found.log.joints.empty())
+      found.log.notes.push_back("joints from the base to the tip are taken to be " + listed(names_));
+  }
+  void join_exposures() {
+    std::map<std::int64_t, std::pair<double, double>> at;
+    for (std::size_t i = 0; i < exposures_.size(); ++i) at[exposure_stamps_.ns(has_session_)[i]] = exposures_[i];
+    for (FrameRecord& f : found.log.frames)
+      if (const auto e = at.find(f.stamp_ns); e != at.end()) {
+        f.exposure_s = e->second.first;
+        f.gain = e->second.second;
+      }
+  }
+  void join_efforts() {
+    std::map<std::int64_t, JointVector> at;
+    for (std::size_t i = 0; i < currents_.size(); ++i) at[current_stamps_.ns(has_session_)[i]] = currents_[i];
+    for (JointSample& s : found.log.joints) {
+      if (s.effort.size() == s.position_rad.size()) continue;
+      const auto c = at.find(s.stamp_ns);
+      if (c == at.end() || c->second.size() != s.position_rad.size())
+        throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
+      s.effort = c->second;
+      s.unit = Effort::current_A;
+    }
+    for (const JointSample& s : found.log.joints)
+      if (s.unit != found.log.joints.front().unit)
+        throw InputError(message("joints at ", s.stamp_ns, " ns have another kind of effort than the first ones"));
+  }
+
+  /// A stream that shares no time with the pictures is stamped on another clock. The log times of all are of one, so
+  /// that the difference of how late they are logged is the offset, but for what both take to get there.
+  void join_clocks() {
+    const auto frames = Stretch::of(found.log.frames);
+    const auto late = stamps_[std::size_t(LogStream::frames)].log_less_stamp_ns(has_session_);
+    const auto join = [&](LogStream stream, const auto& rows, ClockMap& clock, const char* what) {
+      const auto own = Stretch::of(rows);
+      const auto own_late = stamps_[std::size_t(stream)].log_less_stamp_ns(has_session_);
+      if (!frames || !own || own->meets(*frames) || !late || !own_late) return;
+      const std::int64_t offset = *own_late - *late;
+      if (!Stretch{own->from_ns + offset, own->to_ns + offset}.meets(*frames)) return;
+      clock.offset_s = 1e-9 * double(offset);
+      found.log.notes.push_back(message(what, " are stamped on another clock than the pictures (", to_string(*own),
+          ", pictures ", to_string(*frames), "): moved by ", clock.offset_s,
+          " s, as the file's log times have it; what the streams differ in on their way to the recorder is not known"));
+    };
+    join(LogStream::joints, found.log.joints, found.log.session.joint_clock, "joint states");
+    join(LogStream::wrenches, found.log.wrenches, found.log.session.wrench_clock, "wrenches");
+  }
+
+  /// The part of a joint state that is about one joint. What is missing or not finite is NaN.
+  struct JointValues {
+    double position = std::numeric_limits<double>::quiet_NaN(), velocity = position, effort = position;
+  };
+  static JointValues values_of(const RosJointState& m, std::size_t i) {
+    JointValues v;
+    v.position = finite(m.position[i]);
+    if (!m.velocity.empty() && std::isfinite(m.velocity[i])) v.velocity = m.velocity[i];
+    if (!m.effort.empty()) v.effort = finite(m.effort[i]);
+    return v;
+  }
+  /// The joints by their names; a joint that the message does not name is as it was last. False if the message is none
+  /// of the first joint, or some joint has not been seen yet.
+  bool by_name(const RosJointState& m) {
+    bool first = false;
+    for (std::size_t j = 0; j < names_.size(); ++j)
+      if (const auto at = std::find(m.name.begin(), m.name.end(), names_[j]); at != m.name.end()) {
+        known_[j] = values_of(m, std::size_t(at - m.name.begin()));
+        first = first || j == 0;
+      }
+    return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return k.has_value(); });
+  }
+  static std::string listed(const std::vector<std::string>& names) {
+    std::string text;
+    for (const std::string& n : names) text += (text.empty() ? "" : ", ") + printable(n);
+    return text;
+  }
+
+  bool has_session_, chosen_;
   std::vector<std::string> names_;
-  std::map<std::string, std::int64_t> last_;
-  std::map<std::int64_t, std::pair<double, double>> exposures_;
-  std::map<std::int64_t, JointVector> currents_;
+  std::vector<std::optional<JointValues>> known_;
+  std::array<TopicStamps, log_streams> stamps_;
+  TopicStamps exposure_stamps_, current_stamps_;
+  std::vector<std::pair<double, double>> exposures_;
+  std::vector<JointVector> currents_;
+  const std::string* name_ = nullptr;
+  const std::array<std::string, log_streams>* topic_ = nullptr;
 };
 
-/// The channels of one kind, all of one topic: the wanted one, or the only one. Throws InputError.
-inline std::set<std::uint16_t> choose_topic(const std::map<std::string, std::set<std::uint16_t>>& topics,
-    const std::string& wanted, const char* what, const std::string& name) {
+/// The topic of one kind: the wanted one, or the only one; empty: there is none. Throws InputError.
+inline std::string choose_topic(
+    const std::set<std::string>& topics, const std::string& wanted, const char* what, const std::string& name) {
   std::string all;
-  for (const auto& t : topics) all += (all.empty() ? "" : ", ") + printable(t.first);
+  for (const std::string& t : topics) all += (all.empty() ? "" : ", ") + printable(t);
   if (!wanted.empty()) {
-    const auto t = topics.find(wanted);
-    if (t == topics.end())
+    if (!topics.contains(wanted))
       throw InputError(message(
           name, ": has no ", what, " on topic '", printable(wanted), "'", all.empty() ? "" : ", but on " + all));
-    return t->second;
+    return wanted;
   }
   if (topics.size() > 1)
     throw InputError(message(name, ": has ", what, " on several topics, one must be chosen: ", all));
-  return topics.empty() ? std::set<std::uint16_t>{} : topics.begin()->second;
+  return topics.empty() ? std::string() : *topics.begin();
 }
 
 namespace detail {
@@ -242,64 +411,163 @@ template <ChunkCodec... Codecs> std::string_view schema_of(const McapReader<Code
   return s == file.schemas().end() ? std::string_view() : std::string_view(s->second.name);
 }
 
-/// The channels whose messages make a log. Throws InputError if a topic is missing or must be chosen.
-template <ChunkCodec... Codecs>
-std::set<std::uint16_t> log_channels(const McapReader<Codecs...>& file, const McapTopics& wanted) {
-  std::set<std::uint16_t> used, channels;
-  for (const McapEntry& e : file.messages()) used.insert(e.channel);
-  const auto choose = [&](const char* what, const std::string& topic, std::initializer_list<std::string_view> types) {
-    std::map<std::string, std::set<std::uint16_t>> topics;
-    for (const std::uint16_t c : used)
-      if (std::find(types.begin(), types.end(), schema_of(file, c)) != types.end())
-        topics[file.channels().at(c).topic].insert(c);
-    channels.merge(choose_topic(topics, topic, what, file.name()));
-  };
-  choose("pictures", wanted.image, {RosImage::type, RosCompressedImage::type});
-  choose("joint states", wanted.joints, {RosJointState::type});
-  choose("wrenches", wanted.wrench, {RosWrenchStamped::type});
-  choose("exposures", "", {FrameExposure::type});
-  choose("currents", "", {JointCurrents::type});
-  choose("displacements", "", {MarkerDisplacement::type});
-  choose("photodiodes", "", {PhotodiodeSignals::type});
-  std::set<std::string_view> cameras;
-  for (const std::uint16_t c : used)
-    if (schema_of(file, c) == RosCameraInfo::type) cameras.insert(file.channels().at(c).topic);
-  for (const std::uint16_t c : used)
-    if (schema_of(file, c) == RosCameraInfo::type && cameras.size() == 1) channels.insert(c);
-  return channels;
-}
+/// A topic of a bag and the type of its messages.
+using TopicType = std::pair<std::string, std::string_view>;
+
+/// Finds the topics whose messages make a log.
+template <ChunkCodec... Codecs> class TopicChoice {
+ public:
+  TopicChoice(const McapFiles<Codecs...>& files, const McapTopics& wanted, McapTables& tables)
+      : files_(files), name_(files.front()->name()), tables_(tables) {
+    for (std::size_t f = 0; f < files.size(); ++f)
+      for (const McapEntry& e : files[f]->messages())
+        first_.try_emplace(
+            {files[f]->channels().at(e.channel).topic, schema_of(*files[f], e.channel)}, McapPicture{e, false, f});
+    choose_pictures(wanted.image);
+    choose(LogStream::frames, "exposures", "", {FrameExposure::type});
+    choose(LogStream::joints, "joint states", wanted.joints, {RosJointState::type});
+    choose(LogStream::joints, "currents", "", {JointCurrents::type});
+    choose(LogStream::wrenches, "wrenches", wanted.wrench, {RosWrenchStamped::type});
+    choose(LogStream::markers, "displacements", "", {MarkerDisplacement::type});
+    choose(LogStream::photodiodes, "photodiodes", "", {PhotodiodeSignals::type});
+    if (const auto cameras = topics_of({RosCameraInfo::type}); cameras.size() == 1)
+      use_[{*cameras.begin(), RosCameraInfo::type}] = std::nullopt;
+  }
+
+  /// The stream that is faulty if a message is, none if nothing needs it; null: the message's channel is not read.
+  const std::optional<LogStream>* use(const McapReader<Codecs...>& file, std::uint16_t channel) const {
+    const auto u = use_.find({file.channels().at(channel).topic, schema_of(file, channel)});
+    return u == use_.end() ? nullptr : &u->second;
+  }
+  /// Of each stream; empty without one.
+  const std::array<std::string, log_streams>& topic() const { return topic_; }
+  /// "/camera (foxglove.CompressedImage, json), …".
+  std::string contents() const {
+    constexpr std::size_t most = 12;
+    std::string text;
+    std::size_t count = 0;
+    for (const auto& [topic, at] : first_)
+      if (++count <= most)
+        text += (text.empty() ? "" : ", ") + printable(topic.first) + " (" + printable(std::string(topic.second)) +
+                ", " + printable(files_[at.file]->channels().at(at.at.channel).encoding) + ")";
+    return text + (count > most ? message(" and ", count - most, " more") : std::string());
+  }
+
+ private:
+  std::set<std::string> topics_of(std::initializer_list<std::string_view> types) const {
+    std::set<std::string> topics;
+    for (const auto& [topic, at] : first_)
+      if (std::find(types.begin(), types.end(), topic.second) != types.end()) topics.insert(topic.first);
+    return topics;
+  }
+  void choose(
+      LogStream stream, const char* what, const std::string& wanted, std::initializer_list<std::string_view> types) {
+    choose_of(topics_of(types), stream, what, wanted, types);
+  }
+  void choose_of(const std::set<std::string>& topics, LogStream stream, const char* what, const std::string& wanted,
+      std::initializer_list<std::string_view> types) {
+    try {
+      const std::string chosen = choose_topic(topics, wanted, what, name_);
+      if (chosen.empty()) return;
+      std::string& topic = topic_[std::size_t(stream)];
+      if (topic.empty()) topic = chosen;
+      for (const std::string_view type : types) use_[{chosen, type}] = stream;
+    } catch (const InputError& error) {
+      tables_.fail(stream, "", error.what());
+    }
+  }
+
+  /// Of several topics with pictures those count that can be read: no depth, no video. image_transport sends the same
+  /// pictures packed below the name of their topic.
+  void choose_pictures(const std::string& wanted) {
+    const std::initializer_list<std::string_view> types = {RosImage::type, RosCompressedImage::type};
+    std::set<std::string> topics = topics_of(types);
+    if (wanted.empty() && topics.size() > 1) {
+      std::set<std::string> readable;
+      std::string others;
+      for (const std::string& t : topics) {
+        const std::size_t slash = t.rfind('/');
+        const std::string above = slash == std::string::npos ? std::string() : t.substr(0, slash);
+        const bool twin = topics.contains(above) && unreadable(above).empty();
+        const std::string why = twin ? "the same pictures packed" : unreadable(t);
+        if (why.empty()) readable.insert(t);
+        else others += (others.empty() ? "" : "; ") + printable(t) + ": " + why;
+      }
+      if (readable.size() == 1) {
+        tables_.found.log.notes.push_back(
+            message("pictures of topic ", printable(*readable.begin()), " are read, others are not: ", others));
+        topics = readable;
+      }
+    }
+    choose_of(topics, LogStream::frames, "pictures", wanted, types);
+  }
+  /// Why the first message of a topic cannot be read as a picture; empty: it can.
+  std::string unreadable(const std::string& topic) const {
+    try {
+      if (const auto at = first_.find({topic, RosImage::type}); at != first_.end())
+        require_readable(from_cdr<RosImage>(files_[at->second.file]->read(at->second.at).data));
+      if (const auto at = first_.find({topic, RosCompressedImage::type}); at != first_.end())
+        return packed_fault(from_cdr<RosCompressedImage>(files_[at->second.file]->read(at->second.at).data));
+      return "";
+    } catch (const InputError& error) {
+      return error.what();
+    }
+  }
+
+  const McapFiles<Codecs...>& files_;
+  std::string name_;
+  McapTables& tables_;
+  std::map<TopicType, McapPicture> first_;  ///< message of each topic
+  std::map<TopicType, std::optional<LogStream>> use_;
+  std::array<std::string, log_streams> topic_;
+};
 
 }  // namespace detail
 
-/// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. Throws InputError of one line
-/// with file, topic, time and reason.
-template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}) {
-  std::string session_json = detail::attached_session(file);
-  const std::set<std::uint16_t> channels = detail::log_channels(file, wanted);
-  McapTables tables(!session_json.empty());
-  for (const McapEntry& e : file.messages()) {
-    if (!channels.contains(e.channel)) continue;
-    const McapChannel& channel = file.channels().at(e.channel);
-    try {
-      if (channel.encoding != "cdr")
-        throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
-      const McapMessage m = file.read(e);
-      tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents,
-          RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(
-          detail::schema_of(file, e.channel), m.data, e, channel.topic);
-    } catch (const InputError& error) {
-      throw InputError(
-          message(file.name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: ", error.what()));
+/// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. `files` are those of one bag, in
+/// their order, at least one. A stream that cannot be read is empty, and Recording::reading has the reason: one line
+/// with file, topic, time. Throws InputError where the session is too large.
+template <ChunkCodec... Codecs>
+McapLog read_mcap_log(const McapFiles<Codecs...>& files, const McapTopics& wanted = {}) {
+  if (files.empty()) throw InvalidArgument("bag without files");
+  if (wanted.joint_names.size() > std::size_t(max_joints))
+    throw InvalidArgument(
+        message(wanted.joint_names.size(), " joints are chosen by name, must be at most ", max_joints));
+  std::string session_json;
+  for (const auto& file : files)
+    if (session_json.empty()) session_json = detail::attached_session(*file);
+  McapTables tables(!session_json.empty(), wanted.joint_names);
+  const detail::TopicChoice<Codecs...> choice(files, wanted, tables);
+  for (std::size_t f = 0; f < files.size(); ++f)
+    for (const McapEntry& e : files[f]->messages()) {
+      const std::optional<LogStream>* const use = choice.use(*files[f], e.channel);
+      if (use == nullptr || (*use && tables.has_failed(**use))) continue;
+      const McapChannel& channel = files[f]->channels().at(e.channel);
+      try {
+        if (channel.encoding != "cdr")
+          throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
+        const McapMessage m = files[f]->read(e);
+        tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents,
+            RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(
+            detail::schema_of(*files[f], e.channel), m.data, {e, false, f});
+      } catch (const InputError& error) {
+        if (*use)
+          tables.fail(**use,
+              message(files[f]->name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: "),
+              error.what());
+      }
     }
-  }
-  try {
-    tables.join();
-  } catch (const InputError& error) {
-    throw InputError(file.name() + ": " + error.what());
-  }
-  tables.found.log.path = file.name();
+  tables.finish(files.front()->name(), choice.topic());
+  tables.found.log.path = files.front()->name();
   tables.found.session_json = std::move(session_json);
+  tables.found.contents = choice.contents();
   return std::move(tables.found);
+}
+
+/// The same of a single file.
+template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}) {
+  return read_mcap_log(
+      McapFiles<Codecs...>{std::shared_ptr<McapReader<Codecs...>>(std::shared_ptr<void>(), &file)}, wanted);
 }
 
 }  // namespace lumo::sense

@@ -86,7 +86,7 @@ template <ChunkCodec... Codecs> class McapReader {
   /// Place and reason of a cut file's end; empty for a whole file.
   const std::string& fault() const { return fault_; }
 
-  /// Throws InputError if the file has changed since.
+  /// Throws InputError if the file has changed since, and for a packed message that cannot be unpacked.
   McapMessage read(const McapEntry& entry) {
     McapMessage m;
     std::size_t at = 0;
@@ -105,6 +105,7 @@ template <ChunkCodec... Codecs> class McapReader {
     McapFields fields(in.bytes(length), where, begin);
     if (opcode != McapOpcode::message) fields.fail("is no message any more: the file has changed");
     fill(m, fields);
+    unpack(m);
     return m;
   }
   /// Throws InputError if the file has changed since.
@@ -208,6 +209,25 @@ template <ChunkCodec... Codecs> class McapReader {
     m.channel = &channel->second;
     in.read(m.sequence, m.log_ns, m.publish_ns);
     m.data = in.bytes(in.rest());
+  }
+
+  /// rosbag2 can pack each message by itself ("compression_mode: MESSAGE"), which the file does not state. No CDR
+  /// message begins as a frame of Zstandard does.
+  void unpack(McapMessage& m) const {
+    if (m.channel->encoding != "cdr") return;
+    const auto attempt = [&](const auto& codec) {
+      if constexpr (requires { codec.frame_bytes(m.data); }) {
+        const auto size = codec.frame_bytes(m.data);
+        if (!size) return;
+        if (*size > limits_.record_bytes)
+          throw InputError(message(source_.where(), "a packed message says that it holds ", *size,
+              " bytes, read are at most ", limits_.record_bytes));
+        auto whole = std::make_shared<const Bytes>(codec.decompress(m.data, std::size_t(*size)));
+        m.data = *whole;
+        m.owner = std::move(whole);
+      }
+    };
+    std::apply([&](const auto&... codec) { (attempt(codec), ...); }, codecs_);
   }
 
   void take_chunk(std::span<const std::uint8_t> chunk_record, std::uint64_t at) {
