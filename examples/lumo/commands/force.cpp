@@ -1,6 +1,7 @@
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
 #include "report/json.hpp"
+#include "sensing/checks.hpp"
 #include "sensing/log.hpp"
 
 #include "lumo/sense/live/live.hpp"
@@ -22,6 +23,7 @@ struct Force : EstimatingCommand {
   void declare(CLI::App& app) {
     add_log(app);
     add_localizer(app);
+    add_unloaded(app);
     add_whole(app, "--alpha-from", alpha_from, 0, 100000,
         "Sequence of the log, from 0 (default), that a factor on torque is fitted on and tried on all");
     declare_live(app,
@@ -29,7 +31,11 @@ struct Force : EstimatingCommand {
         "gives the joints, by its part without contact, and describes the finger",
         true);
   }
-  void check() const { check_torques("force"); }
+  void check() const {
+    check_torques("force");
+    if (camera.number && unloaded)
+      throw UsageError("--unloaded is of a log; a live camera's first second shows the unloaded finger");
+  }
   /// Throws UsageError.
   std::optional<TorqueScale> fitted(const ForceScore& score) const;
   Result on_log(Output& files, Progress& progress) const override;
@@ -136,10 +142,12 @@ constexpr double judged_m = 25.0_mm;
 
 Result Force::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
-  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress);
+  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, unloaded);
   FingerModel<> finger = finger_model(s.log.session);
-  finger.optics = optics_of(s, log);
-  finger.joints = about(log, [&] { return unloaded_joints(s.log, s.stretch.to_ns); });
+  finger.optics = optics_of(s, log, progress);
+  tell_joints(s.log, progress);
+  tell_loads(s.log, progress);
+  finger.joints = about(log, [&] { return unloaded_joints(s.log, s.stretch); });
   const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(log, [&] {
     return with_maker(localizer, [&](auto make) {
@@ -151,6 +159,7 @@ Result Force::on_log(Output& files, Progress& progress) const {
   const Eigen::Index joints = residual.size() / 2;
   double noise_Nm = 0.0;
   for (const TorqueModel& t : torque) noise_Nm = std::max(noise_Nm, t.noise_Nm);
+  tell_torques(s, estimates, finger, noise_Nm, progress);
   const LogTruth truth = truth_of(s.log);
   ForceResult r{force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm), {}, {},
       residual.head(joints).maxCoeff(), residual.tail(joints).maxCoeff(), s.log.session.joint_clock.residual_s};
@@ -163,7 +172,7 @@ Result Force::on_log(Output& files, Progress& progress) const {
 void Force::live(LiveLines& lines, Progress& progress) const {
   const OpenLog opened = open_log(log, progress);
   FingerModel<> finger = about(opened.session_place(), [&] { return finger_model(opened.session); });
-  finger.joints = about(log, [&] { return unloaded_joints(opened, unloaded_stretch(opened).to_ns); });
+  finger.joints = about(log, [&] { return unloaded_joints(opened, unloaded_stretch(opened)); });
   require_motors(camera, finger.jacobian.joints());
   const auto source = pictures().live(settings_of(camera));
   MiniCheetahMotors motors = motors_of(camera);

@@ -1,5 +1,9 @@
 #include "sensing/log.hpp"
 
+#include "sensing/checks.hpp"
+
+#include <cmath>
+
 namespace lumo::program {
 
 std::unique_ptr<AnyCamera> LogCamera::open(const OpenLog& log) {
@@ -24,20 +28,27 @@ OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& 
   return {std::move(read.log), file, std::move(read.pictures)};
 }
 
-FingerOptics optics_of(const SensedLog& s, const std::string& path) {
+FingerOptics optics_of(const SensedLog& s, const std::string& path, Progress& progress) {
   FingerOptics optics;
   optics.bins = s.bins;
   optics.view = s.view;
-  optics.unloaded = unloaded_reference(s.profiles, s.stretch, path);
+  const CheckedReference checked = checked_reference(s.profiles, s.stretch, path, s.view.unchanged);
+  tell_reference(s, checked, progress);
+  optics.unloaded = checked.reference;
   return optics;
 }
 
-SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress) {
+SensedLog read_sensed_log(
+    const std::string& path, const LongitudinalBins& bins, Progress& progress, const UnloadedSeconds& unloaded) {
   SensedLog s;
   s.bins = bins;
   s.log = open_log(path, progress);
   s.joints = on_frames_clock(s.log);
   s.stretch = unloaded_stretch(s.log);
+  if (unloaded) {
+    const std::int64_t first = s.log.frames.empty() ? 0 : s.log.frames.front().stamp_ns;
+    s.stretch = {first + std::llround(1e9 * (*unloaded)[0]), first + std::llround(1e9 * (*unloaded)[1]), true};
+  }
   about(path, [&] {
     LogCamera first(s.log);
     s.view = view_finger(first, s.log.session, s.stretch, path);
