@@ -39,8 +39,9 @@ void tell_reference(const SensedLog& s, const CheckedReference& checked, Progres
   if (checked.repeated > 0)
     progress.note(path + ": " + std::to_string(checked.repeated) + of + " repeat the one before and are counted once");
   if (checked.repeats)
-    progress.note(path + ": pictures repeat each other's pixels (up to " + cell(100.0 * s.view.unchanged, 0) +
-                  " %), as a video codec makes them; their noise is taken as at least " + cell(checked.least_noise, 1) +
+    progress.note(path + ": pictures repeat each other's pixels" +
+                  (s.view.unchanged > 0.0 ? " (up to " + cell(100.0 * s.view.unchanged, 0) + " %)" : std::string()) +
+                  ", as a video codec makes them; their noise is taken as at least " + cell(checked.least_noise, 1) +
                   " DN, small contacts may be missed");
   if (checked.scatters)
     progress.note(path + ": the pictures of the unloaded finger (" + stretch_text(s) + ") scatter by " +
