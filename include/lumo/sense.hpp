@@ -19,6 +19,7 @@
 #include "lumo/sense/localize/bayes_localizer.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
 
+#include "lumo/sense/joints/effort_check.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 
@@ -26,11 +27,13 @@
 #include "lumo/sense/force/calibration.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/force/stream_checks.hpp"
 
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/constraint_gain.hpp"
 #include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/gaussian_process_decoder.hpp"
+#include "lumo/sense/decode/measured_loads.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
 

@@ -558,6 +558,75 @@ class Lab(unittest.TestCase):
             )
         self.assertEqual(*tables)
 
+    def derived(self, kind, name, table="joint.csv", column=None, by=None, session=None):
+        """A log whose table has one column multiplied, and whose session has other keys."""
+        log = self.folder / name
+        shutil.copytree(self.folder / kind, log, ignore=shutil.ignore_patterns("*.json" if session else "?"))
+        if column:
+            rows = rows_of(log / table)
+            with open(log / table, "w", newline="") as file:
+                out = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+                out.writeheader()
+                for row in rows:
+                    out.writerow({**row, column: repr(by * float(row[column]))})
+        if session:
+            known = json.loads((self.folder / kind / "session.json").read_text())
+            (log / "session.json").write_text(json.dumps({**known, **session}))
+        return log
+
+    def noted(self, words, *arguments):
+        done = run(*arguments)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for word in words:
+            self.assertIn(word, done.stderr)
+        return done
+
+    def test_streams_are_checked_against_each_other(self):
+        for kind in ["force", "recontact"]:
+            for command in ["locate", "force", "metrics"] if kind == "recontact" else ["locate", "force"]:
+                done = run(command, self.folder / kind)
+                self.assertNotIn(str(self.folder / kind) + ":", done.stderr)  # nothing speaks against a clean log
+
+        self.noted(
+            ["joint 0 falls", "constant of -0."],
+            "force",
+            self.derived("force", "reversed", column="current_A_0", by=-1.0),
+        )
+        self.noted(
+            ["velocities of joint 0", "taken from the positions"],
+            "force",
+            self.derived("force", "still", column="velocity_rad_per_s_0", by=0.0),
+        )
+        self.noted(
+            ["negative in the holds"],
+            "force",
+            self.derived("force", "turned", table="wrench.csv", column="force_z_N", by=-1.0),
+        )
+        self.refused(
+            BAD_FILE,
+            ["effort of joint 0 never changes"],
+            "force",
+            self.derived("force", "silent", column="current_A_0", by=0.0),
+            "--quiet",
+        )
+
+    def test_slopes_are_per_newton_that_pressed(self):
+        log = self.derived("recontact", "short", table="wrench.csv", column="force_z_N", by=0.8)
+        self.noted(["80 % of each load"], "metrics", log)
+        whole, short = (self.result("metrics", path) for path in [self.folder / "recontact", log])
+        self.assertAlmostEqual(short["D_neighbor"] * 0.8, whole["D_neighbor"], delta=0.02 * whole["D_neighbor"])
+
+    def test_when_the_finger_was_unloaded(self):
+        log = self.derived("force", "no-segments", session={"segments": []})
+        self.noted(["may have been touched"], "locate", log, "--unloaded", "14.7,15.2")
+        done = run("locate", log, "--unloaded", "9.6,10.4")
+        self.assertNotIn("touched", done.stderr)
+        self.refused(USAGE, ["--unloaded is '3'", "two times"], "locate", log, "--unloaded", "3")
+        self.refused(USAGE, ["--unloaded is '4,3'", "end after"], "force", log, "--unloaded", "4,3")
+        leds = json.loads((self.folder / "force" / "session.json").read_text())["leds"]
+        upright = self.derived("force", "upright", session={"leds": {**leds, "distal": [0, 1]}})
+        self.refused(BAD_FILE, ["which end is the tip", "[1, 0]"], "locate", upright, "--quiet")
+
     def test_refusals(self):
         self.refused(USAGE, ["--out is missing"], "lab", "force")
         self.refused(USAGE, ["--noise"], "lab", "force", "--out", self.folder / "x", "--noise", "-1")

@@ -18,6 +18,21 @@ void EstimatingCommand::add_localizer(CLI::App& app) {
   add_word(app, "--localizer", localizer, {"bayes", "peak"}, "bayes (default) or peak (the paper's)");
 }
 
+void EstimatingCommand::add_unloaded(CLI::App& app) {
+  add_value(app, "--unloaded", "FROM,TO",
+      "When nothing touched the finger [s after the log's first picture]; default: the log's first segment of kind "
+      "unloaded, or else its first half second",
+      [this](const std::string& typed) {
+        const auto fields = split(typed);
+        const Limits limits{0.0, 1e6};
+        if (fields.size() != 2)
+          throw UsageError("--unloaded is " + in_quotes(typed) + ", must be two times in s such as 3.5,4.5");
+        unloaded = {number_in("--unloaded", fields[0], limits, "s"), number_in("--unloaded", fields[1], limits, "s")};
+        if (!((*unloaded)[0] < (*unloaded)[1]))
+          throw UsageError("--unloaded is " + in_quotes(typed) + ", must end after it begins");
+      });
+}
+
 void EstimatingCommand::declare_live(CLI::App& app, const std::string& camera_help, bool motors) {
   add_camera(app, camera, camera_help);
   add_seconds(app, camera, "How long to look through the camera [s], default: until interrupted");

@@ -4,6 +4,7 @@
 #include "commands/logs.hpp"
 #include "report/json.hpp"
 #include "sensing/live.hpp"
+#include "sensing/log.hpp"
 
 #include "lumo/sense/estimate.hpp"
 
@@ -21,9 +22,11 @@ using namespace sense;
 /// A command that estimates something at each picture, of a log or of a live camera.
 struct EstimatingCommand : CameraCommand {
   std::string localizer = "bayes";
+  UnloadedSeconds unloaded;  ///< empty: as the log says
 
   virtual ~EstimatingCommand() = default;
   void add_localizer(CLI::App& app);
+  void add_unloaded(CLI::App& app);
   /// Options of the live camera, and those that all commands have.
   void declare_live(CLI::App& app, const std::string& camera_help, bool motors);
   /// Torques need a log, and motors beside a live camera. Throws UsageError; `command` is named in it.

@@ -1,5 +1,6 @@
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
+#include "sensing/checks.hpp"
 #include "sensing/findings.hpp"
 
 #include "lumo/sense/live/live.hpp"
@@ -24,6 +25,7 @@ struct Force : EstimatingCommand {
   void declare(CLI::App& app) {
     add_log(app);
     add_localizer(app);
+    add_unloaded(app);
     add_whole(app, "--alpha-from", alpha_from, 0, 100000,
         "Sequence of the log, from 0 (default), that a factor on torque is fitted on and tried on all");
     declare_live(app,
@@ -31,7 +33,11 @@ struct Force : EstimatingCommand {
         "gives the joints, by its part without contact, and describes the finger",
         true);
   }
-  void check() const { check_torques("force"); }
+  void check() const {
+    check_torques("force");
+    if (camera.number && unloaded)
+      throw UsageError("--unloaded is of a log; a live camera's first second shows the unloaded finger");
+  }
   /// Throws UsageError.
   std::optional<TorqueScale> fitted(const ForceScore& score) const;
   Result on_log(Output& files, Progress& progress) const override;
@@ -219,29 +225,19 @@ std::optional<TorqueScale> Force::fitted(const ForceScore& score) const {
   return torque_scale(score.optical, alpha_from);
 }
 
-/// Throws InputError if a joint's effort never changes: its driver does not measure it, or has stopped to.
-void require_live_efforts(const OpenLog& log) {
-  if (log.joints.size() < 2) return;
-  for (Eigen::Index j = 0; j < log.joints.front().effort.size(); ++j) {
-    const double first = log.joints.front().effort[j];
-    if (std::all_of(log.joints.begin(), log.joints.end(), [&](const JointSample& s) { return s.effort[j] == first; }))
-      throw InputError(lumo::message(log.path, ": the effort of joint ", j, " never changes: it is ", first,
-          log.joints.front().unit == Effort::current_A ? " A" : " N·m", " in all ", log.joints.size(), " samples"));
-  }
-}
-
 /// Places that are judged, ± from the middle.
 constexpr double judged_m = 25.0_mm;
 
 Result Force::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
-  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics);
+  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics, unloaded);
   FingerModel<> finger = finger_model(s.log.session);
-  finger.optics = optics_of(s, log);
+  finger.optics = optics_of(s, log, progress);
   require_readable(s.log, LogStream::joints);
-  require_live_efforts(s.log);
   require_common_time(s.log);
-  finger.joints = about(log, [&] { return unloaded_joints(s.log, s.stretch.to_ns); });
+  tell_joints(s.log, progress);
+  tell_loads(s.log, progress);
+  finger.joints = about(log, [&] { return unloaded_joints(s.log, s.stretch); });
   const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(log, [&] {
     return with_maker(localizer, [&](auto make) {
@@ -253,6 +249,7 @@ Result Force::on_log(Output& files, Progress& progress) const {
   const Eigen::Index joints = residual.size() / 2;
   double noise_Nm = 0.0;
   for (const TorqueModel& t : torque) noise_Nm = std::max(noise_Nm, t.noise_Nm);
+  tell_torques(s, estimates, finger, noise_Nm, progress);
   const LogTruth truth = truth_of(s.log);
   ForceScore score = about(log, [&] {
     return force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm);
@@ -271,7 +268,7 @@ Result Force::on_log(Output& files, Progress& progress) const {
 void Force::live(LiveLines& lines, Progress& progress) const {
   const OpenLog opened = open_log(log, progress, topics);
   FingerModel<> finger = about(opened.session_place(), [&] { return finger_model(opened.session); });
-  finger.joints = about(log, [&] { return unloaded_joints(opened, unloaded_stretch(opened).to_ns); });
+  finger.joints = about(log, [&] { return unloaded_joints(opened, unloaded_stretch(opened)); });
   require_motors(camera, finger.jacobian.joints());
   const auto source = pictures().live(settings_of(camera));
   MiniCheetahMotors motors = motors_of(camera);

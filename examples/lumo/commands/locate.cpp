@@ -28,6 +28,7 @@ struct Locate : EstimatingCommand {
   void declare(CLI::App& app) {
     add_log(app);
     add_localizer(app);
+    add_unloaded(app);
     add_value(app, "--from", "N", "Least true force of the frames that count [N], default 5",
         [this](const std::string& typed) {
           from_N = number_in(
@@ -40,6 +41,8 @@ struct Locate : EstimatingCommand {
   }
   void check() const {
     check_camera();
+    if (camera.number && unloaded)
+      throw UsageError("--unloaded is of a log; a live camera's first second shows the unloaded finger");
     if (camera.number && from_N)
       throw UsageError("--from chooses frames by their true force, which a live camera does not measure");
     pictures();
@@ -85,8 +88,8 @@ std::string located_text(const Located& l) {
 
 Result Locate::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
-  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics);
-  const FingerOptics optics = optics_of(s, log);
+  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics, unloaded);
+  const FingerOptics optics = optics_of(s, log, progress);
   const auto estimates =
       with_maker(localizer, [&](auto make) { return lumo::sense::locate(s.profiles, optics, make); });
   const LogTruth truth = truth_of(s.log);
@@ -94,18 +97,25 @@ Result Locate::on_log(Output& files, Progress& progress) const {
   std::string table = "stamp_ns,contacts,y_mm,y_sigma_mm,probability,true_y_mm,true_force_N\n";
   Timeline chart{"Location", "y [mm]"};
   const FrameEstimate* strongest = nullptr;
+  int not_judged = 0;
   for (const FrameEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
     const auto y = e.contact();
+    const bool judged = e.force.state != EstimatorState::invalid;
+    not_judged += !judged;
     table += std::to_string(e.stamp_ns) + ',' + std::to_string(e.location.contacts) +
              field(y ? std::optional(y->y_m) : std::nullopt, 1e3) +
-             field(y ? std::optional(std::sqrt(y->variance_m2)) : std::nullopt, 1e3) + field(e.location.probability) +
-             field(t.y_m, 1e3) + field(t.force_N) + '\n';
+             field(y ? std::optional(std::sqrt(y->variance_m2)) : std::nullopt, 1e3) +
+             field(judged ? std::optional(e.location.probability) : std::nullopt) + field(t.y_m, 1e3) +
+             field(t.force_N) + '\n';
     const double seconds = seconds_between(estimates.front(), e);
     if (t.y_m && t.force_N.value_or(0.0) > 0.5) chart.truth.push_back({seconds, 1e3 * *t.y_m});
     if (y) chart.estimate.push_back({seconds, 1e3 * y->y_m});
     if (y && (!strongest || y->amplitude > strongest->contact()->amplitude)) strongest = &e;
   }
+  if (not_judged > 0)
+    progress.note(lumo::message(
+        log, ": ", not_judged, " of ", estimates.size(), " pictures are black or dark about one LED, and not located"));
   files.add("locations.csv", table);
   if (!chart.estimate.empty()) files.add("locations.svg", draw(chart));
   if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *strongest->contact()));

@@ -1,6 +1,7 @@
 #include "charts/chart.hpp"
 #include "commands/logs.hpp"
 #include "console/text.hpp"
+#include "sensing/checks.hpp"
 #include "sensing/findings.hpp"
 
 #include "lumo/sense/decode/constraint_gain.hpp"
@@ -101,7 +102,8 @@ struct Metrics : PlannedCommand {
     progress.stage("reading the log");
     const SensedLog s = read_sensed_log(path, SensedLog{}.bins, progress, topics);
     Measured m;
-    const auto holds = about(path, [&] { return hold_responses(s.profiles, s.log.session.segments); });
+    auto holds = about(path, [&] { return hold_responses(s.profiles, s.log.session.segments); });
+    if (tell_loads(s.log, progress)) take_measured_loads(holds, s.log.session, s.log.wrenches);
     const auto slopes = about(path, [&] { return slope_profiles(holds); });
     const auto repeated = [&](const auto& place) { return place.cols() >= 3 && place.cols() == slopes.front().cols(); };
     if (slopes.size() >= 2 && std::all_of(slopes.begin(), slopes.end(), repeated))

@@ -38,7 +38,8 @@ std::atomic<bool> gentle = false, asked_to_stop = false;
 }
 
 // OpenBLAS chooses its kernels by a list of processors: one that is younger than the list gets those that run anywhere,
-// with Debian 12's an Intel of 2023 for one, and presses take 2.6 times as long. What the processor can do decides here.
+// with Debian 12's an Intel of 2023 for one, and presses take 2.6 times as long. What the processor can do decides
+// here.
 const char* best_kernels() {
 #if defined(__x86_64__)
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") &&

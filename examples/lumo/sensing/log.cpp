@@ -2,8 +2,10 @@
 
 #include "lumo/core/files.hpp"
 #include "lumo/sense/recording/mcap/bag_metadata.hpp"
+#include "sensing/checks.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <sstream>
 #include <string_view>
@@ -160,21 +162,27 @@ OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& 
   return log;
 }
 
-FingerOptics optics_of(const SensedLog& s, const std::string& path) {
+FingerOptics optics_of(const SensedLog& s, const std::string& path, Progress& progress) {
   FingerOptics optics;
   optics.bins = s.bins;
   optics.view = s.view;
-  optics.unloaded = unloaded_reference(s.profiles, s.stretch, path);
+  const CheckedReference checked = checked_reference(s.profiles, s.stretch, path, s.view.unchanged);
+  tell_reference(s, checked, progress);
+  optics.unloaded = checked.reference;
   return optics;
 }
 
-SensedLog read_sensed_log(
-    const std::string& path, const LongitudinalBins& bins, Progress& progress, const McapTopics& topics) {
+SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress,
+    const McapTopics& topics, const UnloadedSeconds& unloaded) {
   SensedLog s;
   s.bins = bins;
   s.log = open_log(path, progress, topics);
   s.joints = on_frames_clock(s.log);
   s.stretch = unloaded_stretch(s.log);
+  if (unloaded) {
+    const std::int64_t first = s.log.frames.empty() ? 0 : s.log.frames.front().stamp_ns;
+    s.stretch = {first + std::llround(1e9 * (*unloaded)[0]), first + std::llround(1e9 * (*unloaded)[1]), true};
+  }
   about(path, [&] {
     LogCamera first(s.log);
     s.view = view_finger(first, s.log.session, s.stretch, path);

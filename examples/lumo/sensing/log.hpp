@@ -8,6 +8,7 @@
 #include "lumo/support/zstd.hpp"
 #include "sensing/pictures.hpp"
 
+#include <array>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -111,11 +112,14 @@ template <class Work> auto about(const std::string& path, Work work) {
 /// estimates are made.
 LogTruth truth_of(const OpenLog& log);
 
-/// What its unloaded pictures show. Throws InputError; `path` is named in it.
-FingerOptics optics_of(const SensedLog& s, const std::string& path);
+/// What its unloaded pictures show; notes state what speaks against them. Throws InputError; `path` is named in it.
+FingerOptics optics_of(const SensedLog& s, const std::string& path, Progress& progress);
 
-/// Throws InputError.
-SensedLog read_sensed_log(
-    const std::string& path, const LongitudinalBins& bins, Progress& progress, const McapTopics& topics);
+/// When the finger was unloaded [s after the first picture].
+using UnloadedSeconds = std::optional<std::array<double, 2>>;
+
+/// `unloaded`: as somebody states; empty: as the session does. Throws InputError.
+SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress,
+    const McapTopics& topics, const UnloadedSeconds& unloaded = {});
 
 }  // namespace lumo::program

@@ -14,6 +14,9 @@
 
 namespace lumo::sense {
 
+/// Of a reference, so that light relative to it is a number [DN].
+inline constexpr double least_light_DN = 1e-6;
+
 /// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch gives.
 /// `make_camera()` gives the pictures from their start. Throws InputError if no unloaded finger is seen or felt.
 template <class MakeCamera>
@@ -26,22 +29,35 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
   finger.optics.view = view_finger(first, recording.session, rest, recording.path);
   auto pictures = make_camera();
   GreenProfile readout = finger.optics.readout();
-  finger.optics.unloaded = unloaded_reference(read_profiles(pictures, readout), rest, recording.path);
-  finger.joints = unloaded_joints(recording, rest.to_ns);
+  finger.optics.unloaded =
+      unloaded_reference(read_profiles(pictures, readout), rest, recording.path, finger.optics.view.unchanged);
+  finger.joints = unloaded_joints(recording, rest);
   require_common_time(recording);
   return finger;
 }
 
-/// Profile → unloaded reference → location. Pictures that cannot be read have no profile and no estimate. Throws
-/// InvalidArgument for profiles of other bins.
+/// Profile → unloaded reference → location. Pictures that cannot be read have no profile and no estimate. Nor have
+/// those that are black, damaged (no number) or dark about one LED: their state is `invalid`, and `force.faults` says
+/// why. Light that changes as a whole is reported in `force.faults` only. Throws InvalidArgument for profiles of other
+/// bins.
 template <class MakeLocalizer> std::vector<FrameEstimate> locate(
     const std::vector<Profile>& profiles, const FingerOptics& finger, MakeLocalizer make_localizer) {
   auto localizer = make_localizer(finger);
+  FrameMonitor::Config watched;
+  watched.position_m = finger.readout().positions_m();
+  watched.unloaded = finger.unloaded.mean().cwiseMax(least_light_DN);
+  FrameMonitor monitor(watched);
   std::vector<FrameEstimate> list;
   for (Profile p : profiles) {
-    finger.unloaded.subtract(p);
     FrameEstimate e;
-    e.stamp_ns = p.stamp_ns;
+    e.stamp_ns = e.location.stamp_ns = p.stamp_ns;
+    e.force.faults = monitor.check_light(p, 0.0, 0.0).faults;
+    if (e.force.faults.has(Fault::frame_black) || e.force.faults.has(Fault::led_dead) || !p.value.allFinite()) {
+      list.push_back(std::move(e));
+      continue;
+    }
+    finger.unloaded.subtract(p);
+    e.force.state = EstimatorState::vision_only;
     e.location = localizer.update(p);
     list.push_back(std::move(e));
   }

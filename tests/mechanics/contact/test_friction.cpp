@@ -40,7 +40,8 @@ TEST_CASE(
   const Moving<Box> touching{&plate, Vec3d(1e-3, 1e-3, 1e-3), -Vec3d::UnitZ()};
   const FrictionHistory history(surface, law, law.friction, positions_of(mesh), touching);
   REQUIRE(history.points[0][0].gap <= 0.0);
-  const Vec3d origin = touching.origin, at = history.points[0][0].place, n = Vec3d(0.1, -0.2, 1.0).normalized(), u = n.unitOrthogonal(), v = n.cross(u);
+  const Vec3d origin = touching.origin, at = history.points[0][0].place, n = Vec3d(0.1, -0.2, 1.0).normalized(),
+              u = n.unitOrthogonal(), v = n.cross(u);
   const double pressure = 2e5, most = 0.4 * pressure;
   for (double slip : {3e-8, 1e-5, 3e-4}) {
     const Vec3d step = slip * (0.6 * u + 0.8 * v) + 1.5e-5 * n;  // along the normal nothing
@@ -52,10 +53,9 @@ TEST_CASE(
     CHECK(with_tool.traction.norm() < 1e-6);  // the tool went along
     for (int c = 0; c < 3; ++c) {
       const double h = 1e-4 * slip;
-      const Vec3d slope =
-          (history.answer(0, 0, at + step + h * Vec3d::Unit(c), origin, n, pressure).traction -
-              history.answer(0, 0, at + step - h * Vec3d::Unit(c), origin, n, pressure).traction) /
-          (2 * h);
+      const Vec3d slope = (history.answer(0, 0, at + step + h * Vec3d::Unit(c), origin, n, pressure).traction -
+                              history.answer(0, 0, at + step - h * Vec3d::Unit(c), origin, n, pressure).traction) /
+                          (2 * h);
       CHECK((slope + answer.stiffness.col(c)).norm() < 1e-5 * 3e9);
     }
   }

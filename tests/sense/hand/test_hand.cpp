@@ -181,8 +181,8 @@ RecordedHand recorded_hand() {
   session.frame_delay_s = 0.010;
   session.joint_delay_s = 0.004;
   for (std::size_t i = 0; i < scenes.size(); ++i) {
-    JointVector zero = JointVector::Zero(4);
-    joints.push_back({SceneCamera::stamp(i) + 5'000'000'000 - 10'000'000 + 4'000'000, scenes[i].sample(), zero, zero,
+    JointVector still = JointVector::Zero(4);
+    joints.push_back({SceneCamera::stamp(i) + 5'000'000'000 - 10'000'000 + 4'000'000, scenes[i].sample(), still, still,
         Effort::torque_Nm});
   }
   return log;

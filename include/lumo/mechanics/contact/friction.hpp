@@ -42,11 +42,9 @@ struct FrictionHistory {
 
   /// Springs without stretch at positions x, each 0.3 times as stiff as the law's penalty: a spring stretches by
   /// three overlaps times the coefficient.
-  template <ContactHandler Contact, class Tool> FrictionHistory(const ContactSurface& surface, const Contact& law,
-      double friction, const Positions& x, const Moving<Tool>& rigid)
-      : coefficient(friction),
-        stiffness_N_per_m3(0.3 * law.stiffness_N_per_m3),
-        points(surface.size()) {
+  template <ContactHandler Contact, class Tool> FrictionHistory(
+      const ContactSurface& surface, const Contact& law, double friction, const Positions& x, const Moving<Tool>& rigid)
+      : coefficient(friction), stiffness_N_per_m3(0.3 * law.stiffness_N_per_m3), points(surface.size()) {
     if (coefficient > 0.0) remember(surface, rigid, x);
   }
 

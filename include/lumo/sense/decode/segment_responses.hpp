@@ -19,6 +19,7 @@ struct HoldResponse {
   Segment segment;
   Eigen::VectorXd response;  ///< mean over the segment's profiles, minus the unloaded one that came last before it
   int profiles = 0;
+  double load_N = 0.0;  ///< that pressed: the segment's, or what a force sensor measured
 };
 
 /// Responses of all segments of kind `hold` that have profiles. Each is taken against the mean over the last
@@ -54,7 +55,7 @@ inline std::vector<HoldResponse> hold_responses(
     if (count == 0) continue;
     if (reference.size() != value.size())
       throw InvalidArgument(message("the unloaded segment that ends at ", before->to_ns, " ns has no profiles"));
-    list.push_back({s, value - reference, count});
+    list.push_back({s, value - reference, count, s.load_N});
   }
   return list;
 }
@@ -105,7 +106,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 }  // namespace detail
 
-/// Slope profiles p_{i,r} over the nominal loads of each re-contact: for each place along the finger, channels ×
+/// Slope profiles p_{i,r} over the loads of each re-contact: for each place along the finger, channels ×
 /// re-contacts. All holds of a re-contact that stand on one unloaded segment share its profile, which drops out.
 /// Throws InvalidArgument where more than one indenter or angle is among the holds, a load is held twice, or a place
 /// between two others is missing: its neighbours are none of each other.
@@ -124,7 +125,7 @@ inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldRespons
       Eigen::Index k = 0;
       for (const auto& hold : recontact.second) {
         response.col(k) = hold.second->response;
-        load[k++] = hold.first;
+        load[k++] = hold.second->load_N;
       }
       m.col(column++) = intensity_force_slope(response, load);
     }

@@ -25,10 +25,11 @@ struct ImageView {
   int height = 0;
   std::ptrdiff_t stride = 0;  ///< bytes from a row to the next
   PixelFormat format = PixelFormat::bgr;
+  int lit = 1;  ///< the channel that is measured: 0 blue, 1 green, 2 red; grey has one
 
   const std::uint8_t* row(int y) const { return data + y * stride; }
-  /// Green value, or the grey one. Unchecked.
-  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + 1]; }
+  /// Value of the measured channel, green unless `lit` says otherwise, or the grey one. Unchecked.
+  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + lit]; }
   bool empty() const { return !data || width <= 0 || height <= 0; }
 };
 

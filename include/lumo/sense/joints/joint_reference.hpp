@@ -81,30 +81,38 @@ inline double effort_step(std::span<const JointSample> samples, int joint, const
   return step;
 }
 
-/// Friction, weight and offset of each joint from the samples up to `until_ns`, which must be without contact. Moving
-/// samples show friction, resting ones what sticks. `torque_constant_Nm_per_A`: of each joint, which such a run does
-/// not show; joints that give torques need none. Throws InvalidArgument for numbers that are not finite.
-inline JointReference identify_joints(std::span<const JointSample> samples,
-    std::span<const double> torque_constant_Nm_per_A, std::int64_t until_ns, const JointIdentification& limits = {}) {
+/// Friction, weight and offset of each joint from samples without contact. Moving samples show friction, resting ones
+/// what sticks. `torque_constant_Nm_per_A`: of each joint, which such a run does not show; joints that give torques
+/// need none. Throws InvalidArgument for numbers that are not finite.
+inline JointReference identify_joints(std::span<const JointSample> free,
+    std::span<const double> torque_constant_Nm_per_A, const JointIdentification& limits = {}) {
   JointReference reference;
-  std::vector<JointSample> free, moving;
-  for (const JointSample& s : samples)
-    if (s.stamp_ns <= until_ns) {
-      free.push_back(s);
-      if (s.velocity_rad_per_s.cwiseAbs().maxCoeff() > limits.moving_rad_per_s) moving.push_back(s);
-    }
   if (free.empty()) return reference;
+  std::vector<JointSample> moving;
+  for (const JointSample& s : free)
+    if (s.velocity_rad_per_s.cwiseAbs().maxCoeff() > limits.moving_rad_per_s) moving.push_back(s);
   const auto joints = int(free.front().effort.size());
   for (int j = 0; j < joints; ++j) {
     TorqueModel start;
     if (std::size_t(j) < torque_constant_Nm_per_A.size())
       start.torque_constant_Nm_per_A = torque_constant_Nm_per_A[std::size_t(j)];
-    reference.torque.push_back(identify_unloaded(moving.size() >= limits.least_moving ? moving : free, j, start).model);
+    reference.torque.push_back(
+        identify_unloaded(moving.size() >= limits.least_moving ? std::span<const JointSample>(moving) : free, j, start)
+            .model);
     reference.standstill_Nm.push_back(
         standstill_scatter(free, j, reference.torque.back(), limits).value_or(limits.assumed_standstill_Nm));
     reference.effort_step = std::max(reference.effort_step, effort_step(free, j, limits));
   }
   return reference;
+}
+
+/// From the samples up to `until_ns`.
+inline JointReference identify_joints(std::span<const JointSample> samples,
+    std::span<const double> torque_constant_Nm_per_A, std::int64_t until_ns, const JointIdentification& limits = {}) {
+  std::vector<JointSample> free;
+  for (const JointSample& s : samples)
+    if (s.stamp_ns <= until_ns) free.push_back(s);
+  return identify_joints(free, torque_constant_Nm_per_A, limits);
 }
 
 }  // namespace lumo::sense

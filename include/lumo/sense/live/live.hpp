@@ -96,13 +96,17 @@ template <Camera C, class Meanwhile> LiveRest look_at_rest(
   LiveRest seen{finger, {}, frame};
   seen.optics.view = view_finger(mean.image().view(), session, wait.name);
   GreenProfile readout = seen.optics.readout();
-  seen.optics.unloaded = {};
-  UnloadedReference& unloaded = seen.optics.unloaded;
-  Profile p;
+  RepeatedPixels repeated;
+  std::vector<Profile> profiles(rest.size());
+  std::vector<const Profile*> read;
   for (std::size_t k = 0; k < rest.size(); ++k) {
     rest[k].image = kept[k].view();
-    if (readout.read(rest[k], p)) unloaded.add(p);
+    repeated.add(rest[k].image);
+    if (readout.read(rest[k], profiles[k])) read.push_back(&profiles[k]);
   }
+  seen.optics.view.unchanged = repeated.share();
+  seen.optics.unloaded = checked_reference(read, repeated.share()).reference;
+  const UnloadedReference& unloaded = seen.optics.unloaded;
   if (unloaded.count() < 2)
     throw InputError(
         message(wait.name, ": ", unloaded.count(), " pictures of the unloaded finger can be read, must be at least 2"));

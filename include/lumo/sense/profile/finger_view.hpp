@@ -4,6 +4,7 @@
 #include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/profile/green_profile.hpp"
 #include "lumo/sense/profile/led_detector.hpp"
+#include "lumo/sense/profile/unloaded_check.hpp"
 #include "lumo/sense/profile/unloaded_reference.hpp"
 #include "lumo/sense/recording/session.hpp"
 
@@ -16,17 +17,17 @@
 
 namespace lumo::sense {
 
-/// The stretch of a log before the first contact, with the finger unloaded: the first segment of kind `unloaded`, or
-/// else the first half second.
+/// The stretch of a log with the finger unloaded: the first segment of kind `unloaded`, or else the first half second.
 struct UnloadedStretch {
   static constexpr std::int64_t first_ns = 500'000'000;
   std::int64_t from_ns = 0, to_ns = 0;
+  bool chosen = false;  ///< by whoever knows the log: of what came before nothing is assumed
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
     const auto known = std::find_if(
         s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
-    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns}
-                                     : UnloadedStretch{known->from_ns, known->to_ns};
+    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns, false}
+                                     : UnloadedStretch{known->from_ns, known->to_ns, false};
   }
   bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
 };
@@ -67,9 +68,11 @@ struct FingerView {
   double band_low_m = 0.0, band_high_m = 0.0;  ///< as GreenProfile::Config
   int width = 0, height = 0;
   PixelFormat format = PixelFormat::bgr;
+  int lit = 1;             ///< the channel in which the LEDs are seen, as ImageView has it
+  double unchanged = 0.0;  ///< share of lit pixels that a picture repeats of the last one (RepeatedPixels); 0: unknown
 
   GreenProfile readout(const LongitudinalBins& bins) const {
-    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format});
+    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format, 1, lit});
   }
 };
 
@@ -110,29 +113,97 @@ inline std::pair<double, double> lit_band(
   return {scale * (low - 0.5), scale * (high + 0.5)};
 }
 
-/// From a picture of the unloaded finger. Throws InputError, with `name` before the message, if it shows no LEDs.
-inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
-  std::optional<LedDetection> leds;
+/// Throws InputError where the row of LEDs lies at nearly a right angle to the tip's direction as the session has it,
+/// so that a slight turn of the camera would decide which end is the tip.
+inline void require_tip_known(const AxisMap& map, const Session& session, const std::string& name) {
+  constexpr double farthest_deg = 70.0, deg_per_rad = 57.29577951308232;
+  const Eigen::Vector2d& d = map.direction;
+  const double cosine = d.dot(session.distal.normalized()),
+               turned_deg = deg_per_rad * std::acos(std::clamp(cosine, -1.0, 1.0));
+  if (turned_deg <= farthest_deg) return;
+  const bool upright = std::abs(d.y()) > std::abs(d.x());
+  throw InputError(message(name, ": the row of LEDs lies at ", std::lround(turned_deg), "° to the tip's direction, [",
+      session.distal.x(), ", ", session.distal.y(),
+      "], which does not say which end is the tip; state leds.distal in the "
+      "session: ",
+      upright ? "[0, 1] if the tip is below, [0, -1] if it is above"
+              : "[1, 0] if the tip is on the right, [-1, 0] if it is on the left"));
+}
+
+/// What may be wrong with the exposure of a picture without LEDs; empty: nothing.
+inline std::string exposure_hint(const ImageView& v) {
+  constexpr int dark_DN = 60;          // of the brightest value
+  constexpr double full_share = 0.02;  // of values at 255
+  int most = 0;
+  double full = 0.0;
+  const int bytes = v.empty() ? 0 : v.width * channels(v.format);
+  for (int y = 0; y < v.height && bytes > 0; ++y)
+    for (int i = 0; i < bytes; ++i) {
+      most = std::max<int>(most, v.row(y)[i]);
+      full += v.row(y)[i] == 255 ? 1.0 / (double(bytes) * v.height) : 0.0;
+    }
+  if (bytes > 0 && most < dark_DN)
+    return message("; the brightest value is ", most, " of 255: the pictures are under-exposed");
+  if (full > full_share)
+    return message("; ", std::lround(100.0 * full), " % of the values are 255: the pictures are over-exposed");
+  return "";
+}
+
+/// The LEDs, and the channel that they are seen in: green, unless another shows them alone or far brighter.
+struct LitChannel {
+  int lit = 1;
+  LedDetection leds;
+};
+
+/// nullopt where no channel shows the row.
+inline std::optional<LitChannel> find_leds(ImageView unloaded, const LedDetector& detector) {
+  constexpr double far_brighter = 2.5;  // contrast over green's, beyond which green sees the others' leak
+  std::optional<LitChannel> best;
+  double most = 0.0;
+  for (const int channel : {1, 0, 2}) {
+    if (channel != 1 && unloaded.format == PixelFormat::grey) continue;
+    unloaded.lit = channel;
+    const auto leds = detector.find(unloaded);
+    if (!leds) continue;
+    if (const double contrast = leds->contrast.minCoeff(); !best || contrast > most) {
+      best = LitChannel{channel, *leds};
+      most = contrast * (channel == 1 ? far_brighter : 1.0);
+    }
+  }
+  return best;
+}
+
+/// From a picture of the unloaded finger. Throws InputError, with `name` before the message, if it shows no LEDs, or
+/// the session does not say which end of their row is the tip.
+inline FingerView view_finger(ImageView unloaded, const Session& session, const std::string& name) {
+  std::optional<LitChannel> seen;
   const double parallax = led_parallax(session);
   if (!unloaded.empty())
-    leds =
-        LedDetector{session.led_count, parallax * session.led_pitch_m, parallax * session.led_first_y_m, session.distal}
-            .find(unloaded);
-  if (!leds)
-    throw InputError(
-        message(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
-  const auto [low, high] = lit_band(unloaded, leds->map);
-  return {*leds, low, high, unloaded.width, unloaded.height, unloaded.format};
+    seen = find_leds(unloaded, LedDetector{session.led_count, parallax * session.led_pitch_m,
+                                   parallax * session.led_first_y_m, session.distal});
+  if (!seen)
+    throw InputError(message(name, ": no row of ", session.led_count,
+        " LEDs is seen in the pictures of the unloaded finger", exposure_hint(unloaded)));
+  require_tip_known(seen->leds.map, session, name);
+  unloaded.lit = seen->lit;
+  const auto [low, high] = lit_band(unloaded, seen->leds.map);
+  return {seen->leds, low, high, unloaded.width, unloaded.height, unloaded.format, seen->lit};
 }
 
 /// Mean picture of the unloaded stretch, and the finger in it. Throws InputError.
 template <Camera C>
 FingerView view_finger(C& camera, const Session& session, const UnloadedStretch& stretch, const std::string& name) {
   MeanImage mean;
+  RepeatedPixels repeated;
   for (auto f = camera.next(); f && f->stamp_ns <= stretch.to_ns; f = camera.next())
-    if (stretch.holds(f->stamp_ns)) mean.add(f->image);
+    if (stretch.holds(f->stamp_ns)) {
+      mean.add(f->image);
+      repeated.add(f->image);
+    }
   if (mean.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
-  return view_finger(mean.image().view(), session, name);
+  FingerView view = view_finger(mean.image().view(), session, name);
+  view.unchanged = repeated.share();
+  return view;
 }
 
 /// Profiles of all frames that the readout can read.
@@ -144,14 +215,20 @@ template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& 
   return list;
 }
 
-/// Of the profiles in the unloaded stretch. Throws InputError when there are none.
-inline UnloadedReference unloaded_reference(
-    const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
-  UnloadedReference reference;
+/// Of the profiles in the unloaded stretch that agree with each other. `unchanged`: FingerView's. Throws InputError
+/// when there are none.
+inline CheckedReference checked_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
+    const std::string& name, double unchanged = 0.0) {
+  std::vector<const Profile*> held;
   for (const Profile& p : profiles)
-    if (stretch.holds(p.stamp_ns)) reference.add(p);
-  if (reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
-  return reference;
+    if (stretch.holds(p.stamp_ns)) held.push_back(&p);
+  CheckedReference checked = checked_reference(held, unchanged);
+  if (checked.reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
+  return checked;
+}
+inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
+    const std::string& name, double unchanged = 0.0) {
+  return checked_reference(profiles, stretch, name, unchanged).reference;
 }
 
 }  // namespace lumo::sense

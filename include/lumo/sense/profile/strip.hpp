@@ -63,6 +63,7 @@ class Strip {
     int width = 640, height = 480;  ///< of the frames [px]
     PixelFormat format = PixelFormat::bgr;
     int row_step = 1;  ///< reads every n-th line along the finger: image rows, or columns for an upright finger
+    int lit = 1;       ///< the channel that is measured, as ImageView has it
   };
 
   /// Throws InvalidArgument for a band outside of the image or numbers out of range.
@@ -161,10 +162,11 @@ inline Strip::Strip(const Config& c)
     : width_(c.width),
       height_(c.height),
       channels_(sense::channels(c.format)),
-      channel_(c.format == PixelFormat::bgr ? 1 : 0),
+      channel_(c.format == PixelFormat::bgr ? c.lit : 0),
       format_(c.format) {
   require_in_range("frame width", c.width, 1, max_image_side, "px");
   require_in_range("frame height", c.height, 1, max_image_side, "px");
+  require_in_range("measured channel", c.lit, 0, 2, "");
   require_in_range("row step", c.row_step, 1, c.height, "");
   require_in_range("band's upper limit", c.band_high_m, c.band_low_m, 10.0, "m");
   validate(c.bins);

@@ -1,0 +1,139 @@
+#include "sensing/checks.hpp"
+
+#include "console/text.hpp"
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace lumo::program {
+
+using namespace sense;
+
+namespace {
+
+constexpr double least_light_DN = 6.0;
+
+std::string stretch_text(const SensedLog& s) {
+  const std::int64_t first = s.log.frames.empty() ? 0 : s.log.frames.front().stamp_ns;
+  return cell(1e-9 * double(std::max<std::int64_t>(0, s.stretch.from_ns - first)), 2) + " to " +
+         cell(1e-9 * double(s.stretch.to_ns - first), 2) + " s";
+}
+
+std::string list_text(const std::vector<int>& numbers) {
+  std::string text;
+  for (const int n : numbers) text += (text.empty() ? "" : ", ") + std::to_string(n);
+  return text;
+}
+
+}  // namespace
+
+void tell_reference(const SensedLog& s, const CheckedReference& checked, Progress& progress) {
+  const std::string& path = s.log.path;
+  const std::string of =
+      " of the " + std::to_string(checked.pictures) + " pictures of the unloaded finger (" + stretch_text(s) + ")";
+  if (checked.left_out > 0)
+    progress.note(path + ": " + std::to_string(checked.left_out) + of +
+                  " do not agree with the rest and are left out (exposure that settles, or a touch)");
+  if (checked.repeated > 0)
+    progress.note(path + ": " + std::to_string(checked.repeated) + of + " repeat the one before and are counted once");
+  if (checked.repeats)
+    progress.note(path + ": pictures repeat each other's pixels" +
+                  (s.view.unchanged > 0.0 ? " (up to " + cell(100.0 * s.view.unchanged, 0) + " %)" : std::string()) +
+                  ", as a video codec makes them; their noise is taken as at least " + cell(checked.least_noise, 1) +
+                  " DN, small contacts may be missed");
+  if (checked.scatters)
+    progress.note(path + ": the pictures of the unloaded finger (" + stretch_text(s) + ") scatter by " +
+                  cell(100.0 * checked.scatter, 1) + " % of the light, " + cell(100.0 * checked.together, 1) +
+                  " % all together (lamps or room that flicker, exposure), too much for a finger at rest; small "
+                  "contacts are missed; --unloaded chooses another stretch");
+  if (checked.saturated > 0.01)
+    progress.note(path + ": " + cell(100.0 * checked.saturated, 1) +
+                  " % of the finger's pixels are full (255) in the pictures of the unloaded finger: contacts there "
+                  "cannot be seen; expose shorter");
+  if (const double light = checked.reference.mean().mean(); light < least_light_DN)
+    progress.note(path + ": the unloaded finger has " + cell(light, 1) +
+                  " DN of light, steps of 8 bits are no longer small; expose longer");
+  if (s.view.lit != 1)
+    progress.note(path + ": the LEDs are seen in " + (s.view.lit == 2 ? "red" : "blue") +
+                  " and not, or hardly, in green: that channel is measured");
+  if (const auto full = std::count_if(s.profiles.begin(), s.profiles.end(),
+          [](const Profile& p) { return p.saturated > FrameMonitor::Config{}.saturated; });
+      100 * full > std::ptrdiff_t(s.profiles.size()))
+    progress.note(path + ": in " + std::to_string(full) + " of " + std::to_string(s.profiles.size()) +
+                  " pictures more than 5 % of the finger's pixels are full (255): strong contacts are cut");
+  if (const auto touched = touched_reference(s.profiles, s.bins.centres_m(), checked.reference))
+    progress.note(path + ": the finger may have been touched while it was taken for unloaded (" + stretch_text(s) +
+                  "): " + std::to_string(touched->frames) + " of " + std::to_string(touched->of) +
+                  " pictures are darker by " + cell(touched->darker_DN, 1) +
+                  " DN at y = " + cell(1e3 * touched->y_m, 1) + " mm; --unloaded says when it was unloaded");
+}
+
+namespace {
+
+void tell_effort(const OpenLog& log, int joint, Progress& progress) {
+  const EffortCheck check = about(log.path, [&] { return check_effort(log.joints, joint); });
+  const std::string of = log.path + ": efforts of joint " + std::to_string(joint);
+  const char* const unit = log.joints.front().unit == Effort::current_A ? " A" : " N·m";
+  if (check.never_changes)
+    throw InputError(lumo::message(log.path, ": the effort of joint ", joint, " never changes: it is ",
+        log.joints.front().effort[joint], unit, " in all ", log.joints.size(), " samples"));
+  if (check.milli) progress.note(of + " are mostly beyond 100 A: they seem to be mA");
+  if (check.wraps) progress.note(of + " lie near 0 and near 65536: negative numbers of 16 bits are read as unsigned");
+  if (check.at_limit > 0.0)
+    progress.note(of + " stand at " + short_number(check.limit) + unit + " in " + cell(100.0 * check.at_limit, 1) +
+                  " % of the samples: a limit of the driver, forces there are lower bounds");
+  if (check.stuck_share > 0.0)
+    progress.note(of + " are the very same for more than a second in " + cell(100.0 * check.stuck_share, 1) +
+                  " % of the log: the driver was stuck");
+}
+
+}  // namespace
+
+void tell_joints(const OpenLog& log, Progress& progress) {
+  std::vector<JointSample> samples = log.joints;
+  const auto joints = samples.empty() ? 0 : int(samples.front().effort.size());
+  for (int j = 0; j < joints; ++j) tell_effort(log, j, progress);
+  for (const std::string& note : mend_velocities(samples)) progress.note(log.path + ": " + note);
+}
+
+void tell_torques(const SensedLog& s, std::span<const FrameEstimate> estimates, const FingerModel<>& finger,
+    double noise_Nm, Progress& progress) {
+  const OpenLog& log = s.log;
+  if (touched_reference(s.profiles, s.bins.centres_m(), finger.optics.unloaded)) return;  // contacts are not known
+  const PadRange range{finger.link, finger.optics.from_m, finger.optics.to_m};
+  const TorqueAgreement t = torque_agreement(estimates, finger.jacobian, range, noise_Nm);
+  const std::string seen = " in the " + std::to_string(t.contacts) + " frames in which the pictures see a contact";
+  for (const int j : t.reversed)
+    progress.note(log.path + ": the torque of joint " + std::to_string(j) + " falls" + seen +
+                  ", which no push can do: its sign is reversed; a torque constant of " +
+                  short_number(-finger.joints.torque[std::size_t(j)].torque_constant_Nm_per_A) +
+                  " N·m/A in session.json turns it");
+  if (!t.better_order.empty())
+    progress.note(log.path + ": the joints seem to be listed in another order than along the finger: in the order " +
+                  list_text(t.better_order) + " their torques fit" + seen);
+  const bool single = finger.jacobian.joints() == 1;
+  if (t.mirrored ||
+      (single && mirrored_by_sensor(estimates, MomentArm{log.session.joint_to_origin_m}, log.session, log.wrenches)))
+    progress.note(log.path + ": places by torque run against places by light" + seen +
+                  ": leds.distal in session.json may name the other end");
+  if (force_falls_in_contacts(estimates, log.session, log.wrenches) && !check_loads(log.session, log.wrenches).reversed)
+    progress.note(log.path + ": the normal force of wrench.csv falls" + seen +
+                  ": the sensor reports the force of the finger on the object; turn its sign");
+}
+
+bool tell_loads(const OpenLog& log, Progress& progress) {
+  const LoadCheck check = check_loads(log.session, log.wrenches);
+  if (check.reversed)
+    progress.note(log.path +
+                  ": the normal force of wrench.csv is negative in the holds: the sensor reports the force of "
+                  "the finger on the object; turn the sign of its columns");
+  if (check.differs)
+    progress.note(log.path + ": the force sensor says that " + cell(100.0 * check.share, 0) +
+                  " % of each load was reached (" + std::to_string(check.holds) +
+                  " holds, median); slopes are per newton that it measured");
+  return check.differs;
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,31 @@
+#pragma once
+
+#include "console/progress.hpp"
+#include "sensing/log.hpp"
+
+#include "lumo/sense/decode/measured_loads.hpp"
+#include "lumo/sense/force/stream_checks.hpp"
+#include "lumo/sense/joints/effort_check.hpp"
+
+#include <span>
+
+/// Notes of what a log's streams say against each other, or against what they are taken for.
+namespace lumo::program {
+
+using namespace sense;
+
+/// What the start of the pictures shows is not what an unloaded finger does.
+void tell_reference(const SensedLog& s, const CheckedReference& checked, Progress& progress);
+
+/// Efforts that no driver reports, and velocities that do not fit the positions. Throws InputError where efforts never
+/// change.
+void tell_joints(const OpenLog& log, Progress& progress);
+
+/// Torques that do not fit the contacts that the pictures see, and a force sensor that does not.
+void tell_torques(const SensedLog& s, std::span<const FrameEstimate> estimates, const FingerModel<>& finger,
+    double noise_Nm, Progress& progress);
+
+/// A force sensor that does not fit the loads of the holds. Returns whether the measured loads count.
+bool tell_loads(const OpenLog& log, Progress& progress);
+
+}  // namespace lumo::program
