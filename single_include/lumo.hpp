@@ -45,14 +45,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <exception>
+#include <fcntl.h>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <iterator>
 #include <limits>
+#include <locale>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -71,6 +72,7 @@
 #include <thread>
 #include <tuple>
 #include <type_traits>
+#include <unistd.h>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -187,9 +189,10 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
   return p + (s.size() > most ? "..." : "");
 }
 
-/// Joins its arguments into one line of text.
+/// Joins its arguments into one line of text, the same under every locale: it also becomes SQL and files.
 template <class... Args> std::string message(const Args&... args) {
   std::ostringstream out;
+  out.imbue(std::locale::classic());
   out.precision(10);
   (out << ... << args);
   return out.str();
@@ -559,16 +562,59 @@ inline std::optional<std::string> read_whole(const std::string& path, std::uintm
   return bytes;
 }
 
-/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one
-/// is replaced. Throws InputError of one line, and leaves what was there.
-inline void write_whole(const std::string& path, std::string_view bytes) {
+/// All bytes of a file, a pipe or a device that ends. Throws InputError of one line that names file and reason, also
+/// for more than `most` bytes.
+inline std::string read_text(const std::string& path, std::size_t most = std::size_t{1} << 26) {
+  const auto refuse = [&](const std::string& why) { throw InputError(message(path, ": cannot be read: ", why)); };
+  const auto reason = [] { return std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message(); };
+  errno = 0;
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
+  if (!file) refuse(reason());
+  std::string text(std::size_t{1} << 16, '\0');
+  for (std::size_t size = 0;;) {
+    if (size == text.size()) text.resize(std::min(2 * size, most + 1));
+    const std::size_t n = std::fread(text.data() + size, 1, text.size() - size, file.get());
+    size += n;
+    if (size > most) refuse(message("it has more than ", most, " bytes"));
+    if (n > 0) continue;
+    if (std::ferror(file.get()) != 0) refuse(reason());
+    text.resize(size);
+    return text;
+  }
+}
+
+/// Brings a file or folder to the disk; errno says why not.
+inline bool synchronise(const std::string& path) {
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0) return false;
+  const bool done = ::fsync(file) == 0;
+  const int why = errno;
+  ::close(file);
+  errno = why;
+  return done;
+}
+
+/// What a power failure leaves of a file that was written.
+enum class Durability {
+  disk,   ///< the whole of it, once the call has returned
+  memory  ///< what the system had written by then: for the many pictures of a recording
+};
+
+/// The whole file or none, after a power failure, too: written beside its place under a name that no other writer
+/// takes, brought to the disk, then renamed; an older one is replaced. Throws InputError of one line, and leaves what
+/// was there.
+inline void write_whole(const std::string& path, std::string_view bytes, Durability durability = Durability::disk) {
   // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
   const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
   errno = 0;
   std::ofstream out(part, std::ios::binary);
   out.write(bytes.data(), std::streamsize(bytes.size()));
   out.close();
-  if (out && std::rename(part.c_str(), path.c_str()) == 0) return;
+  const bool durable = durability == Durability::disk;
+  if (out && (!durable || synchronise(part)) && std::rename(part.c_str(), path.c_str()) == 0) {
+    if (durable) synchronise(std::filesystem::absolute(path).parent_path().string());  // the name must last as well
+    return;
+  }
   const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
   std::remove(part.c_str());
   throw InputError(message(path, ": cannot be written: ", why));
@@ -6663,7 +6709,7 @@ template <class T> void vtu_array(
   std::memcpy(bytes.data(), &size, sizeof size);
   if (size > 0) std::memcpy(bytes.data() + sizeof size, values.data(), size);
   out << "<DataArray type=\"" << type << "\" Name=\"" << name << "\"";
-  if (components > 1) out << " NumberOfComponents=\"" << components << "\"";
+  if (components > 1) out << message(" NumberOfComponents=\"", components, "\"");
   out << " format=\"binary\">" << base64(bytes) << "</DataArray>\n";
 }
 
@@ -6697,8 +6743,8 @@ inline void write_vtu(std::ostream& out, const TetMesh& mesh, const std::span<co
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\""
       << (std::endian::native == std::endian::little ? "LittleEndian" : "BigEndian")
       << "\" header_type=\"UInt64\">\n<UnstructuredGrid>\n"
-      << "<Piece NumberOfPoints=\"" << mesh.nodes.size() << "\" NumberOfCells=\"" << mesh.tets.size()
-      << "\">\n<Points>\n";
+      << message(
+             "<Piece NumberOfPoints=\"", mesh.nodes.size(), "\" NumberOfCells=\"", mesh.tets.size(), "\">\n<Points>\n");
   vtu_array(out, "Float64", "position_m", 3, node_field("", mesh.nodes).values);
   out << "</Points>\n<Cells>\n";
   vtu_array(out, "Int64", "connectivity", 1, connectivity);
@@ -10817,30 +10863,33 @@ struct FrictionForces {
 /// Coulomb friction that remembers: a point of the surface sticks by a stiff spring along the rigid surface until the
 /// spring's force is the coefficient times the pressure, and then slides with it. The spring's stretch is carried from
 /// one equilibrium to the next. Source: Wriggers 2006, §5.2 (regularised Coulomb law, return mapping).
+///
+/// A point that comes into contact between two equilibria slips from then on only. Sticking, it is carried along by a
+/// tool from where that met it: the tool's way counts from there. On what does not move, slip is the share of the
+/// point's way that lies beyond the surface.
 struct FrictionHistory {
   double coefficient = 0.0;
   double stiffness_N_per_m3 = 0.0;  ///< of the spring
   /// 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle.
   double turning = 1.0;
-  Vec3d origin{0.0, 0.0, 0.0};              ///< of the rigid thing's frame at the last equilibrium [m]
-  std::vector<std::vector<Vec3d>> place;    ///< of each surface point there, face by face [m]
-  std::vector<std::vector<Vec3d>> stretch;  ///< of its spring there [m]
 
-  /// Springs without stretch at positions x, each a tenth as stiff as the law's penalty: a spring stretches by ten
-  /// overlaps times the coefficient.
-  template <ContactHandler Contact> FrictionHistory(
-      const ContactSurface& surface, const Contact& law, double friction, const Positions& x, const Vec3d& rigid_origin)
-      : coefficient(friction),
-        stiffness_N_per_m3(0.1 * law.stiffness_N_per_m3),
-        origin(rigid_origin),
-        place(surface.size()),
-        stretch(surface.size()) {
-    if (coefficient == 0.0) return;
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (const SurfacePoint& p : surface.points(f)) {
-        place[f].push_back(surface.position(f, p, x));
-        stretch[f].push_back({0.0, 0.0, 0.0});
-      }
+  /// A surface point at the last equilibrium.
+  struct Point {
+    Vec3d place;    ///< [m]
+    Vec3d stretch;  ///< of its spring [m]
+    double gap;     ///< [m]
+    double ahead;   ///< advance after which the rigid thing meets it there [m]; infinite: never
+  };
+  Vec3d origin{0.0, 0.0, 0.0};     ///< of the rigid thing's frame there [m]
+  Vec3d direction{0.0, 0.0, 0.0};  ///< of its advance, unit
+  std::vector<std::vector<Point>> points;
+
+  /// Springs without stretch at positions x, each 0.3 times as stiff as the law's penalty: a spring stretches by
+  /// three overlaps times the coefficient.
+  template <ContactHandler Contact, class Tool> FrictionHistory(
+      const ContactSurface& surface, const Contact& law, double friction, const Positions& x, const Moving<Tool>& rigid)
+      : coefficient(friction), stiffness_N_per_m3(0.3 * law.stiffness_N_per_m3), points(surface.size()) {
+    if (coefficient > 0.0) remember(surface, rigid, x);
   }
 
   /// Traction [Pa] on the body at a point in contact, its stiffness [N/m³] at constant pressure, and the spring's
@@ -10853,12 +10902,13 @@ struct FrictionHistory {
   Answer answer(std::size_t face, std::size_t point, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal,
       double pressure) const {
     const Mat3d along = Mat3d::Identity() - normal * normal.transpose();
-    const Vec3d s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
+    const auto [slip, share] = slip_since_touch(points[face][point], at, rigid_origin, normal);
+    const Vec3d s = along * slip;
     const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
-    if (length <= most) return {-stiffness_N_per_m3 * s, stiffness_N_per_m3 * along, s};
+    if (length <= most) return {-stiffness_N_per_m3 * s, share * stiffness_N_per_m3 * along, s};
     const Vec3d way = s / length;
     return {-stiffness_N_per_m3 * most * way,
-        stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
+        share * stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
   }
 
   /// Takes positions x, with the rigid thing as it is now, as the last equilibrium. Springs out of contact relax.
@@ -10869,14 +10919,11 @@ struct FrictionHistory {
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const Vec3d at = surface.position(f, surface.points(f)[k], x);
         const DistanceSample d = rigid.sample(at);
-        stretch[f][k] = d.distance < 0.0
-                            ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
-                            : Vec3d(Vec3d::Zero());
+        points[f][k].stretch =
+            d.distance < 0.0 ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
+                             : Vec3d(Vec3d::Zero());
       }
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (std::size_t k = 0; k < surface.points(f).size(); ++k)
-        place[f][k] = surface.position(f, surface.points(f)[k], x);
-    origin = rigid.origin;
+    remember(surface, rigid, x);
   }
 
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
@@ -10897,6 +10944,45 @@ struct FrictionHistory {
         sum += force;
       }
     return sum;
+  }
+
+ private:
+  template <class Tool> void remember(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
+    origin = rigid.origin;
+    direction = rigid.direction;
+    for (std::size_t f = 0; f < surface.size(); ++f) {
+      points[f].resize(surface.points(f).size(), {Vec3d::Zero(), Vec3d::Zero(), 0.0, 0.0});
+      for (std::size_t k = 0; k < points[f].size(); ++k) {
+        Point& p = points[f][k];
+        p.place = surface.position(f, surface.points(f)[k], x);
+        p.gap = rigid.distance(p.place);
+        p.ahead = advance_to_meet(rigid, p.place, p.gap);
+      }
+    }
+  }
+
+  // Steps of the distance: none goes beyond the surface.
+  template <class Tool> static double advance_to_meet(const Moving<Tool>& rigid, const Vec3d& place, double gap) {
+    constexpr int most_steps = 40;
+    constexpr double met = 1e-9;  // [m]
+    double ahead = 0.0;
+    if (rigid.direction.isZero(0.0)) return std::numeric_limits<double>::infinity();
+    for (int k = 0; k < most_steps && gap > met; ++k) {
+      ahead += gap;
+      gap = rigid.distance(place - ahead * rigid.direction);
+    }
+    return gap > met ? std::numeric_limits<double>::infinity() : ahead;
+  }
+
+  // What a point has slipped by [m] since it came into contact, not yet projected on the surface, and how much of its
+  // motion counts.
+  std::pair<Vec3d, double> slip_since_touch(
+      const Point& p, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal) const {
+    const Vec3d motion = (at - p.place) - (rigid_origin - origin);
+    if (p.gap <= 0.0) return {p.stretch + motion, 1.0};
+    if (std::isfinite(p.ahead)) return {motion + p.ahead * direction, 1.0};
+    const double closed = -normal.dot(motion), share = closed > p.gap ? 1.0 - p.gap / closed : 0.0;
+    return {share * motion, share};
   }
 };
 
@@ -12136,7 +12222,7 @@ template <class Model, Indenter Tool> struct PressSystem {
 
   ScaledContact<decltype(Model::contact)> contact() const { return {&model.contact, penalty_scale}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
-  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::UnitZ()}; }
+  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::Zero()}; }  ///< stands still
 
   /// Elastic + contact energy − load · advance [J]; +∞ for an inverted element.
   double energy(const Positions& x, double advance, double load) const {
@@ -12353,8 +12439,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations),
         now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, touch.origin),
-        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, Vec3d::Zero()) {
+        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, system_.indenter(0.0)),
+        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, system_.support()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -12367,7 +12453,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     auto state = std::tie(now_, touched_, rested_, load_);
     // The last one that was reached closely: a loose one may be what led astray.
     std::tuple<typename System::Place, FrictionHistory, FrictionHistory, double> reached = state;
-    double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
+    double first = std::min(load, largest_first_load()) * (has_friction() ? first_share : 1.0),
+           stride = config_.load_stride;
+    double on_the_way = has_friction() ? close : loose;  // friction remembers where strides end
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
                    tolerance = next == load ? config_.residual_tolerance : on_the_way;
@@ -12408,10 +12496,14 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
+  bool has_friction() const { return touched_.coefficient > 0.0 || rested_.coefficient > 0.0; }
+
   // Residual over load at which a stride on the way may end, at first and after a loss.
   static constexpr double loose = 0.3, close = 1e-3;
   // Residual over load below which points seldom come and go, or change between sticking and sliding.
   static constexpr double settled = 1e-2;
+  // Of the first load. A contact that has grown at once has slipped another way than one that grew.
+  static constexpr double first_share = 0.1;
   static constexpr int most_cuts = 8;  // of the strides to one load
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
@@ -19418,11 +19510,176 @@ struct Outcome {
   std::vector<double> objectives;
 };
 
+/// Evaluations that ended, and how many of them failed.
+struct FailureTally {
+  int failed = 0, ended = 0;
+};
+
+/// Counts designs: a failure of the machine is no evaluation.
+inline FailureTally design_failures(const std::vector<Trial>& trials) {
+  FailureTally tally;
+  for (const Trial& t : trials) {
+    const bool failed = t.state == Trial::State::failed && !t.retry;
+    tally.failed += failed;
+    tally.ended += failed || t.state == Trial::State::observed;
+  }
+  return tally;
+}
+
+/// Counts failures of the machine in the trials `own`.
+inline FailureTally machine_failures(const std::vector<Trial>& trials, const std::set<int>& own) {
+  FailureTally tally{0, int(own.size())};
+  for (const int id : own)
+    tally.failed += trials[std::size_t(id)].state == Trial::State::failed && trials[std::size_t(id)].retry;
+  return tally;
+}
+
+/// When failures end a search, so that one that cannot succeed does not go on for ever.
+struct FailureLimit {
+  int at_least = 5;    ///< once so many evaluations have failed
+  double above = 0.5;  ///< and more than this share of them
+
+  bool exceeded(const FailureTally& tally) const {
+    return tally.failed >= at_least && tally.failed > above * tally.ended;
+  }
+  /// Why a search ends, in words; of the last trial that failed.
+  std::string reason(const FailureTally& tally, const std::vector<Trial>& trials) const {
+    std::string why;
+    for (const Trial& t : trials)
+      if (t.state == Trial::State::failed) why = t.why;
+    return message(tally.failed, " of ", tally.ended, " evaluations failed, the limit is ", 100 * above, " % once ",
+        at_least, " have; the last: ", why);
+  }
+};
+
 enum class OptimizerStatus {
   running,   ///< there is more to ask
   waiting,   ///< no design to ask until a pending trial is answered
   finished,  ///< as many trials are observed as the problem wants
   exhausted  ///< every feasible design that can be found has been asked
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optimize/polytope_walk.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_POLYTOPE_WALK_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_POLYTOPE_WALK_HPP
+
+namespace lumo {
+
+/// Random walk over the feasible designs of a space that random points hardly ever hit. Each move goes to a uniformly
+/// random place of the feasible part of a line, so that designs become uniform over the space, wherever the walk began.
+/// Lines run along an axis, along a pair of axes so that one constraint keeps its sum, or in any direction of the
+/// continuous variables. Source: Smith, "Efficient Monte Carlo Procedures for Generating Points Uniformly Distributed
+/// over Bounded Regions", Oper. Res. 32 (1984).
+class PolytopeWalk {
+ public:
+  /// Refers to the space.
+  explicit PolytopeWalk(const DesignSpace& space) : space_(space) {
+    for (std::size_t i = 0; i < space.variables.size(); ++i)
+      if (space.variables[i].step == 0.0) continuous_.push_back(i);
+  }
+
+  /// The design after `moves` moves from a feasible one; `shifted(i, value, by)` is the variable's value after a
+  /// change, on its lattice if it has one.
+  template <class Shifted> Design after(Design x, int moves, std::uint64_t key, const Shifted& shifted) const {
+    for (int k = 0; k < moves; ++k) {
+      const std::uint64_t draw = combine(key, std::uint64_t(k));
+      const Line line = random_line(draw);
+      const auto [low, high] = feasible(line, x);
+      if (!(low <= high)) continue;
+      const double u = uniform(combine(draw, 1)),
+                   t = line.whole ? std::min(low + std::floor(u * (high - low + 1.0)), high) : low + u * (high - low);
+      Design y = x;
+      for (const auto& [i, by] : line.steps) y[i] = shifted(i, x[i], t * by);
+      if (space_.contains(y)) x = std::move(y);
+    }
+    return x;
+  }
+  /// Moves that make a design nearly independent of the one before, and ten times as many of one at an edge.
+  int between() const { return 10 * int(space_.variables.size()); }
+
+ private:
+  struct Line {
+    std::vector<std::pair<std::size_t, double>> steps;  ///< variables, and their changes per unit
+    bool whole = false;                                 ///< whole units only
+  };
+
+  double unit(std::size_t i) const {
+    const Variable& v = space_.variables[i];
+    return v.step > 0.0 ? v.step : v.upper - v.lower;
+  }
+  Line random_line(std::uint64_t key) const {
+    const auto pick = [&](std::uint64_t label, std::size_t count) {
+      return std::size_t(uniform(combine(key, label)) * double(count));
+    };
+    const std::size_t kinds = continuous_.size() > 1 ? 3 : 2, kind = pick(2, kinds);
+    const LinearConstraint* face =
+        space_.constraints.empty() ? nullptr : &space_.constraints[pick(3, space_.constraints.size())];
+    if (kind == 2) return direction(key, uniform(combine(key, 4)) < 0.5 ? nullptr : face);
+    const std::size_t i = pick(5, space_.variables.size());
+    if (kind == 0 || !face || face->coefficients[i] == 0.0) return {{{i, unit(i)}}, space_.variables[i].step > 0.0};
+    return along(*face, i, pick(6, space_.variables.size()));
+  }
+  /// Changes two variables so that the sum of a constraint stays as it is.
+  Line along(const LinearConstraint& face, std::size_t i, std::size_t k) const {
+    if (k == i || face.coefficients[k] == 0.0) return {{{i, unit(i)}}, space_.variables[i].step > 0.0};
+    const double ratio = -face.coefficients[i] / face.coefficients[k];
+    const bool i_whole = space_.variables[i].step > 0.0, k_whole = space_.variables[k].step > 0.0;
+    if (!k_whole) return {{{i, unit(i)}, {k, ratio * unit(i)}}, i_whole};
+    if (!i_whole) return {{{i, unit(k) / ratio}, {k, unit(k)}}, true};
+    constexpr double most_steps = 16.0;
+    for (double steps = 1.0; steps <= most_steps; ++steps) {
+      const double other = ratio * steps * unit(i) / unit(k);
+      if (std::abs(other) > 0.5 && std::abs(other - std::round(other)) < 1e-9 * std::abs(other))
+        return {{{i, steps * unit(i)}, {k, std::round(other) * unit(k)}}, true};
+    }
+    return {{{i, unit(i)}}, true};
+  }
+  /// Any direction of the continuous variables, or any in which a constraint keeps its sum.
+  Line direction(std::uint64_t key, const LinearConstraint* face) const {
+    Line line;
+    double rate = 0.0, size = 0.0;  // variables count by their range
+    for (std::size_t i : continuous_) {
+      line.steps.emplace_back(i, normal_quantile(uniform(combine(combine(key, 7), i))) * unit(i));
+      const double c = face ? face->coefficients[i] : 0.0;
+      rate += c * line.steps.back().second;
+      size += c * c * unit(i) * unit(i);
+    }
+    if (face && size > 0.0)
+      for (auto& [i, by] : line.steps) by -= rate / size * face->coefficients[i] * unit(i) * unit(i);
+    return line;
+  }
+  /// Between which units a line from a design stays within bounds and linear constraints; the first above the second:
+  /// nowhere.
+  std::pair<double, double> feasible(const Line& line, const Design& x) const {
+    double low = -std::numeric_limits<double>::infinity(), high = -low;
+    const auto limit = [&](double rate, double below, double above) {
+      if (rate < 0.0) std::swap(below, above);
+      low = std::max(low, below / rate);
+      high = std::min(high, above / rate);
+    };
+    for (const auto& [i, by] : line.steps)
+      if (by != 0.0) limit(by, space_.variables[i].lower - x[i], space_.variables[i].upper - x[i]);
+    for (const LinearConstraint& c : space_.constraints) {
+      double rate = 0.0, size = 0.0;
+      for (const auto& [i, by] : line.steps) {
+        rate += c.coefficients[i] * by;
+        size += std::abs(c.coefficients[i] * by);
+      }
+      if (std::abs(rate) <= 1e-12 * size) continue;
+      const double sum = c.sum(x);
+      limit(rate, c.lower - sum, c.upper - sum);
+    }
+    if (!std::isfinite(low) || !std::isfinite(high)) return {1.0, 0.0};
+    constexpr double rounding = 1e-9;
+    return line.whole ? std::pair{std::ceil(low - rounding), std::floor(high + rounding)} : std::pair{low, high};
+  }
+
+  const DesignSpace& space_;
+  std::vector<std::size_t> continuous_;
 };
 
 }  // namespace lumo
@@ -19483,28 +19740,28 @@ class DesignSampler {
   /// Number of feasible designs, where they are few enough to be listed.
   std::optional<std::size_t> feasible_count() const { return listed_ ? std::optional(list_.size()) : std::nullopt; }
 
-  /// Up to `count` different feasible designs that are not in `taken`; fewer if there are no more, or none is found
-  /// in `try_limit` tries.
+  /// Up to `count` different feasible designs that are not in `taken`, uniform over the space; fewer if there are no
+  /// more, or none is found in `try_limit` tries. Points of a Sobol sequence, or of a random walk where less than one
+  /// in a thousand of them is feasible.
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
     std::vector<Design> out;
     DesignSet seen;
-    std::optional<Design> anchor;
+    const PolytopeWalk walk(space_);
+    const auto change = [this](std::size_t i, double x, double by) { return shifted(i, x, by); };
+    std::optional<Design> walker;
     const OwenSobol sequence{key};
     const std::uint32_t tries = listed_ ? std::uint32_t(std::min<std::size_t>(64 * count, try_limit)) : try_limit;
     for (std::uint32_t index = 0; index < tries && out.size() < count; ++index) {
       Design x = point(sequence, index);
       if (!space_.contains(x)) {
-        if (listed_ || out.size() * 1000 > index || index < 4096 || index % 64 != 0) continue;
-        auto repair = repaired(x, combine(key, index));
-        if (!repair) continue;
-        x = *repair;
-        if (anchor) {  // between two feasible designs of a convex set there are more, away from its faces
-          Design between = x;
-          const double t = uniform(combine(key, index));
-          for (std::size_t i = 0; i < x.size(); ++i) between[i] = shifted(i, (*anchor)[i], t * (x[i] - (*anchor)[i]));
-          if (space_.contains(between)) x = between;
+        const std::uint64_t draw = combine(key, index);
+        if (!walker) {  // where repair ends is a face
+          if (listed_ || out.size() * 1000 > index || index < 4096 || index % 64 != 0) continue;
+          const auto repair = repaired(x, draw);
+          if (!repair) continue;
+          walker = walk.after(*repair, 10 * walk.between(), draw, change);
         }
-        anchor = repair;
+        x = *(walker = walk.after(*walker, walk.between(), combine(draw, 1), change));
       }
       if (!taken.contains(x) && seen.insert(x).second) out.push_back(x);
     }
@@ -19587,10 +19844,12 @@ class DesignSampler {
     const Variable& v = space_.variables[i];
     const double x = v.origin + (axes_[i].first_node + k) * v.step;
     char digits[40];
-    std::snprintf(digits, sizeof digits, "%.14g", x);
-    const double rounded = std::strtod(digits, nullptr);
-    return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x,
-        v.lower, v.upper);
+    const char* end = std::to_chars(digits, digits + sizeof digits, x, std::chars_format::general, 14).ptr;
+    double rounded = x;
+    std::from_chars(digits, end, rounded);
+    const double size = std::max({std::abs(x), std::abs(v.origin), std::abs(x - v.origin)});  // of what was added
+    return std::clamp(
+        std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * size ? rounded : x, v.lower, v.upper);
   }
   double place(std::size_t i, double unit) const {
     const Variable& v = space_.variables[i];
@@ -19683,8 +19942,11 @@ class DesignSampler {
   Design point(const OwenSobol& sequence, std::uint32_t index) const {
     Design x(dimensions());
     for (std::size_t i = 0; i < dimensions(); ++i) {
-      const OwenSobol block{combine(sequence.seed, i / std::size_t(Sobol::dimensions))};
-      x[i] = place(i, block(index, int(i % std::size_t(Sobol::dimensions))));
+      const std::uint64_t number = i / std::size_t(Sobol::dimensions), key = combine(sequence.seed, number);
+      // Later blocks take the points in another order, or their dimensions would go with those of the first.
+      const std::uint32_t of_block =
+          number == 0 ? index : owen_scramble(index, std::uint32_t(combine(key, Sobol::dimensions) >> 32));
+      x[i] = place(i, OwenSobol{key}(of_block, int(i % std::size_t(Sobol::dimensions))));
     }
     return x;
   }
@@ -19844,6 +20106,92 @@ static_assert(CandidateSource<LocalSearchCandidates>);
 
 #endif
 
+// ---- lumo/optimize/outliers.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_OUTLIERS_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_OUTLIERS_HPP
+
+namespace lumo {
+
+/// When a value of an objective is an outlier. Ranges are those of the bulk, of all that is none.
+struct OutlierRule {
+  double worse = 20.0;        ///< ranges between the bulk and a worse value that is an outlier
+  double better = 1e6;        ///< and a better one, which may be what is looked for
+  std::size_t confirmed = 3;  ///< so many different ones that are better are no outliers
+  std::size_t least = 6;      ///< different values below which none is an outlier
+  std::size_t early = 8;      ///< different values, at least, among which the bulk begins
+  std::size_t few = 3;        ///< so many values may be the bulk, if the others are worse by `penalty` ranges
+  double penalty = 1000.0;
+};
+
+/// Finds the outliers of an objective: absurd values, of a solver that blew up, and penalties. The bulk begins with the
+/// half of the early values that lies closest together, and takes in what lies within some of its ranges; so no single
+/// value moves it. Later values, which the search has chosen, crowd around the best one: they extend the bulk, but it
+/// does not begin with them.
+class ValueBulk {
+ public:
+  /// `values` in the order of asking, finite, larger is better; the first `starts` of them are spread over the space.
+  ValueBulk(const std::vector<double>& values, std::size_t starts, const OutlierRule& rule = {}) {
+    std::vector<double> first;
+    for (std::size_t i = 0; i < values.size() && (i < starts || first.size() < rule.early); ++i) {
+      const auto place = std::lower_bound(first.begin(), first.end(), values[i]);
+      if (place == first.end() || *place != values[i]) first.insert(place, values[i]);
+    }
+    if (first.size() < rule.least) return;
+    begin(first, rule);
+    std::vector<double> sorted = values;
+    std::sort(sorted.begin(), sorted.end());
+    sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+    grow(sorted, rule);
+    const auto above = std::upper_bound(sorted.begin(), sorted.end(), high_);
+    if (std::size_t(sorted.end() - above) >= rule.confirmed) high_ = sorted.back();
+    whole_ = sorted.front() >= low_ && sorted.back() <= high_;
+  }
+
+  bool whole() const { return whole_; }  ///< no outliers
+  bool worse(double y) const { return !whole_ && y < low_; }
+  bool better(double y) const { return !whole_ && y > high_; }
+  double low() const { return low_; }  ///< ends of the bulk; only where there are outliers
+  double high() const { return high_; }
+
+ private:
+  void begin(const std::vector<double>& first, const OutlierRule& rule) {
+    const std::size_t n = first.size(), half = std::max(rule.least - 2, (n + 1) / 2);
+    high_ = first.back();
+    for (std::size_t worse = 1; worse + rule.few <= n; ++worse) {
+      low_ = first[worse];
+      if (low_ - first[worse - 1] > rule.penalty * (high_ - low_)) return;
+    }
+    std::size_t closest = 0;
+    for (std::size_t i = 1; i + half <= n; ++i)
+      if (first[i + half - 1] - first[i] < first[closest + half - 1] - first[closest]) closest = i;
+    low_ = first[closest];
+    high_ = first[closest + half - 1];
+  }
+  void grow(const std::vector<double>& sorted, const OutlierRule& rule) {
+    auto below = std::lower_bound(sorted.begin(), sorted.end(), low_);
+    auto above = std::upper_bound(sorted.begin(), sorted.end(), high_);
+    for (bool grown = true; grown;) {
+      const double range = high_ - low_;
+      grown = false;
+      if (below != sorted.begin() && low_ - *(below - 1) <= rule.worse * range) {
+        low_ = *--below;
+        grown = true;
+      }
+      if (above != sorted.end() && *above - high_ <= rule.better * range) {
+        high_ = *above++;
+        grown = true;
+      }
+    }
+  }
+
+  double low_ = 0.0, high_ = 0.0;
+  bool whole_ = true;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optimize/trials.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_TRIALS_HPP
 #define SINGLE_INCLUDE_LUMO_OPTIMIZE_TRIALS_HPP
@@ -19875,10 +20223,29 @@ class Trials {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
-  /// A failed trial that may be retried, else the next start; nullopt if a model has to choose.
+  int outputs() const { return outputs_; }
+  std::vector<int> observed_ids() const {
+    std::vector<int> ids;
+    for (const Trial& t : trials_)
+      if (t.state == Trial::State::observed) ids.push_back(t.id);
+    return ids;
+  }
+  /// Observed trials before the first that a model chose.
+  std::size_t observed_starts() const {
+    std::size_t count = 0;
+    for (const Trial& t : trials_) {
+      if (std::find(starts_.begin(), starts_.end(), t.x) == starts_.end()) break;
+      count += t.state == Trial::State::observed;
+    }
+    return count;
+  }
+
+  /// A failed trial that may be retried, else the next start; nullopt if a model has to choose. With restored trials of
+  /// another seed, there are as many starts in all as without.
   std::optional<Design> scheduled() const {
     for (const Trial& t : trials_)
       if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
+    if (taken_.size() >= starts_.size()) return std::nullopt;
     for (const Design& x : starts_)
       if (!taken_.contains(x)) return x;
     return std::nullopt;
@@ -19985,7 +20352,8 @@ class Optimizer {
     AcquisitionPolicy acquisition = {};
     Source source = {};
     R reduction = {};  ///< outputs → objectives, after those of an objective that is minimised have changed sign
-    int retries = 2;   ///< of one design after failures that may be retried
+    OutlierRule outliers = {};
+    int retries = 2;  ///< of one design after failures that may be retried
   };
 
   /// Throws InvalidArgument for a problem that cannot be solved, InfeasibleDesign for an initial design outside the
@@ -20031,11 +20399,10 @@ class Optimizer {
   int observed() const { return trials_.count(Trial::State::observed); }
   int pending() const { return trials_.count(Trial::State::pending); }
 
-  /// Observed trials that no other dominates, from the best in the first objective on.
+  /// Observed trials that no other dominates, from the best in the first objective on. An outlier counts with its
+  /// own value.
   std::vector<Outcome> front() const {
-    std::vector<int> ids;
-    for (const Trial& t : trials())
-      if (t.state == Trial::State::observed) ids.push_back(t.id);
+    const std::vector<int> ids = trials_.observed_ids();
     const Eigen::MatrixXd y = objectives();
     std::vector<Outcome> out;
     for (const Eigen::Index i : pareto_front(y)) {
@@ -20043,6 +20410,35 @@ class Optimizer {
       for (Eigen::Index j = 0; j < y.rows(); ++j)
         out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
     }
+    return out;
+  }
+
+  /// A value that lies absurdly far from the others of its objective. The models of values do without its trial; to the
+  /// model of success one that is worse than the others is a failure.
+  struct Outlier {
+    int id = 0, output = 0;
+    double value = 0.0;
+    bool better = false;
+    double low = 0.0, high = 0.0;  ///< between which the others lie
+  };
+  /// By trial. Whether a value is an outlier may change with those that follow.
+  std::vector<Outlier> outliers() const {
+    const std::vector<int> ids = trials_.observed_ids();
+    const Eigen::MatrixXd outputs = trials_.observed_outputs();
+    std::vector<Outlier> out;
+    for (int j = 0; j < int(problem().objectives.size()); ++j) {
+      const std::vector<Eigen::Index> rows = rows_of(j);
+      const Eigen::MatrixXd y = objective(j).signed_value(1.0) * outputs(rows, Eigen::all);
+      const ValueBulk bulk({y.data(), y.data() + y.size()}, trials_.observed_starts() * rows.size(), config_.outliers);
+      for (Eigen::Index i = 0; i < y.cols(); ++i)
+        for (Eigen::Index k = 0; k < y.rows(); ++k) {
+          if (!bulk.worse(y(k, i)) && !bulk.better(y(k, i))) continue;
+          const double first = objective(j).signed_value(bulk.low()), last = objective(j).signed_value(bulk.high());
+          out.push_back({ids[std::size_t(i)], int(rows[std::size_t(k)]), objective(j).signed_value(y(k, i)),
+              bulk.better(y(k, i)), std::min(first, last), std::max(first, last)});
+        }
+    }
+    std::stable_sort(out.begin(), out.end(), [](const Outlier& a, const Outlier& b) { return a.id < b.id; });
     return out;
   }
 
@@ -20066,17 +20462,16 @@ class Optimizer {
     return models_;
   }
 
-  /// Observed and pending trials as models and acquisition see them: outputs less their reference, larger is better, in
-  /// units of the spread of their objective.
+  /// Observed and pending trials as models and acquisition see them: without outliers, outputs less their reference,
+  /// larger is better, in units of the spread of their objective.
   Evidence evidence() const {
     Evidence e;
-    e.x = trials_.designs(Trial::State::observed);
+    const std::vector<Eigen::Index> kept = inliers();
+    e.x = trials_.designs(Trial::State::observed)(Eigen::all, kept);
     e.pending = trials_.designs(Trial::State::pending);
-    e.outputs = trials_.observed_outputs();
+    e.outputs = trials_.observed_outputs()(Eigen::all, kept);
     for (int j = 0; j < int(problem().objectives.size()); ++j) {
-      std::vector<Eigen::Index> rows;
-      for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-        if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
+      const std::vector<Eigen::Index> rows = rows_of(j);
       Eigen::ArrayXXd y =
           objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
       const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
@@ -20101,6 +20496,24 @@ class Optimizer {
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
 
+  /// Outputs that an objective is made of.
+  std::vector<Eigen::Index> rows_of(int j) const {
+    std::vector<Eigen::Index> rows;
+    for (int k = 0; k < trials_.outputs(); ++k)
+      if (config_.reduction.objective(k) == j) rows.push_back(k);
+    return rows;
+  }
+  /// Observed trials without outliers, as columns of the observed ones.
+  std::vector<Eigen::Index> inliers() const {
+    std::set<int> absurd;
+    for (const Outlier& o : outliers()) absurd.insert(o.id);
+    const std::vector<int> ids = trials_.observed_ids();
+    std::vector<Eigen::Index> kept;
+    for (std::size_t i = 0; i < ids.size(); ++i)
+      if (!absurd.contains(ids[i])) kept.push_back(Eigen::Index(i));
+    return kept;
+  }
+
   /// Objectives of the observed trials (objectives × n) in their units, larger is better.
   Eigen::MatrixXd objectives() const {
     Eigen::MatrixXd y = trials_.observed_outputs();
@@ -20110,9 +20523,17 @@ class Optimizer {
                     : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
   }
 
-  /// Model of the success of evaluations; nullopt if none has failed for a reason of its design.
+  /// Model of the success of evaluations; nullopt if none has failed for a reason of its design, or given a value that
+  /// is absurdly bad.
   std::optional<SuccessModel<Kernel>> success(const Evidence& e) const {
-    const Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
+    Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
+    std::set<int> absurd;
+    for (const Outlier& o : outliers())
+      if (!o.better) absurd.insert(o.id);
+    for (const int id : absurd) {
+      failed.conservativeResize(Eigen::NoChange, failed.cols() + 1);
+      failed.rightCols(1) = Eigen::Map<const Eigen::VectorXd>(trials()[std::size_t(id)].x.data(), failed.rows());
+    }
     if (failed.cols() == 0) return std::nullopt;
     return SuccessModel<Kernel>(e.x, failed, e.lower, e.upper, config_.model);
   }
@@ -20124,8 +20545,11 @@ class Optimizer {
       auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
       return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
     }
+    const std::vector<int> ids = trials_.observed_ids();
+    const std::vector<Eigen::Index> kept = inliers();
     std::vector<Design> standing;
-    for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
+    for (const Eigen::Index i : pareto_front(Eigen::MatrixXd(objectives()(Eigen::all, kept))))
+      standing.push_back(trials()[std::size_t(ids[std::size_t(kept[std::size_t(i)])])].x);
     const Evidence e = evidence();
     const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
     const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};
@@ -20364,33 +20788,6 @@ template <class O> class CampaignState {
   /// Number of the entry that announced a trial, and of the one that answered it.
   std::int64_t asked(int id) const { return asked_[std::size_t(id)]; }
   std::optional<std::int64_t> answered(int id) const { return answered_[std::size_t(id)]; }
-  /// Evaluations that ended, and how many of them failed.
-  struct Tally {
-    int failed = 0, ended = 0;
-  };
-  /// Counts designs: a failure of the machine is no evaluation.
-  Tally designs() const {
-    const auto count = [&](const auto& is) {
-      return int(std::count_if(optimizer_.trials().begin(), optimizer_.trials().end(), is));
-    };
-    const int failed = count([](const Trial& t) { return t.state == Trial::State::failed && !t.retry; });
-    return {failed, failed + count([](const Trial& t) { return t.state == Trial::State::observed; })};
-  }
-  /// Counts failures of the machine in the trials `own`.
-  Tally machine(const std::set<int>& own) const {
-    const auto failed = [&](int id) {
-      const Trial& t = optimizer_.trials()[std::size_t(id)];
-      return t.state == Trial::State::failed && t.retry;
-    };
-    return {int(std::count_if(own.begin(), own.end(), failed)), int(own.size())};
-  }
-  /// Reason of the latest trial that failed; empty if none did.
-  std::string last_failure() const {
-    std::string why;
-    for (const Trial& t : optimizer_.trials())
-      if (t.state == Trial::State::failed) why = t.why;
-    return why;
-  }
 
  private:
   O optimizer_;
@@ -20401,10 +20798,8 @@ template <class O> class CampaignState {
 
 /// When a campaign stops because evaluations fail, and how it waits for other processes.
 struct CampaignConfig {
-  /// It stops once so many evaluations have failed: of all for their designs, or of this process's own for the machine.
-  int failures_at_least = 5;
-  double failures_above = 0.5;  ///< and more than this share of them
-  double poll_s = 0.5;          ///< between looks whether another process has ended, or died
+  FailureLimit failures;  ///< of all evaluations for their designs, or of this process's own for the machine
+  double poll_s = 0.5;    ///< between looks whether another process has ended, or died
 };
 
 namespace detail {
@@ -20451,11 +20846,10 @@ template <Journal J, class O, class Evaluate, class Watch> OptimizerStatus run_c
   std::set<int> own;  // trials that this process answered
   while (true) {
     state.read(journal.entries());
-    for (const auto& [failed, ended] : {state.designs(), state.machine(own)})
-      if (failed >= config.failures_at_least && failed > config.failures_above * ended)
-        throw CampaignError(message("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ",
-            100 * config.failures_above, " % once ", config.failures_at_least,
-            " have; the last: ", state.last_failure()));
+    const std::vector<Trial>& trials = state.optimizer().trials();
+    for (const FailureTally& tally : {design_failures(trials), machine_failures(trials, own)})
+      if (config.failures.exceeded(tally))
+        throw CampaignError("campaign stops: " + config.failures.reason(tally, trials));
     const std::optional<int> id = detail::take_trial(journal, state);
     if (!id) {
       if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();

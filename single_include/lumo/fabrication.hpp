@@ -37,6 +37,7 @@
 #include <functional>
 #include <initializer_list>
 #include <limits>
+#include <locale>
 #include <map>
 #include <memory>
 #include <numbers>
@@ -167,9 +168,10 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
   return p + (s.size() > most ? "..." : "");
 }
 
-/// Joins its arguments into one line of text.
+/// Joins its arguments into one line of text, the same under every locale: it also becomes SQL and files.
 template <class... Args> std::string message(const Args&... args) {
   std::ostringstream out;
+  out.imbue(std::locale::classic());
   out.precision(10);
   (out << ... << args);
   return out.str();
@@ -477,7 +479,7 @@ inline void write_svg(std::ostream& out, const Drawing& drawing) {
 inline void write_dxf(std::ostream& out, const Drawing& drawing) {
   using Pairs = std::initializer_list<std::pair<int, std::string>>;
   const auto write = [&out](const Pairs& pairs) {
-    for (const auto& [code, value] : pairs) out << code << "\n" << value << "\n";
+    for (const auto& [code, value] : pairs) out << std::to_string(code) << "\n" << value << "\n";
   };
   const auto point = [&write](const Drawing::Point& p) { write({{10, in_mm(p[0])}, {20, in_mm(p[1])}, {30, "0"}}); };
   const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };

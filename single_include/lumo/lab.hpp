@@ -45,12 +45,14 @@
 #include <cstdint>
 #include <cstdio>
 #include <exception>
+#include <fcntl.h>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <istream>
 #include <iterator>
 #include <limits>
+#include <locale>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -67,6 +69,7 @@
 #include <thread>
 #include <tuple>
 #include <type_traits>
+#include <unistd.h>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -183,9 +186,10 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
   return p + (s.size() > most ? "..." : "");
 }
 
-/// Joins its arguments into one line of text.
+/// Joins its arguments into one line of text, the same under every locale: it also becomes SQL and files.
 template <class... Args> std::string message(const Args&... args) {
   std::ostringstream out;
+  out.imbue(std::locale::classic());
   out.precision(10);
   (out << ... << args);
   return out.str();
@@ -1633,10 +1637,11 @@ struct ImageView {
   int height = 0;
   std::ptrdiff_t stride = 0;  ///< bytes from a row to the next
   PixelFormat format = PixelFormat::bgr;
+  int lit = 1;  ///< the channel that is measured: 0 blue, 1 green, 2 red; grey has one
 
   const std::uint8_t* row(int y) const { return data + y * stride; }
-  /// Green value, or the grey one. Unchecked.
-  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + 1]; }
+  /// Value of the measured channel, green unless `lit` says otherwise, or the grey one. Unchecked.
+  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + lit]; }
   bool empty() const { return !data || width <= 0 || height <= 0; }
 };
 
@@ -2540,6 +2545,7 @@ namespace lumo::sense {
 
 /// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields.
 /// No quotes, no empty lines but at the end, no comments; fields may have spaces around them, lines may end in CR LF.
+/// A header without commas is a spreadsheet's: semicolons or tabs separate, and numbers may have a decimal comma.
 /// Every fault is an InputError of one line with file, line and column.
 class CsvReader {
  public:
@@ -2549,6 +2555,10 @@ class CsvReader {
   CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
     if (!read_line()) throw InputError(message(name_, ": is empty, must begin with a line of column names"));
     if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
+    if (line_text_.starts_with("sep=") && line_text_.size() == 5 && !read_line())  // a spreadsheet's line of its own
+      throw InputError(message(name_, ":2: is empty, must be a line of column names"));
+    for (const char separator : {'\t', ';', ','})
+      if (line_text_.find(separator) != std::string::npos) separator_ = separator;
     split();
     for (const std::string_view f : fields_) {
       if (f.empty()) throw InputError(message(name_, ":1: column ", columns_.size() + 1, " has no name"));
@@ -2593,7 +2603,13 @@ class CsvReader {
   std::string_view text(int column) const { return fields_[std::size_t(column)]; }
   /// A finite number.
   double number(int column) const {
-    const std::string_view f = text(column);
+    std::string_view f = text(column);
+    std::string with_point;
+    if (const auto comma = f.find(','); separator_ != ',' && comma != std::string_view::npos) {
+      with_point = f;
+      with_point[comma] = '.';
+      f = with_point;
+    }
     double v = 0.0;
     const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
@@ -2623,7 +2639,11 @@ class CsvReader {
         if (line_text_.ends_with('\r')) line_text_.pop_back();
         return true;
       }
-      if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
+      if (c == '\0') {
+        const bool wide = line_text_.starts_with("\xff\xfe") || line_text_.starts_with("\xfe\xff");
+        throw InputError(
+            message(name_, ":", line_, ": holds a zero byte, is ", wide ? "UTF-16 and not UTF-8" : "no text"));
+      }
       line_text_ += char(c);
       if (line_text_.size() > max_line)
         throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
@@ -2638,7 +2658,7 @@ class CsvReader {
     if (const auto quote = all.find('"'); quote != std::string_view::npos)
       throw InputError(message(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
     for (std::size_t from = 0;;) {
-      const std::size_t to = std::min(all.find(',', from), all.size());
+      const std::size_t to = std::min(all.find(separator_, from), all.size());
       std::string_view f = all.substr(from, to - from);
       while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
       while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
@@ -2655,6 +2675,7 @@ class CsvReader {
   std::vector<std::string> columns_;
   std::vector<std::string_view> fields_;
   long line_ = 0;
+  char separator_ = ',';
 };
 
 /// The shortest text that reads back as the same number. Throws InvalidArgument unless it is finite.
@@ -2732,6 +2753,168 @@ static_assert(Readout<PhotodiodeArray>);
 
 #endif
 
+// ---- lumo/sense/recording/streams.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_STREAMS_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_STREAMS_HPP
+
+namespace lumo::sense {
+
+/// The streams of a log.
+enum class LogStream { frames, joints, wrenches, markers, photodiodes };
+inline constexpr std::size_t log_streams = 5;
+
+/// What was found of a stream as it was read.
+struct StreamReading {
+  /// Up to this share of the rows is left out for their stamps; beyond, the stream is faulty.
+  static constexpr double most_left_out = 0.05;
+
+  std::string fault;         ///< why the stream is empty although the log has it; empty: no fault
+  std::size_t rows = 0;      ///< that the log has
+  std::size_t repeated = 0;  ///< of them left out: they have the stamp of another one
+  std::size_t backward = 0;  ///< and those whose stamps are against the order of the others
+  bool operator==(const StreamReading&) const = default;
+
+  std::size_t left_out() const { return repeated + backward; }
+  bool is_beyond_limit() const { return double(left_out()) > most_left_out * double(rows); }
+};
+
+/// The rows of a stream that can be kept so that stamps ascend strictly.
+struct AscendingRows {
+  std::vector<std::size_t> kept;
+  StreamReading reading;
+};
+
+/// Keeps as many rows as possible, and of rows of one stamp the first: a single stamp in the far future costs one row,
+/// not all that follow. By the longest ascending sequence (Fredman, 1975).
+inline AscendingRows ascending_rows(std::span<const std::int64_t> stamp_ns) {
+  std::vector<std::size_t> last, before(stamp_ns.size());  // `last`: row that ends the sequence of each length
+  for (std::size_t i = 0; i < stamp_ns.size(); ++i) {
+    const auto at = std::lower_bound(
+        last.begin(), last.end(), stamp_ns[i], [&](std::size_t row, std::int64_t t) { return stamp_ns[row] < t; });
+    if (at != last.end() && stamp_ns[*at] == stamp_ns[i]) continue;
+    if (at != last.begin()) before[i] = *(at - 1);
+    if (at == last.end()) last.push_back(i);
+    else *at = i;
+  }
+  AscendingRows rows;
+  rows.kept.resize(last.size());
+  for (std::size_t n = last.size(), row = n > 0 ? last.back() : 0; n > 0; row = before[row]) rows.kept[--n] = row;
+  rows.reading.rows = stamp_ns.size();
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < stamp_ns.size(); ++i) {
+    if (next < rows.kept.size() && rows.kept[next] == i) {
+      ++next;
+      continue;
+    }
+    const auto same = std::lower_bound(rows.kept.begin(), rows.kept.end(), stamp_ns[i],
+        [&](std::size_t row, std::int64_t t) { return stamp_ns[row] < t; });
+    ++(same != rows.kept.end() && stamp_ns[*same] == stamp_ns[i] ? rows.reading.repeated : rows.reading.backward);
+  }
+  return rows;
+}
+
+/// The first stamp that does not exceed the one before it, and the share of such rows, for a message. The row is one
+/// of `stamp_ns`, which do not ascend strictly.
+inline std::string stamps_fault(std::span<const std::int64_t> stamp_ns, const StreamReading& reading, std::size_t row) {
+  return message("stamp ", stamp_ns[row], " ns does not exceed the one before it, ", stamp_ns[row - 1], " ns; ",
+      reading.left_out(), " of ", reading.rows, " stamps do not ascend, at most ", 100.0 * StreamReading::most_left_out,
+      " % are left out");
+}
+
+/// The first row whose stamp does not exceed the one before it; 0: there is none.
+inline std::size_t first_backward(std::span<const std::int64_t> stamp_ns) {
+  for (std::size_t i = 1; i < stamp_ns.size(); ++i)
+    if (stamp_ns[i] <= stamp_ns[i - 1]) return i;
+  return 0;
+}
+
+/// Period of a stream [s], from at least two rows: the mean, or where pauses make that longer the median.
+template <class Rows> double stream_period_s(const Rows& rows) {
+  constexpr double most_excess = 1.1;  // of the mean over the median: jitter, no pause
+  std::vector<std::int64_t> period;
+  for (std::size_t i = 1; i < rows.size(); ++i) period.push_back(rows[i].stamp_ns - rows[i - 1].stamp_ns);
+  const auto middle = period.begin() + std::ptrdiff_t(period.size() / 2);
+  std::nth_element(period.begin(), middle, period.end());
+  const double mean = 1e-9 * double(rows.back().stamp_ns - rows.front().stamp_ns) / double(rows.size() - 1);
+  return mean > most_excess * 1e-9 * double(*middle) ? 1e-9 * double(*middle) : mean;
+}
+
+/// Leaves these rows of a list, which are in ascending order.
+template <class Row> void keep_rows(std::vector<Row>& list, const std::vector<std::size_t>& kept) {
+  if (kept.size() == list.size()) return;
+  for (std::size_t n = 0; n < kept.size(); ++n)
+    if (n != kept[n]) list[n] = std::move(list[kept[n]]);
+  list.resize(kept.size());
+}
+
+/// From a stream's first stamp to its last one.
+struct Stretch {
+  std::int64_t from_ns = 0, to_ns = 0;
+
+  template <class Rows> static std::optional<Stretch> of(const Rows& rows) {
+    if (rows.empty()) return std::nullopt;
+    return Stretch{rows.front().stamp_ns, rows.back().stamp_ns};
+  }
+  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
+  bool meets(const Stretch& o) const { return std::max(from_ns, o.from_ns) <= std::min(to_ns, o.to_ns); }
+};
+
+/// "12.5 to 19.25 s".
+inline std::string to_string(const Stretch& s) {
+  const auto seconds = [](std::int64_t ns) {
+    const std::int64_t ms = ns / 1'000'000;
+    std::string digits = std::to_string(ms < 0 ? -(ms % 1000) : ms % 1000);
+    digits.insert(0, 3 - digits.size(), '0');
+    return (ns < 0 && ms / 1000 == 0 ? "-" : "") + std::to_string(ms / 1000) + '.' + digits;
+  };
+  return seconds(s.from_ns) + " to " + seconds(s.to_ns) + " s";
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/recording/velocities.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_VELOCITIES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_VELOCITIES_HPP
+
+namespace lumo::sense {
+
+/// Gives those samples a velocity that have none (an empty vector): the slope of the line through the positions of
+/// `half_s` before and after, by least squares; 0 where there is no second sample. Throws InputError for positions
+/// beyond all bounds.
+inline void find_velocities(std::vector<JointSample>& samples, double half_s = 0.01) {
+  const auto half_ns = std::llround(1e9 * half_s);
+  std::size_t from = 0, to = 0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (samples[i].velocity_rad_per_s.size() == samples[i].position_rad.size()) continue;
+    const std::int64_t at = samples[i].stamp_ns;
+    while (at - samples[from].stamp_ns > half_ns) ++from;
+    while (to < samples.size() && samples[to].stamp_ns - at <= half_ns) ++to;
+    std::size_t first = from, end = to;
+    if (end - first < 2) {  // few samples: the nearest ones
+      first = i > 0 ? i - 1 : i;
+      end = std::min(samples.size(), i + 2);
+    }
+    const Eigen::Index joints = samples[i].position_rad.size();
+    JointVector sum_tq = JointVector::Zero(joints);
+    double mean_t = 0.0, sum_tt = 0.0;
+    for (std::size_t k = first; k < end; ++k) mean_t += 1e-9 * double(samples[k].stamp_ns - at) / double(end - first);
+    for (std::size_t k = first; k < end; ++k) {
+      const double t = 1e-9 * double(samples[k].stamp_ns - at) - mean_t;
+      sum_tt += t * t;
+      sum_tq += t * (samples[k].position_rad - samples[i].position_rad);
+    }
+    if (!sum_tq.allFinite())
+      throw InputError(message("positions about ", at, " ns are too far apart to give a velocity"));
+    samples[i].velocity_rad_per_s = sum_tt > 0.0 ? JointVector(sum_tq / sum_tt) : JointVector::Zero(joints);
+  }
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/recording/tables.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_TABLES_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_TABLES_HPP
@@ -2776,10 +2959,12 @@ struct MarkerSample {
   double displacement_m = 0.0;
 };
 
-/// The time column of a log's table, as integer nanoseconds; strictly ascending.
+/// The time column of a log's table, as integer nanoseconds; strictly ascending, or made so at the end.
 class StampColumn {
  public:
-  explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
+  /// `reading`: counts rows whose stamps do not ascend, which `finish` then leaves out; null: such a row is an error.
+  explicit StampColumn(const CsvReader& csv, StreamReading* reading = nullptr)
+      : column_(csv.find("stamp_ns")), seconds_(column_ < 0), reading_(reading) {
     if (seconds_) column_ = csv.find("time_s");
     if (column_ < 0) throw InputError(message(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
     if (!seconds_ && csv.find("time_s") >= 0)
@@ -2795,15 +2980,33 @@ class StampColumn {
       stamp = csv.integer(column_);
       if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) csv.fail(column_, "is beyond the range of stamps");
     }
-    if (last_ && stamp <= *last_) csv.fail(column_, "does not exceed the stamp before it");
+    if (last_ && stamp <= *last_) {
+      if (reading_ == nullptr) csv.fail(column_, "does not exceed the stamp before it");
+      if (!backward_line_) backward_line_ = csv.line();
+    }
     last_ = stamp;
+    if (reading_ != nullptr) all_.push_back(stamp);
     return stamp;
+  }
+  /// To be called with all rows: leaves out those whose stamps do not ascend. Throws InputError for too many.
+  template <class Row> void finish(const CsvReader& csv, std::vector<Row>& rows) {
+    if (reading_ == nullptr) return;
+    const AscendingRows ascending = ascending_rows(all_);
+    *reading_ = ascending.reading;
+    if (reading_->is_beyond_limit())
+      throw InputError(message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
+          " does not exceed the stamp before it, and so do ", reading_->left_out(), " of ", reading_->rows,
+          " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
+    keep_rows(rows, ascending.kept);
   }
 
  private:
   int column_;
   bool seconds_;
+  StreamReading* reading_;
   std::optional<std::int64_t> last_;
+  std::optional<long> backward_line_;
+  std::vector<std::int64_t> all_;
 };
 
 /// A path below a log's frames/ that a table can hold.
@@ -2835,12 +3038,16 @@ inline std::ifstream open_text(const std::string& path) {
   return in;
 }
 
+/// Each of the readers below throws InputError, with file, line and column. With `reading` rows whose stamps do not
+/// ascend are left out and counted there, up to its limit; without it such a row is an error.
+
 /// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
-inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
+inline std::vector<FrameRecord> read_frame_log(
+    std::istream& in, const std::string& name, bool video = false, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
   csv.require_known(
       [&](std::string_view c) { return is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   const int file = video ? -1 : csv.require("file"), exposure = csv.find("exposure_s"), gain = csv.find("gain");
   std::vector<FrameRecord> list;
   while (csv.next()) {
@@ -2853,13 +3060,16 @@ inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::stri
     if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
     list.push_back(std::move(f));
   }
+  stamp.finish(csv, list);
   return list;
 }
 
-/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque.
-inline std::vector<JointSample> read_joint_log(std::istream& in, const std::string& name) {
+/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque. Without
+/// columns for velocities these follow from the positions.
+inline std::vector<JointSample> read_joint_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   int joints = 0;
   while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
   if (joints == 0) csv.require("position_rad_0");
@@ -2868,7 +3078,8 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
   std::vector<int> position, velocity, effort;
   for (int j = 0; j < joints; ++j) {
     position.push_back(csv.require(numbered("position_rad", j)));
-    velocity.push_back(csv.require(numbered("velocity_rad_per_s", j)));
+    velocity.push_back(
+        csv.find(numbered("velocity_rad_per_s", 0)) < 0 ? -1 : csv.require(numbered("velocity_rad_per_s", j)));
     effort.push_back(csv.require(numbered(effort_name, j)));
   }
   csv.require_known([&](std::string_view c) {
@@ -2880,23 +3091,27 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
   });
   std::vector<JointSample> list;
   while (csv.next()) {
-    JointSample s{stamp.read(csv), JointVector(joints), JointVector(joints), JointVector(joints), unit};
+    JointSample s{
+        stamp.read(csv), JointVector(joints), JointVector(velocity[0] < 0 ? 0 : joints), JointVector(joints), unit};
     for (int j = 0; j < joints; ++j) {
       s.position_rad[j] = csv.number(position[std::size_t(j)]);
-      s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
+      if (velocity[0] >= 0) s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
       s.effort[j] = csv.number(effort[std::size_t(j)]);
     }
     list.push_back(std::move(s));
   }
+  stamp.finish(csv, list);
+  find_velocities(list);
   return list;
 }
 
 /// Reads wrench.csv; torques may be absent altogether.
-inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::string& name) {
+inline std::vector<WrenchSample> read_wrench_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   static constexpr const char* forces[] = {"force_x_N", "force_y_N", "force_z_N"};
   static constexpr const char* torques[] = {"torque_x_Nm", "torque_y_Nm", "torque_z_Nm"};
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   bool with_torque = false;
   for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
   int column[6] = {};
@@ -2919,13 +3134,15 @@ inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::st
     }
     list.push_back(w);
   }
+  stamp.finish(csv, list);
   return list;
 }
 
 /// Reads marker.csv.
-inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::string& name) {
+inline std::vector<MarkerSample> read_marker_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   const int place = csv.require("displacement_m");
   csv.require_known([](std::string_view c) { return is_time(c) || c == "displacement_m"; });
   std::vector<MarkerSample> list;
@@ -2933,14 +3150,16 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
     const std::int64_t at = stamp.read(csv);
     list.push_back({at, csv.number(place)});
   }
+  stamp.finish(csv, list);
   return list;
 }
 
 /// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws
 /// InputError.
-inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
+inline std::vector<PhotodiodeSample> read_photodiode_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   std::vector<int> column;
   while (csv.find(numbered("signal_V", int(column.size()))) >= 0)
     column.push_back(csv.find(numbered("signal_V", int(column.size()))));
@@ -2956,6 +3175,7 @@ inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const
     for (std::size_t i = 0; i < column.size(); ++i) s.signal_V[Eigen::Index(i)] = csv.number(column[i]);
     list.push_back(std::move(s));
   }
+  stamp.finish(csv, list);
   return list;
 }
 
@@ -6712,30 +6932,33 @@ struct FrictionForces {
 /// Coulomb friction that remembers: a point of the surface sticks by a stiff spring along the rigid surface until the
 /// spring's force is the coefficient times the pressure, and then slides with it. The spring's stretch is carried from
 /// one equilibrium to the next. Source: Wriggers 2006, §5.2 (regularised Coulomb law, return mapping).
+///
+/// A point that comes into contact between two equilibria slips from then on only. Sticking, it is carried along by a
+/// tool from where that met it: the tool's way counts from there. On what does not move, slip is the share of the
+/// point's way that lies beyond the surface.
 struct FrictionHistory {
   double coefficient = 0.0;
   double stiffness_N_per_m3 = 0.0;  ///< of the spring
   /// 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle.
   double turning = 1.0;
-  Vec3d origin{0.0, 0.0, 0.0};              ///< of the rigid thing's frame at the last equilibrium [m]
-  std::vector<std::vector<Vec3d>> place;    ///< of each surface point there, face by face [m]
-  std::vector<std::vector<Vec3d>> stretch;  ///< of its spring there [m]
 
-  /// Springs without stretch at positions x, each a tenth as stiff as the law's penalty: a spring stretches by ten
-  /// overlaps times the coefficient.
-  template <ContactHandler Contact> FrictionHistory(
-      const ContactSurface& surface, const Contact& law, double friction, const Positions& x, const Vec3d& rigid_origin)
-      : coefficient(friction),
-        stiffness_N_per_m3(0.1 * law.stiffness_N_per_m3),
-        origin(rigid_origin),
-        place(surface.size()),
-        stretch(surface.size()) {
-    if (coefficient == 0.0) return;
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (const SurfacePoint& p : surface.points(f)) {
-        place[f].push_back(surface.position(f, p, x));
-        stretch[f].push_back({0.0, 0.0, 0.0});
-      }
+  /// A surface point at the last equilibrium.
+  struct Point {
+    Vec3d place;    ///< [m]
+    Vec3d stretch;  ///< of its spring [m]
+    double gap;     ///< [m]
+    double ahead;   ///< advance after which the rigid thing meets it there [m]; infinite: never
+  };
+  Vec3d origin{0.0, 0.0, 0.0};     ///< of the rigid thing's frame there [m]
+  Vec3d direction{0.0, 0.0, 0.0};  ///< of its advance, unit
+  std::vector<std::vector<Point>> points;
+
+  /// Springs without stretch at positions x, each 0.3 times as stiff as the law's penalty: a spring stretches by
+  /// three overlaps times the coefficient.
+  template <ContactHandler Contact, class Tool> FrictionHistory(
+      const ContactSurface& surface, const Contact& law, double friction, const Positions& x, const Moving<Tool>& rigid)
+      : coefficient(friction), stiffness_N_per_m3(0.3 * law.stiffness_N_per_m3), points(surface.size()) {
+    if (coefficient > 0.0) remember(surface, rigid, x);
   }
 
   /// Traction [Pa] on the body at a point in contact, its stiffness [N/m³] at constant pressure, and the spring's
@@ -6748,12 +6971,13 @@ struct FrictionHistory {
   Answer answer(std::size_t face, std::size_t point, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal,
       double pressure) const {
     const Mat3d along = Mat3d::Identity() - normal * normal.transpose();
-    const Vec3d s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
+    const auto [slip, share] = slip_since_touch(points[face][point], at, rigid_origin, normal);
+    const Vec3d s = along * slip;
     const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
-    if (length <= most) return {-stiffness_N_per_m3 * s, stiffness_N_per_m3 * along, s};
+    if (length <= most) return {-stiffness_N_per_m3 * s, share * stiffness_N_per_m3 * along, s};
     const Vec3d way = s / length;
     return {-stiffness_N_per_m3 * most * way,
-        stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
+        share * stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
   }
 
   /// Takes positions x, with the rigid thing as it is now, as the last equilibrium. Springs out of contact relax.
@@ -6764,14 +6988,11 @@ struct FrictionHistory {
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const Vec3d at = surface.position(f, surface.points(f)[k], x);
         const DistanceSample d = rigid.sample(at);
-        stretch[f][k] = d.distance < 0.0
-                            ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
-                            : Vec3d(Vec3d::Zero());
+        points[f][k].stretch =
+            d.distance < 0.0 ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch
+                             : Vec3d(Vec3d::Zero());
       }
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (std::size_t k = 0; k < surface.points(f).size(); ++k)
-        place[f][k] = surface.position(f, surface.points(f)[k], x);
-    origin = rigid.origin;
+    remember(surface, rigid, x);
   }
 
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
@@ -6792,6 +7013,45 @@ struct FrictionHistory {
         sum += force;
       }
     return sum;
+  }
+
+ private:
+  template <class Tool> void remember(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
+    origin = rigid.origin;
+    direction = rigid.direction;
+    for (std::size_t f = 0; f < surface.size(); ++f) {
+      points[f].resize(surface.points(f).size(), {Vec3d::Zero(), Vec3d::Zero(), 0.0, 0.0});
+      for (std::size_t k = 0; k < points[f].size(); ++k) {
+        Point& p = points[f][k];
+        p.place = surface.position(f, surface.points(f)[k], x);
+        p.gap = rigid.distance(p.place);
+        p.ahead = advance_to_meet(rigid, p.place, p.gap);
+      }
+    }
+  }
+
+  // Steps of the distance: none goes beyond the surface.
+  template <class Tool> static double advance_to_meet(const Moving<Tool>& rigid, const Vec3d& place, double gap) {
+    constexpr int most_steps = 40;
+    constexpr double met = 1e-9;  // [m]
+    double ahead = 0.0;
+    if (rigid.direction.isZero(0.0)) return std::numeric_limits<double>::infinity();
+    for (int k = 0; k < most_steps && gap > met; ++k) {
+      ahead += gap;
+      gap = rigid.distance(place - ahead * rigid.direction);
+    }
+    return gap > met ? std::numeric_limits<double>::infinity() : ahead;
+  }
+
+  // What a point has slipped by [m] since it came into contact, not yet projected on the surface, and how much of its
+  // motion counts.
+  std::pair<Vec3d, double> slip_since_touch(
+      const Point& p, const Vec3d& at, const Vec3d& rigid_origin, const Vec3d& normal) const {
+    const Vec3d motion = (at - p.place) - (rigid_origin - origin);
+    if (p.gap <= 0.0) return {p.stretch + motion, 1.0};
+    if (std::isfinite(p.ahead)) return {motion + p.ahead * direction, 1.0};
+    const double closed = -normal.dot(motion), share = closed > p.gap ? 1.0 - p.gap / closed : 0.0;
+    return {share * motion, share};
   }
 };
 
@@ -8226,7 +8486,7 @@ template <class Model, Indenter Tool> struct PressSystem {
 
   ScaledContact<decltype(Model::contact)> contact() const { return {&model.contact, penalty_scale}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
-  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::UnitZ()}; }
+  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::Zero()}; }  ///< stands still
 
   /// Elastic + contact energy − load · advance [J]; +∞ for an inverted element.
   double energy(const Positions& x, double advance, double load) const {
@@ -8443,8 +8703,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations),
         now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, touch.origin),
-        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, Vec3d::Zero()) {
+        touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, system_.indenter(0.0)),
+        rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, system_.support()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -8457,7 +8717,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     auto state = std::tie(now_, touched_, rested_, load_);
     // The last one that was reached closely: a loose one may be what led astray.
     std::tuple<typename System::Place, FrictionHistory, FrictionHistory, double> reached = state;
-    double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
+    double first = std::min(load, largest_first_load()) * (has_friction() ? first_share : 1.0),
+           stride = config_.load_stride;
+    double on_the_way = has_friction() ? close : loose;  // friction remembers where strides end
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
                    tolerance = next == load ? config_.residual_tolerance : on_the_way;
@@ -8498,10 +8760,14 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
+  bool has_friction() const { return touched_.coefficient > 0.0 || rested_.coefficient > 0.0; }
+
   // Residual over load at which a stride on the way may end, at first and after a loss.
   static constexpr double loose = 0.3, close = 1e-3;
   // Residual over load below which points seldom come and go, or change between sticking and sliding.
   static constexpr double settled = 1e-2;
+  // Of the first load. A contact that has grown at once has slipped another way than one that grew.
+  static constexpr double first_share = 0.1;
   static constexpr int most_cuts = 8;  // of the strides to one load
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
@@ -13565,16 +13831,59 @@ inline std::optional<std::string> read_whole(const std::string& path, std::uintm
   return bytes;
 }
 
-/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one
-/// is replaced. Throws InputError of one line, and leaves what was there.
-inline void write_whole(const std::string& path, std::string_view bytes) {
+/// All bytes of a file, a pipe or a device that ends. Throws InputError of one line that names file and reason, also
+/// for more than `most` bytes.
+inline std::string read_text(const std::string& path, std::size_t most = std::size_t{1} << 26) {
+  const auto refuse = [&](const std::string& why) { throw InputError(message(path, ": cannot be read: ", why)); };
+  const auto reason = [] { return std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message(); };
+  errno = 0;
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
+  if (!file) refuse(reason());
+  std::string text(std::size_t{1} << 16, '\0');
+  for (std::size_t size = 0;;) {
+    if (size == text.size()) text.resize(std::min(2 * size, most + 1));
+    const std::size_t n = std::fread(text.data() + size, 1, text.size() - size, file.get());
+    size += n;
+    if (size > most) refuse(message("it has more than ", most, " bytes"));
+    if (n > 0) continue;
+    if (std::ferror(file.get()) != 0) refuse(reason());
+    text.resize(size);
+    return text;
+  }
+}
+
+/// Brings a file or folder to the disk; errno says why not.
+inline bool synchronise(const std::string& path) {
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0) return false;
+  const bool done = ::fsync(file) == 0;
+  const int why = errno;
+  ::close(file);
+  errno = why;
+  return done;
+}
+
+/// What a power failure leaves of a file that was written.
+enum class Durability {
+  disk,   ///< the whole of it, once the call has returned
+  memory  ///< what the system had written by then: for the many pictures of a recording
+};
+
+/// The whole file or none, after a power failure, too: written beside its place under a name that no other writer
+/// takes, brought to the disk, then renamed; an older one is replaced. Throws InputError of one line, and leaves what
+/// was there.
+inline void write_whole(const std::string& path, std::string_view bytes, Durability durability = Durability::disk) {
   // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
   const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
   errno = 0;
   std::ofstream out(part, std::ios::binary);
   out.write(bytes.data(), std::streamsize(bytes.size()));
   out.close();
-  if (out && std::rename(part.c_str(), path.c_str()) == 0) return;
+  const bool durable = durability == Durability::disk;
+  if (out && (!durable || synchronise(part)) && std::rename(part.c_str(), path.c_str()) == 0) {
+    if (durable) synchronise(std::filesystem::absolute(path).parent_path().string());  // the name must last as well
+    return;
+  }
   const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
   std::remove(part.c_str());
   throw InputError(message(path, ": cannot be written: ", why));

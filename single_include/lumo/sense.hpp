@@ -46,15 +46,18 @@
 #include <cstring>
 #include <deque>
 #include <exception>
+#include <fcntl.h>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <initializer_list>
 #include <istream>
 #include <limits>
+#include <locale>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <numeric>
 #include <optional>
 #include <ostream>
 #include <set>
@@ -67,6 +70,7 @@
 #include <thread>
 #include <tuple>
 #include <type_traits>
+#include <unistd.h>
 #include <utility>
 #include <vector>
 
@@ -182,9 +186,10 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
   return p + (s.size() > most ? "..." : "");
 }
 
-/// Joins its arguments into one line of text.
+/// Joins its arguments into one line of text, the same under every locale: it also becomes SQL and files.
 template <class... Args> std::string message(const Args&... args) {
   std::ostringstream out;
+  out.imbue(std::locale::classic());
   out.precision(10);
   (out << ... << args);
   return out.str();
@@ -322,10 +327,11 @@ struct ImageView {
   int height = 0;
   std::ptrdiff_t stride = 0;  ///< bytes from a row to the next
   PixelFormat format = PixelFormat::bgr;
+  int lit = 1;  ///< the channel that is measured: 0 blue, 1 green, 2 red; grey has one
 
   const std::uint8_t* row(int y) const { return data + y * stride; }
-  /// Green value, or the grey one. Unchecked.
-  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + 1]; }
+  /// Value of the measured channel, green unless `lit` says otherwise, or the grey one. Unchecked.
+  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + lit]; }
   bool empty() const { return !data || width <= 0 || height <= 0; }
 };
 
@@ -685,6 +691,7 @@ namespace lumo::sense {
 
 /// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields.
 /// No quotes, no empty lines but at the end, no comments; fields may have spaces around them, lines may end in CR LF.
+/// A header without commas is a spreadsheet's: semicolons or tabs separate, and numbers may have a decimal comma.
 /// Every fault is an InputError of one line with file, line and column.
 class CsvReader {
  public:
@@ -694,6 +701,10 @@ class CsvReader {
   CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
     if (!read_line()) throw InputError(message(name_, ": is empty, must begin with a line of column names"));
     if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
+    if (line_text_.starts_with("sep=") && line_text_.size() == 5 && !read_line())  // a spreadsheet's line of its own
+      throw InputError(message(name_, ":2: is empty, must be a line of column names"));
+    for (const char separator : {'\t', ';', ','})
+      if (line_text_.find(separator) != std::string::npos) separator_ = separator;
     split();
     for (const std::string_view f : fields_) {
       if (f.empty()) throw InputError(message(name_, ":1: column ", columns_.size() + 1, " has no name"));
@@ -738,7 +749,13 @@ class CsvReader {
   std::string_view text(int column) const { return fields_[std::size_t(column)]; }
   /// A finite number.
   double number(int column) const {
-    const std::string_view f = text(column);
+    std::string_view f = text(column);
+    std::string with_point;
+    if (const auto comma = f.find(','); separator_ != ',' && comma != std::string_view::npos) {
+      with_point = f;
+      with_point[comma] = '.';
+      f = with_point;
+    }
     double v = 0.0;
     const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
@@ -768,7 +785,11 @@ class CsvReader {
         if (line_text_.ends_with('\r')) line_text_.pop_back();
         return true;
       }
-      if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
+      if (c == '\0') {
+        const bool wide = line_text_.starts_with("\xff\xfe") || line_text_.starts_with("\xfe\xff");
+        throw InputError(
+            message(name_, ":", line_, ": holds a zero byte, is ", wide ? "UTF-16 and not UTF-8" : "no text"));
+      }
       line_text_ += char(c);
       if (line_text_.size() > max_line)
         throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
@@ -783,7 +804,7 @@ class CsvReader {
     if (const auto quote = all.find('"'); quote != std::string_view::npos)
       throw InputError(message(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
     for (std::size_t from = 0;;) {
-      const std::size_t to = std::min(all.find(',', from), all.size());
+      const std::size_t to = std::min(all.find(separator_, from), all.size());
       std::string_view f = all.substr(from, to - from);
       while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
       while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
@@ -800,6 +821,7 @@ class CsvReader {
   std::vector<std::string> columns_;
   std::vector<std::string_view> fields_;
   long line_ = 0;
+  char separator_ = ',';
 };
 
 /// The shortest text that reads back as the same number. Throws InvalidArgument unless it is finite.
@@ -1239,6 +1261,168 @@ static_assert(Readout<PhotodiodeArray>);
 
 #endif
 
+// ---- lumo/sense/recording/streams.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_STREAMS_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_STREAMS_HPP
+
+namespace lumo::sense {
+
+/// The streams of a log.
+enum class LogStream { frames, joints, wrenches, markers, photodiodes };
+inline constexpr std::size_t log_streams = 5;
+
+/// What was found of a stream as it was read.
+struct StreamReading {
+  /// Up to this share of the rows is left out for their stamps; beyond, the stream is faulty.
+  static constexpr double most_left_out = 0.05;
+
+  std::string fault;         ///< why the stream is empty although the log has it; empty: no fault
+  std::size_t rows = 0;      ///< that the log has
+  std::size_t repeated = 0;  ///< of them left out: they have the stamp of another one
+  std::size_t backward = 0;  ///< and those whose stamps are against the order of the others
+  bool operator==(const StreamReading&) const = default;
+
+  std::size_t left_out() const { return repeated + backward; }
+  bool is_beyond_limit() const { return double(left_out()) > most_left_out * double(rows); }
+};
+
+/// The rows of a stream that can be kept so that stamps ascend strictly.
+struct AscendingRows {
+  std::vector<std::size_t> kept;
+  StreamReading reading;
+};
+
+/// Keeps as many rows as possible, and of rows of one stamp the first: a single stamp in the far future costs one row,
+/// not all that follow. By the longest ascending sequence (Fredman, 1975).
+inline AscendingRows ascending_rows(std::span<const std::int64_t> stamp_ns) {
+  std::vector<std::size_t> last, before(stamp_ns.size());  // `last`: row that ends the sequence of each length
+  for (std::size_t i = 0; i < stamp_ns.size(); ++i) {
+    const auto at = std::lower_bound(
+        last.begin(), last.end(), stamp_ns[i], [&](std::size_t row, std::int64_t t) { return stamp_ns[row] < t; });
+    if (at != last.end() && stamp_ns[*at] == stamp_ns[i]) continue;
+    if (at != last.begin()) before[i] = *(at - 1);
+    if (at == last.end()) last.push_back(i);
+    else *at = i;
+  }
+  AscendingRows rows;
+  rows.kept.resize(last.size());
+  for (std::size_t n = last.size(), row = n > 0 ? last.back() : 0; n > 0; row = before[row]) rows.kept[--n] = row;
+  rows.reading.rows = stamp_ns.size();
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < stamp_ns.size(); ++i) {
+    if (next < rows.kept.size() && rows.kept[next] == i) {
+      ++next;
+      continue;
+    }
+    const auto same = std::lower_bound(rows.kept.begin(), rows.kept.end(), stamp_ns[i],
+        [&](std::size_t row, std::int64_t t) { return stamp_ns[row] < t; });
+    ++(same != rows.kept.end() && stamp_ns[*same] == stamp_ns[i] ? rows.reading.repeated : rows.reading.backward);
+  }
+  return rows;
+}
+
+/// The first stamp that does not exceed the one before it, and the share of such rows, for a message. The row is one
+/// of `stamp_ns`, which do not ascend strictly.
+inline std::string stamps_fault(std::span<const std::int64_t> stamp_ns, const StreamReading& reading, std::size_t row) {
+  return message("stamp ", stamp_ns[row], " ns does not exceed the one before it, ", stamp_ns[row - 1], " ns; ",
+      reading.left_out(), " of ", reading.rows, " stamps do not ascend, at most ", 100.0 * StreamReading::most_left_out,
+      " % are left out");
+}
+
+/// The first row whose stamp does not exceed the one before it; 0: there is none.
+inline std::size_t first_backward(std::span<const std::int64_t> stamp_ns) {
+  for (std::size_t i = 1; i < stamp_ns.size(); ++i)
+    if (stamp_ns[i] <= stamp_ns[i - 1]) return i;
+  return 0;
+}
+
+/// Period of a stream [s], from at least two rows: the mean, or where pauses make that longer the median.
+template <class Rows> double stream_period_s(const Rows& rows) {
+  constexpr double most_excess = 1.1;  // of the mean over the median: jitter, no pause
+  std::vector<std::int64_t> period;
+  for (std::size_t i = 1; i < rows.size(); ++i) period.push_back(rows[i].stamp_ns - rows[i - 1].stamp_ns);
+  const auto middle = period.begin() + std::ptrdiff_t(period.size() / 2);
+  std::nth_element(period.begin(), middle, period.end());
+  const double mean = 1e-9 * double(rows.back().stamp_ns - rows.front().stamp_ns) / double(rows.size() - 1);
+  return mean > most_excess * 1e-9 * double(*middle) ? 1e-9 * double(*middle) : mean;
+}
+
+/// Leaves these rows of a list, which are in ascending order.
+template <class Row> void keep_rows(std::vector<Row>& list, const std::vector<std::size_t>& kept) {
+  if (kept.size() == list.size()) return;
+  for (std::size_t n = 0; n < kept.size(); ++n)
+    if (n != kept[n]) list[n] = std::move(list[kept[n]]);
+  list.resize(kept.size());
+}
+
+/// From a stream's first stamp to its last one.
+struct Stretch {
+  std::int64_t from_ns = 0, to_ns = 0;
+
+  template <class Rows> static std::optional<Stretch> of(const Rows& rows) {
+    if (rows.empty()) return std::nullopt;
+    return Stretch{rows.front().stamp_ns, rows.back().stamp_ns};
+  }
+  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
+  bool meets(const Stretch& o) const { return std::max(from_ns, o.from_ns) <= std::min(to_ns, o.to_ns); }
+};
+
+/// "12.5 to 19.25 s".
+inline std::string to_string(const Stretch& s) {
+  const auto seconds = [](std::int64_t ns) {
+    const std::int64_t ms = ns / 1'000'000;
+    std::string digits = std::to_string(ms < 0 ? -(ms % 1000) : ms % 1000);
+    digits.insert(0, 3 - digits.size(), '0');
+    return (ns < 0 && ms / 1000 == 0 ? "-" : "") + std::to_string(ms / 1000) + '.' + digits;
+  };
+  return seconds(s.from_ns) + " to " + seconds(s.to_ns) + " s";
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/recording/velocities.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_VELOCITIES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_VELOCITIES_HPP
+
+namespace lumo::sense {
+
+/// Gives those samples a velocity that have none (an empty vector): the slope of the line through the positions of
+/// `half_s` before and after, by least squares; 0 where there is no second sample. Throws InputError for positions
+/// beyond all bounds.
+inline void find_velocities(std::vector<JointSample>& samples, double half_s = 0.01) {
+  const auto half_ns = std::llround(1e9 * half_s);
+  std::size_t from = 0, to = 0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (samples[i].velocity_rad_per_s.size() == samples[i].position_rad.size()) continue;
+    const std::int64_t at = samples[i].stamp_ns;
+    while (at - samples[from].stamp_ns > half_ns) ++from;
+    while (to < samples.size() && samples[to].stamp_ns - at <= half_ns) ++to;
+    std::size_t first = from, end = to;
+    if (end - first < 2) {  // few samples: the nearest ones
+      first = i > 0 ? i - 1 : i;
+      end = std::min(samples.size(), i + 2);
+    }
+    const Eigen::Index joints = samples[i].position_rad.size();
+    JointVector sum_tq = JointVector::Zero(joints);
+    double mean_t = 0.0, sum_tt = 0.0;
+    for (std::size_t k = first; k < end; ++k) mean_t += 1e-9 * double(samples[k].stamp_ns - at) / double(end - first);
+    for (std::size_t k = first; k < end; ++k) {
+      const double t = 1e-9 * double(samples[k].stamp_ns - at) - mean_t;
+      sum_tt += t * t;
+      sum_tq += t * (samples[k].position_rad - samples[i].position_rad);
+    }
+    if (!sum_tq.allFinite())
+      throw InputError(message("positions about ", at, " ns are too far apart to give a velocity"));
+    samples[i].velocity_rad_per_s = sum_tt > 0.0 ? JointVector(sum_tq / sum_tt) : JointVector::Zero(joints);
+  }
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/recording/tables.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_TABLES_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_TABLES_HPP
@@ -1283,10 +1467,12 @@ struct MarkerSample {
   double displacement_m = 0.0;
 };
 
-/// The time column of a log's table, as integer nanoseconds; strictly ascending.
+/// The time column of a log's table, as integer nanoseconds; strictly ascending, or made so at the end.
 class StampColumn {
  public:
-  explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
+  /// `reading`: counts rows whose stamps do not ascend, which `finish` then leaves out; null: such a row is an error.
+  explicit StampColumn(const CsvReader& csv, StreamReading* reading = nullptr)
+      : column_(csv.find("stamp_ns")), seconds_(column_ < 0), reading_(reading) {
     if (seconds_) column_ = csv.find("time_s");
     if (column_ < 0) throw InputError(message(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
     if (!seconds_ && csv.find("time_s") >= 0)
@@ -1302,15 +1488,33 @@ class StampColumn {
       stamp = csv.integer(column_);
       if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) csv.fail(column_, "is beyond the range of stamps");
     }
-    if (last_ && stamp <= *last_) csv.fail(column_, "does not exceed the stamp before it");
+    if (last_ && stamp <= *last_) {
+      if (reading_ == nullptr) csv.fail(column_, "does not exceed the stamp before it");
+      if (!backward_line_) backward_line_ = csv.line();
+    }
     last_ = stamp;
+    if (reading_ != nullptr) all_.push_back(stamp);
     return stamp;
+  }
+  /// To be called with all rows: leaves out those whose stamps do not ascend. Throws InputError for too many.
+  template <class Row> void finish(const CsvReader& csv, std::vector<Row>& rows) {
+    if (reading_ == nullptr) return;
+    const AscendingRows ascending = ascending_rows(all_);
+    *reading_ = ascending.reading;
+    if (reading_->is_beyond_limit())
+      throw InputError(message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
+          " does not exceed the stamp before it, and so do ", reading_->left_out(), " of ", reading_->rows,
+          " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
+    keep_rows(rows, ascending.kept);
   }
 
  private:
   int column_;
   bool seconds_;
+  StreamReading* reading_;
   std::optional<std::int64_t> last_;
+  std::optional<long> backward_line_;
+  std::vector<std::int64_t> all_;
 };
 
 /// A path below a log's frames/ that a table can hold.
@@ -1342,12 +1546,16 @@ inline std::ifstream open_text(const std::string& path) {
   return in;
 }
 
+/// Each of the readers below throws InputError, with file, line and column. With `reading` rows whose stamps do not
+/// ascend are left out and counted there, up to its limit; without it such a row is an error.
+
 /// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
-inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
+inline std::vector<FrameRecord> read_frame_log(
+    std::istream& in, const std::string& name, bool video = false, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
   csv.require_known(
       [&](std::string_view c) { return is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   const int file = video ? -1 : csv.require("file"), exposure = csv.find("exposure_s"), gain = csv.find("gain");
   std::vector<FrameRecord> list;
   while (csv.next()) {
@@ -1360,13 +1568,16 @@ inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::stri
     if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
     list.push_back(std::move(f));
   }
+  stamp.finish(csv, list);
   return list;
 }
 
-/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque.
-inline std::vector<JointSample> read_joint_log(std::istream& in, const std::string& name) {
+/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque. Without
+/// columns for velocities these follow from the positions.
+inline std::vector<JointSample> read_joint_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   int joints = 0;
   while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
   if (joints == 0) csv.require("position_rad_0");
@@ -1375,7 +1586,8 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
   std::vector<int> position, velocity, effort;
   for (int j = 0; j < joints; ++j) {
     position.push_back(csv.require(numbered("position_rad", j)));
-    velocity.push_back(csv.require(numbered("velocity_rad_per_s", j)));
+    velocity.push_back(
+        csv.find(numbered("velocity_rad_per_s", 0)) < 0 ? -1 : csv.require(numbered("velocity_rad_per_s", j)));
     effort.push_back(csv.require(numbered(effort_name, j)));
   }
   csv.require_known([&](std::string_view c) {
@@ -1387,23 +1599,27 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
   });
   std::vector<JointSample> list;
   while (csv.next()) {
-    JointSample s{stamp.read(csv), JointVector(joints), JointVector(joints), JointVector(joints), unit};
+    JointSample s{
+        stamp.read(csv), JointVector(joints), JointVector(velocity[0] < 0 ? 0 : joints), JointVector(joints), unit};
     for (int j = 0; j < joints; ++j) {
       s.position_rad[j] = csv.number(position[std::size_t(j)]);
-      s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
+      if (velocity[0] >= 0) s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
       s.effort[j] = csv.number(effort[std::size_t(j)]);
     }
     list.push_back(std::move(s));
   }
+  stamp.finish(csv, list);
+  find_velocities(list);
   return list;
 }
 
 /// Reads wrench.csv; torques may be absent altogether.
-inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::string& name) {
+inline std::vector<WrenchSample> read_wrench_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   static constexpr const char* forces[] = {"force_x_N", "force_y_N", "force_z_N"};
   static constexpr const char* torques[] = {"torque_x_Nm", "torque_y_Nm", "torque_z_Nm"};
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   bool with_torque = false;
   for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
   int column[6] = {};
@@ -1426,13 +1642,15 @@ inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::st
     }
     list.push_back(w);
   }
+  stamp.finish(csv, list);
   return list;
 }
 
 /// Reads marker.csv.
-inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::string& name) {
+inline std::vector<MarkerSample> read_marker_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   const int place = csv.require("displacement_m");
   csv.require_known([](std::string_view c) { return is_time(c) || c == "displacement_m"; });
   std::vector<MarkerSample> list;
@@ -1440,14 +1658,16 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
     const std::int64_t at = stamp.read(csv);
     list.push_back({at, csv.number(place)});
   }
+  stamp.finish(csv, list);
   return list;
 }
 
 /// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws
 /// InputError.
-inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
+inline std::vector<PhotodiodeSample> read_photodiode_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
   CsvReader csv(in, name);
-  StampColumn stamp(csv);
+  StampColumn stamp(csv, reading);
   std::vector<int> column;
   while (csv.find(numbered("signal_V", int(column.size()))) >= 0)
     column.push_back(csv.find(numbered("signal_V", int(column.size()))));
@@ -1463,6 +1683,7 @@ inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const
     for (std::size_t i = 0; i < column.size(); ++i) s.signal_V[Eigen::Index(i)] = csv.number(column[i]);
     list.push_back(std::move(s));
   }
+  stamp.finish(csv, list);
   return list;
 }
 
@@ -1650,6 +1871,98 @@ class LogTruth {
 
 #endif
 
+// ---- lumo/sense/recording/mcap/bag_metadata.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_MCAP_BAG_METADATA_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_MCAP_BAG_METADATA_HPP
+
+namespace lumo::sense {
+
+/// What the file metadata.yaml of a ROS 2 bag's folder says of its files (rosbag2_storage/yaml.hpp).
+struct BagMetadata {
+  std::string storage;             ///< "mcap", "sqlite3"
+  std::vector<std::string> files;  ///< in their order, below the folder
+};
+
+namespace detail {
+
+/// A value without blanks, comment and quotes.
+inline std::string yaml_scalar(std::string_view text) {
+  const auto trim = [&] {
+    while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
+    while (!text.empty() && (text.back() == ' ' || text.back() == '\t' || text.back() == '\r')) text.remove_suffix(1);
+  };
+  trim();
+  if (!text.empty() && (text.front() == '"' || text.front() == '\'')) {
+    const std::size_t end = text.find(text.front(), 1);
+    return std::string(text.substr(1, end == std::string_view::npos ? end : end - 1));
+  }
+  if (const std::size_t comment = text.find(" #"); comment != std::string_view::npos) text = text.substr(0, comment);
+  trim();
+  return std::string(text);
+}
+
+}  // namespace detail
+
+/// Reads metadata.yaml as rosbag2 writes it: of YAML no more than lines "key: value" and the list of files, in block or
+/// in flow style. Throws InputError if it names no files, or such as do not lie below the folder.
+inline BagMetadata bag_metadata(std::string_view text, const std::string& name) {
+  BagMetadata m;
+  bool listing = false;
+  const auto add = [&](std::string_view item) {
+    if (const std::string file = detail::yaml_scalar(item); !file.empty()) m.files.push_back(file);
+  };
+  for (std::size_t from = 0; from < text.size();) {
+    const std::size_t end = std::min(text.find('\n', from), text.size());
+    std::string_view line = text.substr(from, end - from);
+    from = end + 1;
+    line.remove_prefix(std::min(line.find_first_not_of(" \t"), line.size()));
+    if (listing && line.starts_with("- ")) {
+      add(line.substr(2));
+      continue;
+    }
+    const std::size_t colon = line.find(':');
+    const std::string_view key = line.substr(0, std::min(colon, line.size()));
+    const std::string value =
+        colon == std::string_view::npos ? std::string() : detail::yaml_scalar(line.substr(colon + 1));
+    if (key == "storage_identifier") m.storage = value;
+    listing = key == "relative_file_paths" && m.files.empty();
+    if (listing && value.starts_with('['))
+      for (std::size_t at = 1; at < value.size();) {
+        const std::size_t next = std::min(value.find_first_of(",]", at), value.size());
+        add(std::string_view(value).substr(at, next - at));
+        at = next + 1;
+      }
+  }
+  if (m.files.empty()) throw InputError(message(name, ": names no files (relative_file_paths)"));
+  for (const std::string& file : m.files)
+    if (file.front() == '/' || file.find("..") != std::string::npos || file.find('\0') != std::string::npos)
+      throw InputError(message(name, ": file '", printable(file), "' does not lie below the folder"));
+  return m;
+}
+
+/// Puts the files of a bag in the order of the numbers in their names: bag_2 before bag_10.
+inline void sort_by_number(std::vector<std::string>& files) {
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  const auto key = [&](const std::string& name) {
+    std::string padded;
+    for (std::size_t i = 0; i < name.size();) {
+      std::size_t end = i;
+      while (end < name.size() && is_digit(name[end])) ++end;
+      constexpr std::size_t most_digits = 20;
+      if (end > i) padded += std::string(most_digits - std::min(most_digits, end - i), '0') + name.substr(i, end - i);
+      else padded += name[end++];
+      i = end;
+    }
+    return padded;
+  };
+  std::sort(files.begin(), files.end(),
+      [&](const std::string& a, const std::string& b) { return std::pair(key(a), a) < std::pair(key(b), b); });
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/core/bytes.hpp
 #ifndef SINGLE_INCLUDE_LUMO_CORE_BYTES_HPP
 #define SINGLE_INCLUDE_LUMO_CORE_BYTES_HPP
@@ -1715,6 +2028,114 @@ class Crc32 {
 };
 
 }  // namespace lumo
+
+#endif
+
+// ---- lumo/sense/devices/picture_header.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_DEVICES_PICTURE_HEADER_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_DEVICES_PICTURE_HEADER_HPP
+
+namespace lumo::sense {
+
+/// Format and size of an image file, which stand before its pixels.
+struct PictureHeader {
+  enum class Format { png, jpeg, bmp, webp };
+  Format format;
+  std::uint32_t width, height;  ///< [px]
+  int bits;                     ///< of one channel; of a whole pixel in a BMP file
+};
+
+/// The header of a PNG, JPEG, BMP or WebP file (PNG: W3C 2003 §11.2.2; JPEG: ITU-T T.81 §B.2.2; BMP: BITMAPINFOHEADER
+/// and later; WebP: RFC 9649 §2); nullopt without one, since the memory that a decoder would take is then unknown.
+std::optional<PictureHeader> picture_header(std::span<const std::uint8_t> file);
+
+/// Whether a picture is worth decoding: a few bytes must not ask for gigabytes.
+inline bool is_decodable(const std::optional<PictureHeader>& h) { return h && is_image_size(h->width, h->height); }
+
+namespace detail {
+
+template <std::unsigned_integral T> T number_in(std::span<const std::uint8_t> bytes, std::size_t at, ByteOrder order) {
+  return number_at<T>(bytes.data() + at, order);
+}
+
+inline std::optional<PictureHeader> png_header(std::span<const std::uint8_t> f) {
+  constexpr std::array<std::uint8_t, 16> head{
+      0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D', 'R'};
+  if (f.size() < 26 || !std::equal(head.begin(), head.end(), f.begin())) return std::nullopt;
+  return PictureHeader{PictureHeader::Format::png, number_in<std::uint32_t>(f, 16, ByteOrder::big),
+      number_in<std::uint32_t>(f, 20, ByteOrder::big), f[24]};
+}
+
+/// From marker to marker up to the frame's.
+inline std::optional<PictureHeader> jpeg_header(std::span<const std::uint8_t> f) {
+  if (f.size() < 4 || f[0] != 0xff || f[1] != 0xd8) return std::nullopt;
+  for (std::size_t at = 2; at + 4 <= f.size();) {
+    if (f[at] != 0xff) return std::nullopt;
+    const std::uint8_t marker = f[at + 1];
+    if (marker == 0xff) {  // fill bytes may stand before a marker
+      ++at;
+      continue;
+    }
+    const bool alone = marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8);
+    if (alone) {
+      at += 2;
+      continue;
+    }
+    if (marker == 0xd9 || marker == 0xda) return std::nullopt;  // end, or pixels, before a frame
+    const std::size_t length = number_in<std::uint16_t>(f, at + 2, ByteOrder::big);
+    const bool frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
+    if (length < 2 || (frame && length < 8)) return std::nullopt;
+    if (frame) {
+      if (at + 9 > f.size()) return std::nullopt;
+      return PictureHeader{PictureHeader::Format::jpeg, number_in<std::uint16_t>(f, at + 7, ByteOrder::big),
+          number_in<std::uint16_t>(f, at + 5, ByteOrder::big), f[at + 4]};
+    }
+    at += 2 + length;
+  }
+  return std::nullopt;
+}
+
+inline std::optional<PictureHeader> bmp_header(std::span<const std::uint8_t> f) {
+  if (f.size() < 30 || f[0] != 'B' || f[1] != 'M' || number_in<std::uint32_t>(f, 14, ByteOrder::little) < 40)
+    return std::nullopt;
+  // Rows may run from top to bottom, as a negative height states.
+  const std::uint32_t height = number_in<std::uint32_t>(f, 22, ByteOrder::little);
+  return PictureHeader{PictureHeader::Format::bmp, number_in<std::uint32_t>(f, 18, ByteOrder::little),
+      height >> 31 ? ~height + 1 : height, int(number_in<std::uint16_t>(f, 28, ByteOrder::little))};
+}
+
+/// A container whose first chunk is the picture with loss, the one without, or the canvas of several chunks.
+inline std::optional<PictureHeader> webp_header(std::span<const std::uint8_t> f) {
+  const auto is = [&](std::size_t at, std::string_view word) {
+    return std::equal(word.begin(), word.end(), f.begin() + std::ptrdiff_t(at));
+  };
+  if (f.size() < 25 || !is(0, "RIFF") || !is(8, "WEBP")) return std::nullopt;
+  const auto number = [&](std::size_t at, int from_bit, int bits) {
+    return number_in<std::uint32_t>(f, at, ByteOrder::little) >> from_bit & ((1u << bits) - 1);
+  };
+  const auto header = [](std::uint32_t width, std::uint32_t height) {
+    return PictureHeader{PictureHeader::Format::webp, width, height, 8};
+  };
+  constexpr int side_bits = 14, canvas_bits = 24;
+  if (is(12, "VP8L") && f[20] == 0x2f)
+    return header(number(21, 0, side_bits) + 1, number(21, side_bits, side_bits) + 1);
+  if (f.size() < 30) return std::nullopt;
+  if (is(12, "VP8 ") && f[23] == 0x9d && f[24] == 0x01 && f[25] == 0x2a)
+    return header(number(26, 0, side_bits), number(26, 16, side_bits));
+  if (is(12, "VP8X")) return header(number(24, 0, canvas_bits) + 1, number(26, 8, canvas_bits) + 1);
+  return std::nullopt;
+}
+
+}  // namespace detail
+
+inline std::optional<PictureHeader> picture_header(std::span<const std::uint8_t> file) {
+  if (const auto png = detail::png_header(file)) return png;
+  if (const auto jpeg = detail::jpeg_header(file)) return jpeg;
+  if (const auto webp = detail::webp_header(file)) return webp;
+  return detail::bmp_header(file);
+}
+
+}  // namespace lumo::sense
 
 #endif
 
@@ -2050,7 +2471,7 @@ template <ChunkCodec... Codecs> class McapReader {
   /// Place and reason of a cut file's end; empty for a whole file.
   const std::string& fault() const { return fault_; }
 
-  /// Throws InputError if the file has changed since.
+  /// Throws InputError if the file has changed since, and for a packed message that cannot be unpacked.
   McapMessage read(const McapEntry& entry) {
     McapMessage m;
     std::size_t at = 0;
@@ -2069,6 +2490,7 @@ template <ChunkCodec... Codecs> class McapReader {
     McapFields fields(in.bytes(length), where, begin);
     if (opcode != McapOpcode::message) fields.fail("is no message any more: the file has changed");
     fill(m, fields);
+    unpack(m);
     return m;
   }
   /// Throws InputError if the file has changed since.
@@ -2172,6 +2594,25 @@ template <ChunkCodec... Codecs> class McapReader {
     m.channel = &channel->second;
     in.read(m.sequence, m.log_ns, m.publish_ns);
     m.data = in.bytes(in.rest());
+  }
+
+  /// rosbag2 can pack each message by itself ("compression_mode: MESSAGE"), which the file does not state. No CDR
+  /// message begins as a frame of Zstandard does.
+  void unpack(McapMessage& m) const {
+    if (m.channel->encoding != "cdr") return;
+    const auto attempt = [&](const auto& codec) {
+      if constexpr (requires { codec.frame_bytes(m.data); }) {
+        const auto size = codec.frame_bytes(m.data);
+        if (!size) return;
+        if (*size > limits_.record_bytes)
+          throw InputError(message(source_.where(), "a packed message says that it holds ", *size,
+              " bytes, read are at most ", limits_.record_bytes));
+        auto whole = std::make_shared<const Bytes>(codec.decompress(m.data, std::size_t(*size)));
+        m.data = *whole;
+        m.owner = std::move(whole);
+      }
+    };
+    std::apply([&](const auto&... codec) { (attempt(codec), ...); }, codecs_);
   }
 
   void take_chunk(std::span<const std::uint8_t> chunk_record, std::uint64_t at) {
@@ -2653,6 +3094,143 @@ static_assert(RosMessage<FrameExposure> && RosMessage<JointCurrents> && RosMessa
 
 #endif
 
+// ---- lumo/sense/recording/mcap/ros_pixels.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_MCAP_ROS_PIXELS_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_MCAP_ROS_PIXELS_HPP
+
+namespace lumo::sense {
+
+/// How the bytes of an Image's pixels are arranged.
+struct RosEncoding {
+  enum class Layout { grey, colours, yuv, bayer };
+  std::string_view name;
+  Layout layout;
+  int bytes;  ///< of a pixel
+  std::array<int, 3> place{
+      0, 0, 0};                ///< where blue, green, red stand in a pixel; of yuv: luminance, U, V in two pixels
+  std::string_view pattern{};  ///< of bayer: the colours of two rows of two pixels
+};
+
+/// The encodings that are read, all of 8 bits (sensor_msgs/image_encodings.hpp). 8UC3 does not say which colour comes
+/// first: green, which counts, is in the middle anyhow.
+inline constexpr std::array<RosEncoding, 17> ros_encodings{{
+    {"mono8", RosEncoding::Layout::grey, 1},
+    {"8UC1", RosEncoding::Layout::grey, 1},
+    {"bgr8", RosEncoding::Layout::colours, 3, {0, 1, 2}},
+    {"rgb8", RosEncoding::Layout::colours, 3, {2, 1, 0}},
+    {"8UC3", RosEncoding::Layout::colours, 3, {0, 1, 2}},
+    {"bgra8", RosEncoding::Layout::colours, 4, {0, 1, 2}},
+    {"rgba8", RosEncoding::Layout::colours, 4, {2, 1, 0}},
+    {"8UC4", RosEncoding::Layout::colours, 4, {0, 1, 2}},
+    {"yuv422", RosEncoding::Layout::yuv, 2, {1, 0, 2}},
+    {"uyvy", RosEncoding::Layout::yuv, 2, {1, 0, 2}},
+    {"yuv422_yuy2", RosEncoding::Layout::yuv, 2, {0, 1, 3}},
+    {"yuyv", RosEncoding::Layout::yuv, 2, {0, 1, 3}},
+    {"yuy2", RosEncoding::Layout::yuv, 2, {0, 1, 3}},
+    {"bayer_rggb8", RosEncoding::Layout::bayer, 1, {}, "rggb"},
+    {"bayer_bggr8", RosEncoding::Layout::bayer, 1, {}, "bggr"},
+    {"bayer_gbrg8", RosEncoding::Layout::bayer, 1, {}, "gbrg"},
+    {"bayer_grbg8", RosEncoding::Layout::bayer, 1, {}, "grbg"},
+}};
+
+/// The encoding of that name; null if it is not read.
+constexpr const RosEncoding* ros_encoding(std::string_view name) {
+  const auto* const found =
+      std::find_if(ros_encodings.begin(), ros_encodings.end(), [&](const RosEncoding& e) { return e.name == name; });
+  return found == ros_encodings.end() ? nullptr : found;
+}
+
+/// Checks an Image's encoding and that its pixels are all there; no pixels at all are a frame that was lost. Throws
+/// InputError.
+inline const RosEncoding& require_readable(const RosImage& m) {
+  const RosEncoding* const e = ros_encoding(m.encoding);
+  if (e == nullptr)
+    throw InputError(message("pictures are of encoding '", printable(m.encoding),
+        "', read are mono8, bgr8, rgb8, bgra8, rgba8, yuv422 (uyvy), yuv422_yuy2 (yuyv), 8UC1, 8UC3 and bayer_*8"));
+  if (m.width == 0 && m.height == 0) return *e;
+  if (m.width < 1 || m.height < 1 || m.width > max_image_side || m.height > max_image_side)
+    throw InputError(
+        message("a picture has ", m.width, " x ", m.height, " px, must have 1 to ", max_image_side, " each way"));
+  if (e->layout == RosEncoding::Layout::yuv && m.width % 2 != 0)
+    throw InputError(message("a picture of encoding '", e->name, "' is ", m.width, " px wide, must be even"));
+  const std::uint64_t row = std::uint64_t(m.width) * std::uint64_t(e->bytes),
+                      needed = std::uint64_t(m.step) * (m.height - 1) + row;
+  if (m.step < row) throw InputError(message("a picture's rows have ", m.step, " bytes, must have ", row));
+  if (m.data.size() < needed) throw InputError(message("a picture has ", m.data.size(), " bytes, must have ", needed));
+  return *e;
+}
+
+/// Pixels of an Image as grey, or as blue, green, red.
+class RosPixels {
+ public:
+  /// A view that holds until the next call, and as long as the message's bytes; empty for an Image without pixels.
+  /// Throws InputError for another encoding or sizes that do not match.
+  ImageView operator()(const RosImage& m) {
+    const RosEncoding& e = require_readable(m);
+    if (m.width == 0 && m.height == 0) return {};
+    const bool as_it_is = e.layout == RosEncoding::Layout::grey || (e.bytes == 3 && e.place[0] == 0);
+    const PixelFormat format = e.layout == RosEncoding::Layout::grey ? PixelFormat::grey : PixelFormat::bgr;
+    const ImageView raw{m.data.data(), int(m.width), int(m.height), std::ptrdiff_t(m.step), format};
+    if (as_it_is) return raw;
+    if (image_.width != raw.width || image_.height != raw.height) image_ = Image::black(raw.width, raw.height);
+    for (int y = 0; y < raw.height; ++y) {
+      std::uint8_t* const to = image_.row(y);
+      if (e.layout == RosEncoding::Layout::colours) colours(e, raw.row(y), to);
+      else if (e.layout == RosEncoding::Layout::yuv) yuv(e, raw.row(y), to);
+      else bayer(e, raw, y, to);
+    }
+    return image_.view();
+  }
+
+ private:
+  void colours(const RosEncoding& e, const std::uint8_t* from, std::uint8_t* to) const {
+    for (int x = 0; x < image_.width; ++x)
+      for (std::size_t c = 0; c < 3; ++c) to[3 * x + int(c)] = from[e.bytes * x + e.place[c]];
+  }
+
+  /// ITU-R BT.601 over the full range, as JFIF has it: nothing is cut off, so that values stay linear in the light. A
+  /// camera that leaves out the ends of the range gives values smaller by 1.16.
+  void yuv(const RosEncoding& e, const std::uint8_t* from, std::uint8_t* to) const {
+    const auto byte = [](double v) { return std::uint8_t(std::clamp(v + 0.5, 0.0, 255.0)); };
+    for (int x = 0; x < image_.width; ++x) {
+      const std::uint8_t* const pair = from + 4 * (x / 2);
+      const double luminance = pair[e.place[0] + 2 * (x % 2)], u = double(pair[e.place[1]]) - 128.0,
+                   v = double(pair[e.place[2]]) - 128.0;
+      to[3 * x] = byte(luminance + 1.772 * u);
+      to[3 * x + 1] = byte(luminance - 0.344136 * u - 0.714136 * v);
+      to[3 * x + 2] = byte(luminance + 1.402 * v);
+    }
+  }
+
+  /// Each colour is the mean of its own pixels among the neighbours, or the pixel itself.
+  void bayer(const RosEncoding& e, const ImageView& raw, int y, std::uint8_t* to) const {
+    const auto colour_at = [&](int column, int row) {
+      const char c = e.pattern[std::size_t(2 * (row % 2) + column % 2)];
+      return c == 'b' ? 0 : c == 'g' ? 1 : 2;
+    };
+    for (int x = 0; x < raw.width; ++x) {
+      std::array<int, 3> sum{}, count{};
+      for (int row = std::max(0, y - 1); row <= std::min(raw.height - 1, y + 1); ++row)
+        for (int column = std::max(0, x - 1); column <= std::min(raw.width - 1, x + 1); ++column) {
+          const auto c = std::size_t(colour_at(column, row));
+          sum[c] += raw.row(row)[column];
+          ++count[c];
+        }
+      const int own = colour_at(x, y);
+      for (std::size_t c = 0; c < 3; ++c)
+        to[3 * x + int(c)] = int(c) == own   ? raw.row(y)[x]
+                             : count[c] == 0 ? std::uint8_t(0)
+                                             : std::uint8_t((sum[c] + count[c] / 2) / count[c]);
+    }
+  }
+
+  Image image_;
+};
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/recording/recording.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_RECORDING_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_RECORDING_HPP
@@ -2668,7 +3246,31 @@ struct Recording {
   std::vector<WrenchSample> wrenches;
   std::vector<MarkerSample> markers;
   std::vector<PhotodiodeSample> photodiodes;
+  std::array<StreamReading, log_streams> reading{};  ///< of each LogStream, where it was read
+  std::vector<std::string> notes{};                  ///< what readers of results should know of how it was read
 };
+
+/// Throws InputError if the log has this stream and it could not be read.
+inline void require_readable(const Recording& log, LogStream stream) {
+  if (const std::string& fault = log.reading[std::size_t(stream)].fault; !fault.empty()) throw InputError(fault);
+}
+
+/// The same for all streams.
+inline void require_readable(const Recording& log) {
+  for (std::size_t s = 0; s < log_streams; ++s) require_readable(log, LogStream(s));
+}
+
+/// Throws InputError if pictures and joint samples, by the session's clocks, have no time in common.
+inline void require_common_time(const Recording& log) {
+  const auto frames = Stretch::of(log.frames);
+  auto joints = Stretch::of(log.joints);
+  if (!frames || !joints) return;
+  joints = Stretch{log.session.joint_clock(joints->from_ns), log.session.joint_clock(joints->to_ns)};
+  if (!joints->meets(*frames))
+    throw InputError(message(log.path, ": pictures and joint samples have no time in common: pictures from ",
+        to_string(*frames), ", joints from ", to_string(*joints),
+        "; if their clocks differ, joint_clock of session.json must say by how much"));
+}
 
 /// Throws InputError if session and tables do not match: currents need a torque constant for each joint.
 inline void validate(const Recording& log) {
@@ -2736,7 +3338,7 @@ class RecordingPlan {
 namespace lumo::sense {
 
 // A log as an MCAP file (docs/log_format.md): one topic for each table, messages of ROS 2 (CDR, schema encoding
-// ros2msg), session.json as an attachment.
+// ros2msg), session.json as an attachment. A bag of ROS 2 may have several files, which follow one another.
 //
 // - Image or CompressedImage: pictures; a frame's stamp is the header's
 // - FrameExposure: exposure and gain of the picture of the same stamp
@@ -2747,12 +3349,16 @@ namespace lumo::sense {
 /// Which topics to read; empty: the only one of its kind.
 struct McapTopics {
   std::string image{}, joints{}, wrench{};
+  /// The finger's joints in the order of the chain, by the names that messages have. Others are not read, and several
+  /// publishers may share the topic. Empty: all messages name the finger's joints, in this order.
+  std::vector<std::string> joint_names{};
 };
 
 /// Where a frame's picture lies.
 struct McapPicture {
   McapEntry at;
   bool compressed = false;
+  std::size_t file = 0;  ///< number of its file in a bag
 };
 
 /// Contents of an MCAP file. A file of other programs has no session: then the default one holds, and its LEDs and
@@ -2762,118 +3368,184 @@ struct McapLog {
   std::string session_json;             ///< text of the attachment session.json; may be empty
   std::vector<McapPicture> pictures;    ///< of the frames
   std::optional<RosCameraInfo> camera;  ///< the first one, if one topic has them
+  std::string contents;                 ///< all topics that have messages, with their types, for people
 };
 
-/// View of a message's pixels, in its own order of colours; empty without pixels. Throws InputError for another
-/// encoding or sizes that do not match.
-inline ImageView view_of(const RosImage& m) {
-  if (m.encoding != "mono8" && m.encoding != "bgr8" && m.encoding != "rgb8")
-    throw InputError(message("pictures are of encoding '", printable(m.encoding), "', read are mono8, bgr8 and rgb8"));
-  if (m.width == 0 && m.height == 0) return {};
-  const PixelFormat format = m.encoding == "mono8" ? PixelFormat::grey : PixelFormat::bgr;
-  if (m.width < 1 || m.height < 1 || m.width > max_image_side || m.height > max_image_side)
-    throw InputError(
-        message("a picture has ", m.width, " x ", m.height, " px, must have 1 to ", max_image_side, " each way"));
-  const std::uint64_t row = std::uint64_t(m.width) * std::uint64_t(channels(format)),
-                      needed = std::uint64_t(m.step) * (m.height - 1) + row;
-  if (m.step < row) throw InputError(message("a picture's rows have ", m.step, " bytes, must have ", row));
-  if (m.data.size() < needed) throw InputError(message("a picture has ", m.data.size(), " bytes, must have ", needed));
-  return {m.data.data(), int(m.width), int(m.height), std::ptrdiff_t(m.step), format};
-}
+/// The files of a bag, in their order.
+template <ChunkCodec... Codecs> using McapFiles = std::vector<std::shared_ptr<McapReader<Codecs...>>>;
 
-/// ".png" or ".jpg"; empty for any other format.
+/// Ending of the names of image files of this kind: ".png", ".jpg" or ".webp"; empty for any other.
 inline std::string_view picture_ending(std::span<const std::uint8_t> file) {
   const auto begins = [&](std::initializer_list<std::uint8_t> magic) {
     return file.size() > magic.size() && std::equal(magic.begin(), magic.end(), file.begin());
   };
-  return begins({0x89, 'P', 'N', 'G'}) ? ".png" : begins({0xFF, 0xD8, 0xFF}) ? ".jpg" : "";
+  if (begins({0x89, 'P', 'N', 'G'})) return ".png";
+  if (begins({0xFF, 0xD8, 0xFF})) return ".jpg";
+  const auto header = picture_header(file);
+  return header && header->format == PictureHeader::Format::webp ? ".webp" : "";
 }
 
-/// Collects a log's tables from messages.
+/// Why a CompressedImage is none of those that are read: a video's packet, a depth picture. Empty: it is one, or it is
+/// damaged. Its format says so, and its first bytes.
+inline std::string packed_fault(const RosCompressedImage& m) {
+  const auto says = [&](std::string_view word) { return m.format.find(word) != std::string::npos; };
+  const bool depth = says("compressedDepth") || m.format.starts_with("16UC1") || m.format.starts_with("32FC1");
+  if (!depth && (m.data.empty() || picture_header(m.data))) return "";
+  const bool known = m.format.empty() || says("png") || says("jpeg") || says("jpg") || says("bmp") || says("webp");
+  return known && !depth ? ""
+                         : message("pictures are of format '", printable(m.format),
+                               "', read are PNG, JPEG, BMP and WebP of 8 bits");
+}
+
+/// Stamps of one topic's messages, which only all of them tell: programs that do not set a header's stamp leave it 0,
+/// and a simulator's clock begins at 0.
+class TopicStamps {
+ public:
+  void add(std::int64_t header_ns, std::uint64_t log_ns) {
+    header_.push_back(header_ns);
+    log_.push_back(std::int64_t(std::min(log_ns, std::uint64_t(stamp_limit_ns))));
+    set_ = set_ || header_ns != 0;
+  }
+  /// The headers' stamps, or where none is set the log's times. A log of lumo's has its stamps.
+  const std::vector<std::int64_t>& ns(bool has_session) const { return set_ || has_session ? header_ : log_; }
+  const std::vector<std::int64_t>& log_ns() const { return log_; }
+  /// Median of log times less stamps; nullopt without any.
+  std::optional<std::int64_t> log_less_stamp_ns(bool has_session) const {
+    std::vector<std::int64_t> late;
+    for (std::size_t i = 0; i < log_.size(); ++i) late.push_back(log_[i] - ns(has_session)[i]);
+    if (late.empty()) return std::nullopt;
+    const auto middle = late.begin() + std::ptrdiff_t(late.size() / 2);
+    std::nth_element(late.begin(), middle, late.end());
+    return *middle;
+  }
+
+ private:
+  std::vector<std::int64_t> header_, log_;
+  bool set_ = false;
+};
+
+/// Collects a log's tables from messages. What is wrong with one stream is kept as its fault, and leaves it empty.
 class McapTables {
  public:
-  explicit McapTables(bool has_session) : has_session_(has_session) {}
+  /// `joint_names`: as McapTopics has them.
+  explicit McapTables(bool has_session, std::vector<std::string> joint_names = {})
+      : has_session_(has_session), chosen_(!joint_names.empty()), names_(std::move(joint_names)) {
+    known_.resize(names_.size());
+  }
 
   /// A message of the type with the name `type`.
   template <RosMessage... Messages>
-  void add_any(std::string_view type, std::span<const std::uint8_t> data, const McapEntry& at, std::string_view topic) {
+  void add_any(std::string_view type, std::span<const std::uint8_t> data, const McapPicture& at) {
     const auto attempt = [&]<RosMessage M>(std::type_identity<M>) {
-      if (type == M::type) add(from_cdr<M>(data), at, topic);
+      if (type == M::type) add(from_cdr<M>(data), at);
     };
     (attempt(std::type_identity<Messages>{}), ...);
   }
 
-  void add(const RosImage& m, const McapEntry& at, std::string_view topic) {
-    view_of(m);
-    add_frame(m.header, at, topic, {at, false}, ".png");
+  void add(const RosImage& m, const McapPicture& at) {
+    require_readable(m);
+    add_frame(m.header, {at.at, false, at.file}, ".png");
   }
-  void add(const RosCompressedImage& m, const McapEntry& at, std::string_view topic) {
+  void add(const RosCompressedImage& m, const McapPicture& at) {
+    if (const std::string fault = packed_fault(m); !fault.empty()) throw InputError(fault);
     const std::string_view ending = picture_ending(m.data);
-    add_frame(m.header, at, topic, {at, true}, ending.empty() ? ".png" : ending);
+    add_frame(m.header, {at.at, true, at.file}, ending.empty() ? ".png" : ending);
   }
-  void add(const RosCameraInfo& m, const McapEntry&, std::string_view) {
+  void add(const RosCameraInfo& m, const McapPicture&) {
     if (!found.camera) found.camera = m;
   }
-  void add(const FrameExposure& m, const McapEntry& at, std::string_view) {
+  void add(const FrameExposure& m, const McapPicture& at) {
     if (!(m.exposure_s >= 0.0 && m.gain >= 0.0))
       throw InputError(message("exposure is ", m.exposure_s, " s, gain ", m.gain, ", must not be negative"));
-    exposures_[stamp(m.header, at)] = {finite(m.exposure_s), finite(m.gain)};
+    exposure_stamps_.add(m.header.stamp_ns, at.at.log_ns);
+    exposures_.emplace_back(finite(m.exposure_s), finite(m.gain));
   }
-  void add(const RosJointState& m, const McapEntry& at, std::string_view topic) {
+  void add(const RosJointState& m, const McapPicture& at) {
     const std::size_t n = m.name.size();
-    if (n < 1 || n > std::size_t(max_joints))
+    if (!chosen_ && (n < 1 || n > std::size_t(max_joints)))
       throw InputError(message("has ", n, " joints, must have 1 to ", max_joints));
-    if (m.position.size() != n || m.velocity.size() != n || (m.effort.size() != n && !m.effort.empty()))
+    const auto fits = [n](const std::vector<double>& list) { return list.size() == n || list.empty(); };
+    if (m.position.size() != n || !fits(m.velocity) || !fits(m.effort))
       throw InputError(message("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(),
           " velocities and ", m.effort.size(), " efforts, must have as many"));
-    if (names_.empty()) names_ = m.name;
-    if (m.name != names_) throw InputError("names other joints than the messages before it");
-    found.log.joints.push_back({ascending(m.header, at, topic), joint_vector(m.position), joint_vector(m.velocity),
-        joint_vector(m.effort), Effort::torque_Nm});
+    if (names_.empty()) {
+      names_ = m.name;
+      known_.resize(n);
+    }
+    if (!chosen_ && !std::is_permutation(m.name.begin(), m.name.end(), names_.begin(), names_.end()))
+      throw InputError(message("joints must be chosen by their names: this is of ", listed(m.name), ", the first of ",
+          listed(names_), "; it names other joints than the messages before it"));
+    if (!by_name(m)) return;
+    const auto joints = Eigen::Index(names_.size());
+    JointSample s{0, JointVector(joints), JointVector(joints), JointVector(joints), Effort::torque_Nm};
+    for (Eigen::Index j = 0; j < joints; ++j) {
+      const JointValues& v = *known_[std::size_t(j)];
+      s.position_rad[j] = v.position;
+      s.velocity_rad_per_s[j] = v.velocity;
+      s.effort[j] = v.effort;
+    }
+    if (!s.velocity_rad_per_s.allFinite()) s.velocity_rad_per_s.resize(0);
+    if (!s.effort.allFinite()) s.effort.resize(0);
+    take(LogStream::joints, m.header, at.at);
+    found.log.joints.push_back(std::move(s));
   }
-  void add(const JointCurrents& m, const McapEntry& at, std::string_view) {
+  void add(const JointCurrents& m, const McapPicture& at) {
     if (m.current_A.size() > std::size_t(max_joints))
       throw InputError(message("has ", m.current_A.size(), " currents, must have at most ", max_joints));
-    currents_[stamp(m.header, at)] = joint_vector(m.current_A);
+    currents_.push_back(joint_vector(m.current_A));
+    current_stamps_.add(m.header.stamp_ns, at.at.log_ns);
   }
-  void add(const RosWrenchStamped& m, const McapEntry& at, std::string_view topic) {
-    WrenchSample w{ascending(m.header, at, topic)};
+  void add(const RosWrenchStamped& m, const McapPicture& at) {
+    WrenchSample w;
     for (std::size_t k = 0; k < 3; ++k) {
       w.force_N[Eigen::Index(k)] = finite(m.force[k]);
       w.torque_Nm[Eigen::Index(k)] = finite(m.torque[k]);
     }
+    take(LogStream::wrenches, m.header, at.at);
     found.log.wrenches.push_back(w);
   }
-  void add(const MarkerDisplacement& m, const McapEntry& at, std::string_view topic) {
-    found.log.markers.push_back({ascending(m.header, at, topic), finite(m.displacement_m)});
+  void add(const MarkerDisplacement& m, const McapPicture& at) {
+    found.log.markers.push_back({0, finite(m.displacement_m)});
+    take(LogStream::markers, m.header, at.at);
   }
-  void add(const PhotodiodeSignals& m, const McapEntry& at, std::string_view topic) {
-    PhotodiodeSample s{ascending(m.header, at, topic), Eigen::VectorXd(Eigen::Index(m.signal_V.size()))};
+  void add(const PhotodiodeSignals& m, const McapPicture& at) {
+    PhotodiodeSample s{0, Eigen::VectorXd(Eigen::Index(m.signal_V.size()))};
     for (std::size_t k = 0; k < m.signal_V.size(); ++k) s.signal_V[Eigen::Index(k)] = finite(m.signal_V[k]);
     const auto& list = found.log.photodiodes;
     if (s.signal_V.size() == 0 || (!list.empty() && list.front().signal_V.size() != s.signal_V.size()))
       throw InputError("all messages must have as many diodes, at least 1");
+    take(LogStream::photodiodes, m.header, at.at);
     found.log.photodiodes.push_back(std::move(s));
   }
 
-  /// To be called last: joins messages of one stamp.
-  void join() {
-    for (FrameRecord& f : found.log.frames)
-      if (const auto e = exposures_.find(f.stamp_ns); e != exposures_.end()) {
-        f.exposure_s = e->second.first;
-        f.gain = e->second.second;
-      }
-    for (JointSample& s : found.log.joints) {
-      if (s.effort.size() == s.position_rad.size()) continue;
-      const auto c = currents_.find(s.stamp_ns);
-      if (c == currents_.end() || c->second.size() != s.position_rad.size())
-        throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
-      s.effort = c->second;
-      s.unit = Effort::current_A;
+  /// `where` and the error become the stream's fault, if it has none yet.
+  void fail(LogStream stream, const std::string& where, const std::string& error) {
+    std::string& fault = found.log.reading[std::size_t(stream)].fault;
+    if (fault.empty()) fault = where + error;
+  }
+  bool has_failed(LogStream stream) const { return !found.log.reading[std::size_t(stream)].fault.empty(); }
+
+  /// To be called last: gives all rows their stamps, leaves out those whose stamps do not ascend, and joins messages of
+  /// one stamp. `topic` of a stream stands in faults of the file `name`.
+  void finish(const std::string& name, const std::array<std::string, log_streams>& topic) {
+    name_ = &name;
+    topic_ = &topic;
+    finish(LogStream::frames, found.log.frames);
+    finish(LogStream::joints, found.log.joints);
+    finish(LogStream::wrenches, found.log.wrenches);
+    finish(LogStream::markers, found.log.markers);
+    finish(LogStream::photodiodes, found.log.photodiodes);
+    if (has_failed(LogStream::frames)) found.pictures.clear();
+    join_exposures();
+    name_joints();
+    try {
+      join_efforts();
+      find_velocities(found.log.joints);
+    } catch (const InputError& error) {
+      fail(LogStream::joints, name + ": ", error.what());
+      found.log.joints.clear();
     }
-    for (const JointSample& s : found.log.joints)
-      if (s.unit != found.log.joints.front().unit)
-        throw InputError(message("joints at ", s.stamp_ns, " ns have another kind of effort than the first ones"));
+    if (!has_session_) join_clocks();
   }
 
   McapLog found;
@@ -2888,49 +3560,142 @@ class McapTables {
     for (std::size_t k = 0; k < v.size(); ++k) j[Eigen::Index(k)] = finite(v[k]);
     return j;
   }
-  /// Programs that do not set a header's stamp leave it 0; then the log's time replaces it. A log of lumo's has its
-  /// stamps, 0 included.
-  std::int64_t stamp(const RosHeader& h, const McapEntry& at) const {
-    if (h.stamp_ns != 0 || has_session_) return h.stamp_ns;
-    if (at.log_ns > std::uint64_t(stamp_limit_ns))
-      throw InputError(message("log time ", at.log_ns, " ns is beyond the range of stamps"));
-    return std::int64_t(at.log_ns);
+  void take(LogStream stream, const RosHeader& h, const McapEntry& at) {
+    stamps_[std::size_t(stream)].add(h.stamp_ns, at.log_ns);
   }
-  std::int64_t ascending(const RosHeader& h, const McapEntry& at, std::string_view topic) {
-    const std::int64_t t = stamp(h, at);
-    const auto [last, first] = last_.try_emplace(std::string(topic), t);
-    if (!first && t <= last->second)
-      throw InputError(message("stamp ", t, " ns does not exceed the one before it, ", last->second, " ns"));
-    return last->second = t;
-  }
-  void add_frame(const RosHeader& h, const McapEntry& at, std::string_view topic, const McapPicture& picture,
-      std::string_view ending) {
-    found.log.frames.push_back({ascending(h, at, topic), frame_file(found.pictures.size(), ending), 0.0, 0.0});
+  void add_frame(const RosHeader& h, const McapPicture& picture, std::string_view ending) {
+    take(LogStream::frames, h, picture.at);
+    found.log.frames.push_back({0, frame_file(found.pictures.size(), ending), 0.0, 0.0});
     found.pictures.push_back(picture);
   }
 
-  bool has_session_;
+  template <class Row> void finish(LogStream stream, std::vector<Row>& rows) {
+    StreamReading& reading = found.log.reading[std::size_t(stream)];
+    const TopicStamps& topic = stamps_[std::size_t(stream)];
+    const std::vector<std::int64_t>& stamp = topic.ns(has_session_);
+    for (std::size_t i = 0; i < rows.size(); ++i) rows[i].stamp_ns = stamp[i];
+    AscendingRows ascending = ascending_rows(stamp);
+    ascending.reading.fault = reading.fault;
+    reading = ascending.reading;
+    if (reading.fault.empty() && reading.is_beyond_limit()) {
+      const std::size_t row = first_backward(stamp);
+      fail(stream,
+          message(*name_, ": topic ", printable((*topic_)[std::size_t(stream)]), ", log time ", topic.log_ns()[row],
+              " ns: "),
+          stamps_fault(stamp, reading, row));
+    }
+    if (!reading.fault.empty()) {
+      rows.clear();
+      return;
+    }
+    keep_rows(rows, ascending.kept);
+    if constexpr (std::is_same_v<Row, FrameRecord>) keep_rows(found.pictures, ascending.kept);
+  }
+  /// The order of the names is the order of the chain: whoever reads results must see it. lumo's own names are numbers.
+  void name_joints() {
+    if (chosen_ && found.log.joints.empty() && !has_failed(LogStream::joints))
+      fail(LogStream::joints, *name_ + ": ", "no messages name all of the joints " + listed(names_));
+    if (!has_session_ && names_.size() > 1 && !found.log.joints.empty())
+      found.log.notes.push_back("joints from the base to the tip are taken to be " + listed(names_));
+  }
+  void join_exposures() {
+    std::map<std::int64_t, std::pair<double, double>> at;
+    for (std::size_t i = 0; i < exposures_.size(); ++i) at[exposure_stamps_.ns(has_session_)[i]] = exposures_[i];
+    for (FrameRecord& f : found.log.frames)
+      if (const auto e = at.find(f.stamp_ns); e != at.end()) {
+        f.exposure_s = e->second.first;
+        f.gain = e->second.second;
+      }
+  }
+  void join_efforts() {
+    std::map<std::int64_t, JointVector> at;
+    for (std::size_t i = 0; i < currents_.size(); ++i) at[current_stamps_.ns(has_session_)[i]] = currents_[i];
+    for (JointSample& s : found.log.joints) {
+      if (s.effort.size() == s.position_rad.size()) continue;
+      const auto c = at.find(s.stamp_ns);
+      if (c == at.end() || c->second.size() != s.position_rad.size())
+        throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
+      s.effort = c->second;
+      s.unit = Effort::current_A;
+    }
+    for (const JointSample& s : found.log.joints)
+      if (s.unit != found.log.joints.front().unit)
+        throw InputError(message("joints at ", s.stamp_ns, " ns have another kind of effort than the first ones"));
+  }
+
+  /// A stream that shares no time with the pictures is stamped on another clock. The log times of all are of one, so
+  /// that the difference of how late they are logged is the offset, but for what both take to get there.
+  void join_clocks() {
+    const auto frames = Stretch::of(found.log.frames);
+    const auto late = stamps_[std::size_t(LogStream::frames)].log_less_stamp_ns(has_session_);
+    const auto join = [&](LogStream stream, const auto& rows, ClockMap& clock, const char* what) {
+      const auto own = Stretch::of(rows);
+      const auto own_late = stamps_[std::size_t(stream)].log_less_stamp_ns(has_session_);
+      if (!frames || !own || own->meets(*frames) || !late || !own_late) return;
+      const std::int64_t offset = *own_late - *late;
+      if (!Stretch{own->from_ns + offset, own->to_ns + offset}.meets(*frames)) return;
+      clock.offset_s = 1e-9 * double(offset);
+      found.log.notes.push_back(message(what, " are stamped on another clock than the pictures (", to_string(*own),
+          ", pictures ", to_string(*frames), "): moved by ", clock.offset_s,
+          " s, as the file's log times have it; what the streams differ in on their way to the recorder is not known"));
+    };
+    join(LogStream::joints, found.log.joints, found.log.session.joint_clock, "joint states");
+    join(LogStream::wrenches, found.log.wrenches, found.log.session.wrench_clock, "wrenches");
+  }
+
+  /// The part of a joint state that is about one joint. What is missing or not finite is NaN.
+  struct JointValues {
+    double position = std::numeric_limits<double>::quiet_NaN(), velocity = position, effort = position;
+  };
+  static JointValues values_of(const RosJointState& m, std::size_t i) {
+    JointValues v;
+    v.position = finite(m.position[i]);
+    if (!m.velocity.empty() && std::isfinite(m.velocity[i])) v.velocity = m.velocity[i];
+    if (!m.effort.empty()) v.effort = finite(m.effort[i]);
+    return v;
+  }
+  /// The joints by their names; a joint that the message does not name is as it was last. False if the message is none
+  /// of the first joint, or some joint has not been seen yet.
+  bool by_name(const RosJointState& m) {
+    bool first = false;
+    for (std::size_t j = 0; j < names_.size(); ++j)
+      if (const auto at = std::find(m.name.begin(), m.name.end(), names_[j]); at != m.name.end()) {
+        known_[j] = values_of(m, std::size_t(at - m.name.begin()));
+        first = first || j == 0;
+      }
+    return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return k.has_value(); });
+  }
+  static std::string listed(const std::vector<std::string>& names) {
+    std::string text;
+    for (const std::string& n : names) text += (text.empty() ? "" : ", ") + printable(n);
+    return text;
+  }
+
+  bool has_session_, chosen_;
   std::vector<std::string> names_;
-  std::map<std::string, std::int64_t> last_;
-  std::map<std::int64_t, std::pair<double, double>> exposures_;
-  std::map<std::int64_t, JointVector> currents_;
+  std::vector<std::optional<JointValues>> known_;
+  std::array<TopicStamps, log_streams> stamps_;
+  TopicStamps exposure_stamps_, current_stamps_;
+  std::vector<std::pair<double, double>> exposures_;
+  std::vector<JointVector> currents_;
+  const std::string* name_ = nullptr;
+  const std::array<std::string, log_streams>* topic_ = nullptr;
 };
 
-/// The channels of one kind, all of one topic: the wanted one, or the only one. Throws InputError.
-inline std::set<std::uint16_t> choose_topic(const std::map<std::string, std::set<std::uint16_t>>& topics,
-    const std::string& wanted, const char* what, const std::string& name) {
+/// The topic of one kind: the wanted one, or the only one; empty: there is none. Throws InputError.
+inline std::string choose_topic(
+    const std::set<std::string>& topics, const std::string& wanted, const char* what, const std::string& name) {
   std::string all;
-  for (const auto& t : topics) all += (all.empty() ? "" : ", ") + printable(t.first);
+  for (const std::string& t : topics) all += (all.empty() ? "" : ", ") + printable(t);
   if (!wanted.empty()) {
-    const auto t = topics.find(wanted);
-    if (t == topics.end())
+    if (!topics.contains(wanted))
       throw InputError(message(
           name, ": has no ", what, " on topic '", printable(wanted), "'", all.empty() ? "" : ", but on " + all));
-    return t->second;
+    return wanted;
   }
   if (topics.size() > 1)
     throw InputError(message(name, ": has ", what, " on several topics, one must be chosen: ", all));
-  return topics.empty() ? std::set<std::uint16_t>{} : topics.begin()->second;
+  return topics.empty() ? std::string() : *topics.begin();
 }
 
 namespace detail {
@@ -2955,64 +3720,163 @@ template <ChunkCodec... Codecs> std::string_view schema_of(const McapReader<Code
   return s == file.schemas().end() ? std::string_view() : std::string_view(s->second.name);
 }
 
-/// The channels whose messages make a log. Throws InputError if a topic is missing or must be chosen.
-template <ChunkCodec... Codecs>
-std::set<std::uint16_t> log_channels(const McapReader<Codecs...>& file, const McapTopics& wanted) {
-  std::set<std::uint16_t> used, channels;
-  for (const McapEntry& e : file.messages()) used.insert(e.channel);
-  const auto choose = [&](const char* what, const std::string& topic, std::initializer_list<std::string_view> types) {
-    std::map<std::string, std::set<std::uint16_t>> topics;
-    for (const std::uint16_t c : used)
-      if (std::find(types.begin(), types.end(), schema_of(file, c)) != types.end())
-        topics[file.channels().at(c).topic].insert(c);
-    channels.merge(choose_topic(topics, topic, what, file.name()));
-  };
-  choose("pictures", wanted.image, {RosImage::type, RosCompressedImage::type});
-  choose("joint states", wanted.joints, {RosJointState::type});
-  choose("wrenches", wanted.wrench, {RosWrenchStamped::type});
-  choose("exposures", "", {FrameExposure::type});
-  choose("currents", "", {JointCurrents::type});
-  choose("displacements", "", {MarkerDisplacement::type});
-  choose("photodiodes", "", {PhotodiodeSignals::type});
-  std::set<std::string_view> cameras;
-  for (const std::uint16_t c : used)
-    if (schema_of(file, c) == RosCameraInfo::type) cameras.insert(file.channels().at(c).topic);
-  for (const std::uint16_t c : used)
-    if (schema_of(file, c) == RosCameraInfo::type && cameras.size() == 1) channels.insert(c);
-  return channels;
-}
+/// A topic of a bag and the type of its messages.
+using TopicType = std::pair<std::string, std::string_view>;
+
+/// Finds the topics whose messages make a log.
+template <ChunkCodec... Codecs> class TopicChoice {
+ public:
+  TopicChoice(const McapFiles<Codecs...>& files, const McapTopics& wanted, McapTables& tables)
+      : files_(files), name_(files.front()->name()), tables_(tables) {
+    for (std::size_t f = 0; f < files.size(); ++f)
+      for (const McapEntry& e : files[f]->messages())
+        first_.try_emplace(
+            {files[f]->channels().at(e.channel).topic, schema_of(*files[f], e.channel)}, McapPicture{e, false, f});
+    choose_pictures(wanted.image);
+    choose(LogStream::frames, "exposures", "", {FrameExposure::type});
+    choose(LogStream::joints, "joint states", wanted.joints, {RosJointState::type});
+    choose(LogStream::joints, "currents", "", {JointCurrents::type});
+    choose(LogStream::wrenches, "wrenches", wanted.wrench, {RosWrenchStamped::type});
+    choose(LogStream::markers, "displacements", "", {MarkerDisplacement::type});
+    choose(LogStream::photodiodes, "photodiodes", "", {PhotodiodeSignals::type});
+    if (const auto cameras = topics_of({RosCameraInfo::type}); cameras.size() == 1)
+      use_[{*cameras.begin(), RosCameraInfo::type}] = std::nullopt;
+  }
+
+  /// The stream that is faulty if a message is, none if nothing needs it; null: the message's channel is not read.
+  const std::optional<LogStream>* use(const McapReader<Codecs...>& file, std::uint16_t channel) const {
+    const auto u = use_.find({file.channels().at(channel).topic, schema_of(file, channel)});
+    return u == use_.end() ? nullptr : &u->second;
+  }
+  /// Of each stream; empty without one.
+  const std::array<std::string, log_streams>& topic() const { return topic_; }
+  /// "/camera (foxglove.CompressedImage, json), …".
+  std::string contents() const {
+    constexpr std::size_t most = 12;
+    std::string text;
+    std::size_t count = 0;
+    for (const auto& [topic, at] : first_)
+      if (++count <= most)
+        text += (text.empty() ? "" : ", ") + printable(topic.first) + " (" + printable(std::string(topic.second)) +
+                ", " + printable(files_[at.file]->channels().at(at.at.channel).encoding) + ")";
+    return text + (count > most ? message(" and ", count - most, " more") : std::string());
+  }
+
+ private:
+  std::set<std::string> topics_of(std::initializer_list<std::string_view> types) const {
+    std::set<std::string> topics;
+    for (const auto& [topic, at] : first_)
+      if (std::find(types.begin(), types.end(), topic.second) != types.end()) topics.insert(topic.first);
+    return topics;
+  }
+  void choose(
+      LogStream stream, const char* what, const std::string& wanted, std::initializer_list<std::string_view> types) {
+    choose_of(topics_of(types), stream, what, wanted, types);
+  }
+  void choose_of(const std::set<std::string>& topics, LogStream stream, const char* what, const std::string& wanted,
+      std::initializer_list<std::string_view> types) {
+    try {
+      const std::string chosen = choose_topic(topics, wanted, what, name_);
+      if (chosen.empty()) return;
+      std::string& topic = topic_[std::size_t(stream)];
+      if (topic.empty()) topic = chosen;
+      for (const std::string_view type : types) use_[{chosen, type}] = stream;
+    } catch (const InputError& error) {
+      tables_.fail(stream, "", error.what());
+    }
+  }
+
+  /// Of several topics with pictures those count that can be read: no depth, no video. image_transport sends the same
+  /// pictures packed below the name of their topic.
+  void choose_pictures(const std::string& wanted) {
+    const std::initializer_list<std::string_view> types = {RosImage::type, RosCompressedImage::type};
+    std::set<std::string> topics = topics_of(types);
+    if (wanted.empty() && topics.size() > 1) {
+      std::set<std::string> readable;
+      std::string others;
+      for (const std::string& t : topics) {
+        const std::size_t slash = t.rfind('/');
+        const std::string above = slash == std::string::npos ? std::string() : t.substr(0, slash);
+        const bool twin = topics.contains(above) && unreadable(above).empty();
+        const std::string why = twin ? "the same pictures packed" : unreadable(t);
+        if (why.empty()) readable.insert(t);
+        else others += (others.empty() ? "" : "; ") + printable(t) + ": " + why;
+      }
+      if (readable.size() == 1) {
+        tables_.found.log.notes.push_back(
+            message("pictures of topic ", printable(*readable.begin()), " are read, others are not: ", others));
+        topics = readable;
+      }
+    }
+    choose_of(topics, LogStream::frames, "pictures", wanted, types);
+  }
+  /// Why the first message of a topic cannot be read as a picture; empty: it can.
+  std::string unreadable(const std::string& topic) const {
+    try {
+      if (const auto at = first_.find({topic, RosImage::type}); at != first_.end())
+        require_readable(from_cdr<RosImage>(files_[at->second.file]->read(at->second.at).data));
+      if (const auto at = first_.find({topic, RosCompressedImage::type}); at != first_.end())
+        return packed_fault(from_cdr<RosCompressedImage>(files_[at->second.file]->read(at->second.at).data));
+      return "";
+    } catch (const InputError& error) {
+      return error.what();
+    }
+  }
+
+  const McapFiles<Codecs...>& files_;
+  std::string name_;
+  McapTables& tables_;
+  std::map<TopicType, McapPicture> first_;  ///< message of each topic
+  std::map<TopicType, std::optional<LogStream>> use_;
+  std::array<std::string, log_streams> topic_;
+};
 
 }  // namespace detail
 
-/// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. Throws InputError of one line
-/// with file, topic, time and reason.
-template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}) {
-  std::string session_json = detail::attached_session(file);
-  const std::set<std::uint16_t> channels = detail::log_channels(file, wanted);
-  McapTables tables(!session_json.empty());
-  for (const McapEntry& e : file.messages()) {
-    if (!channels.contains(e.channel)) continue;
-    const McapChannel& channel = file.channels().at(e.channel);
-    try {
-      if (channel.encoding != "cdr")
-        throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
-      const McapMessage m = file.read(e);
-      tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents,
-          RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(
-          detail::schema_of(file, e.channel), m.data, e, channel.topic);
-    } catch (const InputError& error) {
-      throw InputError(
-          message(file.name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: ", error.what()));
+/// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. `files` are those of one bag, in
+/// their order, at least one. A stream that cannot be read is empty, and Recording::reading has the reason: one line
+/// with file, topic, time. Throws InputError where the session is too large.
+template <ChunkCodec... Codecs>
+McapLog read_mcap_log(const McapFiles<Codecs...>& files, const McapTopics& wanted = {}) {
+  if (files.empty()) throw InvalidArgument("bag without files");
+  if (wanted.joint_names.size() > std::size_t(max_joints))
+    throw InvalidArgument(
+        message(wanted.joint_names.size(), " joints are chosen by name, must be at most ", max_joints));
+  std::string session_json;
+  for (const auto& file : files)
+    if (session_json.empty()) session_json = detail::attached_session(*file);
+  McapTables tables(!session_json.empty(), wanted.joint_names);
+  const detail::TopicChoice<Codecs...> choice(files, wanted, tables);
+  for (std::size_t f = 0; f < files.size(); ++f)
+    for (const McapEntry& e : files[f]->messages()) {
+      const std::optional<LogStream>* const use = choice.use(*files[f], e.channel);
+      if (use == nullptr || (*use && tables.has_failed(**use))) continue;
+      const McapChannel& channel = files[f]->channels().at(e.channel);
+      try {
+        if (channel.encoding != "cdr")
+          throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
+        const McapMessage m = files[f]->read(e);
+        tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents,
+            RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(
+            detail::schema_of(*files[f], e.channel), m.data, {e, false, f});
+      } catch (const InputError& error) {
+        if (*use)
+          tables.fail(**use,
+              message(files[f]->name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: "),
+              error.what());
+      }
     }
-  }
-  try {
-    tables.join();
-  } catch (const InputError& error) {
-    throw InputError(file.name() + ": " + error.what());
-  }
-  tables.found.log.path = file.name();
+  tables.finish(files.front()->name(), choice.topic());
+  tables.found.log.path = files.front()->name();
   tables.found.session_json = std::move(session_json);
+  tables.found.contents = choice.contents();
   return std::move(tables.found);
+}
+
+/// The same of a single file.
+template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}) {
+  return read_mcap_log(
+      McapFiles<Codecs...>{std::shared_ptr<McapReader<Codecs...>>(std::shared_ptr<void>(), &file)}, wanted);
 }
 
 }  // namespace lumo::sense
@@ -4360,6 +5224,308 @@ static_assert(LocationEstimator<PeakLocalizer>);
 
 #endif
 
+// ---- lumo/core/sobol.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+
+namespace lumo {
+
+/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
+constexpr std::uint64_t mix64(std::uint64_t x) {
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
+  return x ^ (x >> 31);
+}
+
+/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
+constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
+  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
+}
+
+/// A number in (0, 1) from a key.
+constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
+
+/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
+inline std::uint32_t nearest_power_of_two(double wish) {
+  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
+}
+
+constexpr std::uint32_t reverse_bits(std::uint32_t x) {
+  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
+  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
+  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
+  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
+  return (x >> 16) | (x << 16);
+}
+
+/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
+/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
+/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
+constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
+  x = reverse_bits(x);
+  x ^= x * 0x3d20adeau;
+  x += seed;
+  x *= (seed >> 16) | 1u;
+  x ^= x * 0x05526c56u;
+  x ^= x * 0x53a22864u;
+  return reverse_bits(x);
+}
+
+/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
+struct SobolSeed {
+  int degree;
+  std::uint32_t polynomial;
+  std::array<std::uint32_t, 7> m;
+};
+
+/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
+/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
+inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
+    {1, 0, {1}},
+    {2, 1, {1, 3}},
+    {3, 1, {1, 3, 1}},
+    {3, 2, {1, 1, 1}},
+    {4, 1, {1, 1, 3, 3}},
+    {4, 4, {1, 3, 5, 13}},
+    {5, 2, {1, 1, 5, 5, 17}},
+    {5, 4, {1, 1, 5, 5, 5}},
+    {5, 7, {1, 1, 7, 11, 19}},
+    {5, 11, {1, 1, 5, 1, 1}},
+    {5, 13, {1, 1, 1, 3, 11}},
+    {5, 14, {1, 3, 5, 5, 31}},
+    {6, 1, {1, 3, 3, 9, 7, 49}},
+    {6, 13, {1, 1, 1, 15, 21, 21}},
+    {6, 16, {1, 3, 1, 13, 27, 49}},
+    {6, 19, {1, 1, 1, 15, 7, 5}},
+    {6, 22, {1, 3, 1, 15, 13, 25}},
+    {6, 25, {1, 1, 5, 5, 19, 61}},
+    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
+    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
+    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
+    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
+    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
+    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
+    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
+    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
+    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
+    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
+    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
+    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
+    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
+}};
+
+/// A plain array, which a compiler fills faster than std::array.
+struct SobolTable {
+  std::uint32_t number[32][32];
+};
+
+/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
+constexpr SobolTable make_sobol_table() {
+  SobolTable table{};
+  auto& v = table.number;
+  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
+  for (std::size_t d = 1; d < 32; ++d) {
+    const SobolSeed& seed = sobol_seeds[d - 1];
+    const std::size_t s = std::size_t(seed.degree);
+    for (std::size_t k = 0; k < 32; ++k) {
+      if (k < s) {
+        v[d][k] = seed.m[k] << (31 - k);
+        continue;
+      }
+      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
+      for (std::size_t j = 1; j < s; ++j)
+        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
+    }
+  }
+  return table;
+}
+
+/// Made by the compiler, and so only where it is used.
+inline constexpr SobolTable sobol_table = make_sobol_table();
+
+/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
+struct Sobol {
+  static constexpr int dimensions = 32;
+
+  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
+  static std::uint32_t bits(std::uint32_t index, int dimension) {
+    std::uint32_t x = 0;
+    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
+      if (index & 1u) x ^= sobol_table.number[dimension][k];
+    return x;
+  }
+};
+
+/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
+/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
+/// keep a state and are not scrambled.
+struct OwenSobol {
+  std::uint64_t seed = 0;
+
+  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
+  double operator()(std::uint32_t index, int dimension) const {
+    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
+    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/statistics.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+
+namespace lumo {
+
+/// A number with a lower and an upper bound.
+struct Interval {
+  double value = 0.0, low = 0.0, high = 0.0;
+};
+
+/// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
+inline double median(std::vector<double> v) {
+  if (v.empty()) throw InvalidArgument("median of no numbers");
+  const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
+  std::nth_element(v.begin(), half, v.end());
+  return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
+}
+
+/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for
+/// none.
+inline double quantile(std::vector<double> v, double p) {
+  if (v.empty()) throw InvalidArgument("quantile of no numbers");
+  require_in_range("quantile", p, 0.0, 1.0, "");
+  std::sort(v.begin(), v.end());
+  const double place = p * double(v.size() - 1);
+  const auto i = std::size_t(place);
+  return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
+}
+
+/// Root mean square of the entries.
+inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) {
+  return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0;
+}
+
+/// Median of each row.
+inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
+  Eigen::VectorXd r(m.rows());
+  for (Eigen::Index i = 0; i < m.rows(); ++i) {
+    const Eigen::VectorXd row = m.row(i);
+    r[i] = median({row.data(), row.data() + row.size()});
+  }
+  return r;
+}
+
+/// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
+inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
+  if (all < 1 || right < 0 || right > all)
+    throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
+  const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
+  const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
+  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
+}
+
+/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
+class CountedNormals {
+ public:
+  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
+  double operator()() {
+    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))),
+                 turn = uniform(combine(seed_, count_ + 1));
+    count_ += 2;
+    return radius * std::cos(6.2831853071795864769 * turn);
+  }
+
+ private:
+  std::uint64_t seed_, count_ = 0;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/sense/joints/effort_check.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_EFFORT_CHECK_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_EFFORT_CHECK_HPP
+
+namespace lumo::sense {
+
+/// Limits of what is believed of a driver's efforts.
+struct EffortLimits {
+  double most = 1e6;          ///< [A or N·m]; beyond, a number is no effort
+  double milli_from = 100.0;  ///< median magnitude beyond which amperes are milliamperes; no finger's motor holds it
+  double wrap = 65536.0;      ///< of unsigned 16 bits …
+  double wrap_near = 0.25;    ///< … and the share of it that values stay away from both ends
+  double limit_share = 0.01;  ///< of the samples at their very largest or smallest value, beyond which that is a limit
+  std::size_t least_limit = 20;
+  double stuck_s = 1.0;       ///< the very same value for so long …
+  double stuck_share = 0.02;  ///< … in this share of the log, in joints whose values change otherwise
+};
+
+/// What speaks against the efforts of a joint.
+struct EffortCheck {
+  bool never_changes = false;
+  bool milli = false;        ///< milliamperes are given for amperes
+  bool wraps = false;        ///< negative values of 16 bits are read as unsigned
+  double limit = 0.0;        ///< value at which the driver or its controller stops; 0: none
+  double at_limit = 0.0;     ///< share of the samples there
+  double stuck_share = 0.0;  ///< of the log, in stretches that are stuck
+};
+
+namespace detail {
+
+/// Share of the samples whose effort stays the very same for longer than `stuck_s`.
+inline double stuck_share(std::span<const JointSample> samples, int joint, double stuck_s) {
+  std::size_t stuck = 0, from = 0;
+  for (std::size_t i = 1; i <= samples.size(); ++i)
+    if (i == samples.size() || samples[i].effort[joint] != samples[from].effort[joint]) {
+      if (1e-9 * double(samples[i - 1].stamp_ns - samples[from].stamp_ns) > stuck_s) stuck += i - from;
+      from = i;
+    }
+  return double(stuck) / double(samples.size());
+}
+
+}  // namespace detail
+
+/// Throws InvalidArgument for a joint that the samples do not have, or efforts that are not finite or beyond `most`.
+inline EffortCheck check_effort(std::span<const JointSample> samples, int joint, const EffortLimits& limits = {}) {
+  EffortCheck check;
+  std::vector<double> effort, magnitude;
+  for (const JointSample& s : samples) {
+    if (joint < 0 || joint >= s.effort.size()) throw InvalidArgument(message("efforts: there is no joint ", joint));
+    const double e = s.effort[joint];
+    require_in_range("effort", e, -limits.most, limits.most, s.unit == Effort::current_A ? "A" : "N·m");
+    effort.push_back(e);
+    magnitude.push_back(std::abs(e));
+  }
+  if (effort.size() < 2) return check;
+  const auto [least, most] = std::minmax_element(effort.begin(), effort.end());
+  check.never_changes = *least == *most;
+  if (check.never_changes) return check;
+  const auto high = std::count_if(effort.begin(), effort.end(),
+      [&](double e) { return e > (1.0 - limits.wrap_near) * limits.wrap && e < limits.wrap; });
+  const auto low = std::count_if(
+      effort.begin(), effort.end(), [&](double e) { return e >= 0.0 && e < limits.wrap_near * limits.wrap; });
+  check.wraps = high > 0 && low > 0 && std::size_t(high + low) == effort.size();
+  check.milli = !check.wraps && samples.front().unit == Effort::current_A && median(magnitude) > limits.milli_from;
+  for (const double end : {*least, *most})
+    if (const auto there = std::count(effort.begin(), effort.end(), end);
+        std::size_t(there) >= limits.least_limit && double(there) > limits.limit_share * double(effort.size()) &&
+        double(there) > check.at_limit * double(effort.size()) && std::abs(end) > median(magnitude)) {
+      check.limit = end;
+      check.at_limit = double(there) / double(effort.size());
+    }
+  check.stuck_share = detail::stuck_share(samples, joint, limits.stuck_s);
+  if (check.stuck_share < limits.stuck_share) check.stuck_share = 0.0;
+  return check;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/joints/contact_jacobian.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_CONTACT_JACOBIAN_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_CONTACT_JACOBIAN_HPP
@@ -5589,6 +6755,7 @@ class Strip {
     int width = 640, height = 480;  ///< of the frames [px]
     PixelFormat format = PixelFormat::bgr;
     int row_step = 1;  ///< reads every n-th line along the finger: image rows, or columns for an upright finger
+    int lit = 1;       ///< the channel that is measured, as ImageView has it
   };
 
   /// Throws InvalidArgument for a band outside of the image or numbers out of range.
@@ -5687,10 +6854,11 @@ inline Strip::Strip(const Config& c)
     : width_(c.width),
       height_(c.height),
       channels_(sense::channels(c.format)),
-      channel_(c.format == PixelFormat::bgr ? 1 : 0),
+      channel_(c.format == PixelFormat::bgr ? c.lit : 0),
       format_(c.format) {
   require_in_range("frame width", c.width, 1, max_image_side, "px");
   require_in_range("frame height", c.height, 1, max_image_side, "px");
+  require_in_range("measured channel", c.lit, 0, 2, "");
   require_in_range("row step", c.row_step, 1, c.height, "");
   require_in_range("band's upper limit", c.band_high_m, c.band_low_m, 10.0, "m");
   validate(c.bins);
@@ -5926,19 +7094,27 @@ class UnloadedReference {
   int count() const { return count_; }
   const Eigen::VectorXd& mean() const { return mean_; }
   /// Standard deviation of one response at each position, the mean's own error included. It is at least `floor`: an
-  /// 8-bit camera that repeats a number is not free of noise. Throws InvalidArgument for a floor that is not positive.
+  /// 8-bit camera that repeats a number is not free of noise, and at least set_least_noise's. Throws InvalidArgument
+  /// for a floor that is not positive.
   Eigen::VectorXd noise(double floor = 0.02) const {
     require_in_range("least noise of a profile", floor, 0.0, std::numeric_limits<double>::max(), "");
+    floor = std::max(floor, least_noise_);
     if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
     const Eigen::VectorXd& squares = squares_;
     return (squares / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
+  }
+  /// What noise is at least, whatever the scatter [the profile's unit]: a codec's steps. Throws InvalidArgument.
+  void set_least_noise(double least) {
+    require_in_range("least noise of a reference", least, 0.0, std::numeric_limits<double>::max(), "");
+    least_noise_ = least;
   }
   /// Profile minus the mean. Lengths must agree (unchecked).
   void subtract(std::type_identity_t<Profile>& p) const { p.value -= mean_; }
 
  private:
   int count_ = 0;
+  double least_noise_ = 0.0;
   Eigen::VectorXd mean_, squares_;
 };
 
@@ -6309,25 +7485,24 @@ inline double effort_step(std::span<const JointSample> samples, int joint, const
   return step;
 }
 
-/// Friction, weight and offset of each joint from the samples up to `until_ns`, which must be without contact. Moving
-/// samples show friction, resting ones what sticks. `torque_constant_Nm_per_A`: of each joint, which such a run does
-/// not show; joints that give torques need none. Throws InvalidArgument for numbers that are not finite.
-inline JointReference identify_joints(std::span<const JointSample> samples,
-    std::span<const double> torque_constant_Nm_per_A, std::int64_t until_ns, const JointIdentification& limits = {}) {
+/// Friction, weight and offset of each joint from samples without contact. Moving samples show friction, resting ones
+/// what sticks. `torque_constant_Nm_per_A`: of each joint, which such a run does not show; joints that give torques
+/// need none. Throws InvalidArgument for numbers that are not finite.
+inline JointReference identify_joints(std::span<const JointSample> free,
+    std::span<const double> torque_constant_Nm_per_A, const JointIdentification& limits = {}) {
   JointReference reference;
-  std::vector<JointSample> free, moving;
-  for (const JointSample& s : samples)
-    if (s.stamp_ns <= until_ns) {
-      free.push_back(s);
-      if (s.velocity_rad_per_s.cwiseAbs().maxCoeff() > limits.moving_rad_per_s) moving.push_back(s);
-    }
   if (free.empty()) return reference;
+  std::vector<JointSample> moving;
+  for (const JointSample& s : free)
+    if (s.velocity_rad_per_s.cwiseAbs().maxCoeff() > limits.moving_rad_per_s) moving.push_back(s);
   const auto joints = int(free.front().effort.size());
   for (int j = 0; j < joints; ++j) {
     TorqueModel start;
     if (std::size_t(j) < torque_constant_Nm_per_A.size())
       start.torque_constant_Nm_per_A = torque_constant_Nm_per_A[std::size_t(j)];
-    reference.torque.push_back(identify_unloaded(moving.size() >= limits.least_moving ? moving : free, j, start).model);
+    reference.torque.push_back(
+        identify_unloaded(moving.size() >= limits.least_moving ? std::span<const JointSample>(moving) : free, j, start)
+            .model);
     reference.standstill_Nm.push_back(
         standstill_scatter(free, j, reference.torque.back(), limits).value_or(limits.assumed_standstill_Nm));
     reference.effort_step = std::max(reference.effort_step, effort_step(free, j, limits));
@@ -6335,229 +7510,205 @@ inline JointReference identify_joints(std::span<const JointSample> samples,
   return reference;
 }
 
+/// From the samples up to `until_ns`.
+inline JointReference identify_joints(std::span<const JointSample> samples,
+    std::span<const double> torque_constant_Nm_per_A, std::int64_t until_ns, const JointIdentification& limits = {}) {
+  std::vector<JointSample> free;
+  for (const JointSample& s : samples)
+    if (s.stamp_ns <= until_ns) free.push_back(s);
+  return identify_joints(free, torque_constant_Nm_per_A, limits);
+}
+
 }  // namespace lumo::sense
 
 #endif
 
-// ---- lumo/core/sobol.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+// ---- lumo/sense/profile/unloaded_check.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_CHECK_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_CHECK_HPP
 
-namespace lumo {
+namespace lumo::sense {
 
-/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
-constexpr std::uint64_t mix64(std::uint64_t x) {
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
-  return x ^ (x >> 31);
-}
-
-/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
-constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
-  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
-}
-
-/// A number in (0, 1) from a key.
-constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
-
-/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
-inline std::uint32_t nearest_power_of_two(double wish) {
-  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
-}
-
-constexpr std::uint32_t reverse_bits(std::uint32_t x) {
-  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
-  return (x >> 16) | (x << 16);
-}
-
-/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
-/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
-/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
-constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
-  x = reverse_bits(x);
-  x ^= x * 0x3d20adeau;
-  x += seed;
-  x *= (seed >> 16) | 1u;
-  x ^= x * 0x05526c56u;
-  x ^= x * 0x53a22864u;
-  return reverse_bits(x);
-}
-
-/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
-struct SobolSeed {
-  int degree;
-  std::uint32_t polynomial;
-  std::array<std::uint32_t, 7> m;
-};
-
-/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
-/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
-inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
-    {1, 0, {1}},
-    {2, 1, {1, 3}},
-    {3, 1, {1, 3, 1}},
-    {3, 2, {1, 1, 1}},
-    {4, 1, {1, 1, 3, 3}},
-    {4, 4, {1, 3, 5, 13}},
-    {5, 2, {1, 1, 5, 5, 17}},
-    {5, 4, {1, 1, 5, 5, 5}},
-    {5, 7, {1, 1, 7, 11, 19}},
-    {5, 11, {1, 1, 5, 1, 1}},
-    {5, 13, {1, 1, 1, 3, 11}},
-    {5, 14, {1, 3, 5, 5, 31}},
-    {6, 1, {1, 3, 3, 9, 7, 49}},
-    {6, 13, {1, 1, 1, 15, 21, 21}},
-    {6, 16, {1, 3, 1, 13, 27, 49}},
-    {6, 19, {1, 1, 1, 15, 7, 5}},
-    {6, 22, {1, 3, 1, 15, 13, 25}},
-    {6, 25, {1, 1, 5, 5, 19, 61}},
-    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
-    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
-    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
-    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
-    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
-    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
-    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
-    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
-    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
-    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
-    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
-    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
-    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
-}};
-
-/// A plain array, which a compiler fills faster than std::array.
-struct SobolTable {
-  std::uint32_t number[32][32];
-};
-
-/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
-constexpr SobolTable make_sobol_table() {
-  SobolTable table{};
-  auto& v = table.number;
-  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
-  for (std::size_t d = 1; d < 32; ++d) {
-    const SobolSeed& seed = sobol_seeds[d - 1];
-    const std::size_t s = std::size_t(seed.degree);
-    for (std::size_t k = 0; k < 32; ++k) {
-      if (k < s) {
-        v[d][k] = seed.m[k] << (31 - k);
-        continue;
-      }
-      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
-      for (std::size_t j = 1; j < s; ++j)
-        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
+/// How much of a picture is the last one again. A camera's noise changes most pixels from picture to picture; a video
+/// codec, or a camera that averages, repeats them.
+class RepeatedPixels {
+ public:
+  /// Pictures of one size and format; one that differs begins anew.
+  void add(const ImageView& v) {
+    if (v.empty()) return;
+    const bool follows = v.width == last_.width && v.height == last_.height && v.format == last_.format;
+    std::size_t lit = 0, same = 0;
+    if (follows) {
+      const ImageView before = last_.view();
+      const int bytes = v.width * channels(v.format);
+      for (int y = 0; y < v.height; ++y)
+        for (int i = 0; i < bytes; ++i) {
+          const int value = v.row(y)[i];
+          if (value < least_DN || value > most_DN) continue;
+          ++lit;
+          same += value == before.row(y)[i];
+        }
+      if (lit >= least_pixels && same < lit) share_.push_back(double(same) / double(lit));
     }
+    last_ = Image::copy(v);
   }
-  return table;
-}
+  /// Share of the lit pixels (of each channel) that keep their very value, in the tenth of all pictures that repeat
+  /// most and are not wholly the last one again: a codec renews some pictures, a camera all. 0 where nothing is known.
+  double share() const { return share_.empty() ? 0.0 : quantile(share_, 0.9); }
 
-/// Made by the compiler, and so only where it is used.
-inline constexpr SobolTable sobol_table = make_sobol_table();
-
-/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
-struct Sobol {
-  static constexpr int dimensions = 32;
-
-  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
-  static std::uint32_t bits(std::uint32_t index, int dimension) {
-    std::uint32_t x = 0;
-    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= sobol_table.number[dimension][k];
-    return x;
-  }
+ private:
+  static constexpr int least_DN = 20, most_DN = 250;  ///< black and full pixels repeat by themselves
+  static constexpr std::size_t least_pixels = 100;
+  Image last_;
+  std::vector<double> share_;
 };
 
-/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
-/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
-/// keep a state and are not scrambled.
-struct OwenSobol {
-  std::uint64_t seed = 0;
-
-  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
-  double operator()(std::uint32_t index, int dimension) const {
-    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
-    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
-  }
+/// Limits of what is believed of pictures that are said to show the unloaded finger; chosen on the virtual lab.
+struct UnloadedLimits {
+  std::size_t least = 8;          ///< pictures, below which none is left out
+  double light_sigmas = 9.0;      ///< from the others' light, in their scatter, beyond which a picture disagrees …
+  double light_share = 0.04;      ///< … if it is also this share of the light off
+  double left_sigmas = 5.0;       ///< the same once some were left out: what is like them goes, too
+  double shape_sigmas = 10.0;     ///< the same of one place against the others …
+  double shape_DN = 2.0;          ///< … if it is also this much
+  double repeated_share = 0.6;    ///< of unchanged pixels, above which scatter says little of the next second's
+  double fresh_share = 0.34;      ///< of pictures that are not the last one again, below which the same holds
+  double repeated_DN = 1.5;       ///< least noise of a profile's value then: a codec's steps
+  double repeated_scatter = 1.5;  ///< … or this many of the largest deviations in the stretch
+  double largest_scatter = 0.04;  ///< of one response, share of the light, that a finger at rest has
 };
 
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/statistics.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
-
-namespace lumo {
-
-/// A number with a lower and an upper bound.
-struct Interval {
-  double value = 0.0, low = 0.0, high = 0.0;
+/// The reference of a stretch, and what was found in it.
+struct CheckedReference {
+  UnloadedReference reference;
+  int pictures = 0;          ///< of the stretch
+  int left_out = 0;          ///< that disagree with the rest of it
+  int repeated = 0;          ///< that are the one before again; they count once
+  bool repeats = false;      ///< pixels repeat from picture to picture, and noise has a floor
+  double least_noise = 0.0;  ///< that floor [DN]; 0: none
+  double scatter = 0.0;      ///< of one response, share of the light (median over the finger)
+  bool scatters = false;     ///< more than a finger at rest does
+  double together = 0.0;     ///< part of that scatter that all places have together, share of the light
+  double saturated = 0.0;    ///< share of full pixels, mean over the pictures
 };
 
-/// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
-inline double median(std::vector<double> v) {
-  if (v.empty()) throw InvalidArgument("median of no numbers");
-  const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
-  std::nth_element(v.begin(), half, v.end());
-  return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
-}
+namespace detail {
 
-/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for
-/// none.
-inline double quantile(std::vector<double> v, double p) {
-  if (v.empty()) throw InvalidArgument("quantile of no numbers");
-  require_in_range("quantile", p, 0.0, 1.0, "");
+/// Half of a normal's values lie within so many standard deviations.
+inline constexpr double half_of_normal = 0.6744897501960817;
+
+/// Middle and scatter of the half of all numbers that lie closest together (the shorth: Andrews et al. 1972), in
+/// standard deviations of a normal.
+inline std::pair<double, double> closest_half(std::vector<double> v) {
   std::sort(v.begin(), v.end());
-  const double place = p * double(v.size() - 1);
-  const auto i = std::size_t(place);
-  return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
+  const std::size_t h = v.size() / 2 + 1;
+  std::size_t best = 0;
+  for (std::size_t i = 0; i + h <= v.size(); ++i)
+    if (v[i + h - 1] - v[i] < v[best + h - 1] - v[best]) best = i;
+  double sum = 0.0;
+  for (std::size_t i = best; i < best + h; ++i) sum += v[i];
+  return {sum / double(h), 0.5 * (v[best + h - 1] - v[best]) / half_of_normal};
 }
 
-/// Root mean square of the entries.
-inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) {
-  return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0;
+/// Deviations from the pointwise median profile, each profile scaled to its light: profiles × places.
+inline Eigen::MatrixXd shape_deviations(const std::vector<const Profile*>& profiles) {
+  const auto n = Eigen::Index(profiles.size()), places = profiles.front()->value.size();
+  Eigen::MatrixXd value(places, n);
+  for (Eigen::Index k = 0; k < n; ++k) value.col(k) = profiles[std::size_t(k)]->value;
+  const Eigen::VectorXd middle = pointwise_median(value);
+  const double light = std::max(middle.mean(), 1e-9);
+  for (Eigen::Index k = 0; k < n; ++k) value.col(k) -= value.col(k).mean() / light * middle;
+  return value;
 }
 
-/// Median of each row.
-inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
-  Eigen::VectorXd r(m.rows());
-  for (Eigen::Index i = 0; i < m.rows(); ++i) {
-    const Eigen::VectorXd row = m.row(i);
-    r[i] = median({row.data(), row.data() + row.size()});
+}  // namespace detail
+
+namespace detail {
+
+/// Those whose light is that of the closest half. Where some are far off, that half may hold some of them: what is left
+/// is then judged again by its own scatter, until it stays.
+inline std::vector<const Profile*> of_one_light(
+    const std::vector<const Profile*>& profiles, const UnloadedLimits& limits) {
+  std::vector<double> light;
+  for (const Profile* p : profiles) light.push_back(p->value.mean());
+  auto [middle, scatter] = closest_half(light);
+  const auto within = [&](const std::vector<const Profile*>& from, double off) {
+    std::vector<const Profile*> kept;
+    for (const Profile* p : from)
+      if (std::abs(p->value.mean() - middle) <= std::max(off, limits.light_share * std::abs(middle))) kept.push_back(p);
+    return kept;
+  };
+  std::vector<const Profile*> kept = within(profiles, limits.light_sigmas * scatter);
+  for (std::size_t before = profiles.size(); kept.size() < before && kept.size() >= limits.least;) {
+    before = kept.size();
+    light.clear();
+    for (const Profile* p : kept) light.push_back(p->value.mean());
+    middle = median(light);
+    for (double& l : light) l = std::abs(l - middle);
+    kept = within(kept, limits.left_sigmas * median(light) / half_of_normal);
   }
+  return kept;
+}
+
+}  // namespace detail
+
+/// The profiles that agree with each other: neither all their light nor that of one place is far off. `left_out` counts
+/// the others.
+inline std::vector<const Profile*> agreeing(
+    std::vector<const Profile*> profiles, int& left_out, const UnloadedLimits& limits = {}) {
+  if (profiles.size() < limits.least) return profiles;
+  const std::vector<const Profile*> alike = detail::of_one_light(profiles, limits);
+  const Eigen::MatrixXd deviation = detail::shape_deviations(alike).cwiseAbs();
+  const double typical = median({deviation.data(), deviation.data() + deviation.size()}) / detail::half_of_normal,
+               far = std::max(limits.shape_sigmas * typical, limits.shape_DN);
+  std::vector<const Profile*> kept;
+  for (std::size_t k = 0; k < alike.size(); ++k)
+    if (deviation.col(Eigen::Index(k)).maxCoeff() <= far) kept.push_back(alike[k]);
+  if (kept.empty()) kept = alike;
+  left_out += int(profiles.size() - kept.size());
+  return kept;
+}
+
+/// The reference from profiles that are said to be of the unloaded finger, in the order of time. `unchanged`: share of
+/// repeated pixels (RepeatedPixels). Without profiles its count is 0. Throws InvalidArgument as UnloadedReference::add.
+inline CheckedReference checked_reference(
+    const std::vector<const Profile*>& stretch, double unchanged = 0.0, const UnloadedLimits& limits = {}) {
+  CheckedReference r;
+  r.pictures = int(stretch.size());
+  std::vector<const Profile*> fresh;
+  for (const Profile* p : stretch)
+    if (fresh.empty() || p->value.size() != fresh.back()->value.size() || p->value != fresh.back()->value)
+      fresh.push_back(p);
+  r.repeated = r.pictures - int(fresh.size());
+  for (const Profile* p : fresh) {  // of one length and finite, or refused
+    UnloadedReference one;
+    one.add(*fresh.front());
+    one.add(*p);
+  }
+  if (fresh.empty()) return r;
+  const std::vector<const Profile*> kept = agreeing(fresh, r.left_out, limits);
+  for (const Profile* p : kept) r.reference.add(*p);
+  r.repeats = unchanged > limits.repeated_share || double(fresh.size()) < limits.fresh_share * double(r.pictures);
+  if (r.repeats) {
+    r.least_noise =
+        std::max(limits.repeated_DN, limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff());
+    r.reference.set_least_noise(r.least_noise);
+  }
+  const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));
+  r.scatter = median({share.data(), share.data() + share.size()});
+  std::vector<double> light;
+  for (const Profile* p : kept) {
+    light.push_back(p->value.mean());
+    r.saturated += p->saturated / double(kept.size());
+  }
+  r.together = rms(Eigen::Map<const Eigen::VectorXd>(light.data(), Eigen::Index(light.size())).array() -
+                   r.reference.mean().mean()) /
+               std::max(r.reference.mean().mean(), 1e-9);
+  r.scatters = !r.repeats && r.scatter > limits.largest_scatter;
   return r;
 }
 
-/// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
-inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
-  if (all < 1 || right < 0 || right > all)
-    throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
-  const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
-  const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
-  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
-}
-
-/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
-class CountedNormals {
- public:
-  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
-  double operator()() {
-    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))),
-                 turn = uniform(combine(seed_, count_ + 1));
-    count_ += 2;
-    return radius * std::cos(6.2831853071795864769 * turn);
-  }
-
- private:
-  std::uint64_t seed_, count_ = 0;
-};
-
-}  // namespace lumo
+}  // namespace lumo::sense
 
 #endif
 
@@ -6567,17 +7718,17 @@ class CountedNormals {
 
 namespace lumo::sense {
 
-/// The stretch of a log before the first contact, with the finger unloaded: the first segment of kind `unloaded`, or
-/// else the first half second.
+/// The stretch of a log with the finger unloaded: the first segment of kind `unloaded`, or else the first half second.
 struct UnloadedStretch {
   static constexpr std::int64_t first_ns = 500'000'000;
   std::int64_t from_ns = 0, to_ns = 0;
+  bool chosen = false;  ///< by whoever knows the log: of what came before nothing is assumed
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
     const auto known = std::find_if(
         s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
-    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns}
-                                     : UnloadedStretch{known->from_ns, known->to_ns};
+    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns, false}
+                                     : UnloadedStretch{known->from_ns, known->to_ns, false};
   }
   bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
 };
@@ -6618,9 +7769,11 @@ struct FingerView {
   double band_low_m = 0.0, band_high_m = 0.0;  ///< as GreenProfile::Config
   int width = 0, height = 0;
   PixelFormat format = PixelFormat::bgr;
+  int lit = 1;             ///< the channel in which the LEDs are seen, as ImageView has it
+  double unchanged = 0.0;  ///< share of lit pixels that a picture repeats of the last one (RepeatedPixels); 0: unknown
 
   GreenProfile readout(const LongitudinalBins& bins) const {
-    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format});
+    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format, 1, lit});
   }
 };
 
@@ -6661,29 +7814,97 @@ inline std::pair<double, double> lit_band(
   return {scale * (low - 0.5), scale * (high + 0.5)};
 }
 
-/// From a picture of the unloaded finger. Throws InputError, with `name` before the message, if it shows no LEDs.
-inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
-  std::optional<LedDetection> leds;
+/// Throws InputError where the row of LEDs lies at nearly a right angle to the tip's direction as the session has it,
+/// so that a slight turn of the camera would decide which end is the tip.
+inline void require_tip_known(const AxisMap& map, const Session& session, const std::string& name) {
+  constexpr double farthest_deg = 70.0, deg_per_rad = 57.29577951308232;
+  const Eigen::Vector2d& d = map.direction;
+  const double cosine = d.dot(session.distal.normalized()),
+               turned_deg = deg_per_rad * std::acos(std::clamp(cosine, -1.0, 1.0));
+  if (turned_deg <= farthest_deg) return;
+  const bool upright = std::abs(d.y()) > std::abs(d.x());
+  throw InputError(message(name, ": the row of LEDs lies at ", std::lround(turned_deg), "° to the tip's direction, [",
+      session.distal.x(), ", ", session.distal.y(),
+      "], which does not say which end is the tip; state leds.distal in the "
+      "session: ",
+      upright ? "[0, 1] if the tip is below, [0, -1] if it is above"
+              : "[1, 0] if the tip is on the right, [-1, 0] if it is on the left"));
+}
+
+/// What may be wrong with the exposure of a picture without LEDs; empty: nothing.
+inline std::string exposure_hint(const ImageView& v) {
+  constexpr int dark_DN = 60;          // of the brightest value
+  constexpr double full_share = 0.02;  // of values at 255
+  int most = 0;
+  double full = 0.0;
+  const int bytes = v.empty() ? 0 : v.width * channels(v.format);
+  for (int y = 0; y < v.height && bytes > 0; ++y)
+    for (int i = 0; i < bytes; ++i) {
+      most = std::max<int>(most, v.row(y)[i]);
+      full += v.row(y)[i] == 255 ? 1.0 / (double(bytes) * v.height) : 0.0;
+    }
+  if (bytes > 0 && most < dark_DN)
+    return message("; the brightest value is ", most, " of 255: the pictures are under-exposed");
+  if (full > full_share)
+    return message("; ", std::lround(100.0 * full), " % of the values are 255: the pictures are over-exposed");
+  return "";
+}
+
+/// The LEDs, and the channel that they are seen in: green, unless another shows them alone or far brighter.
+struct LitChannel {
+  int lit = 1;
+  LedDetection leds;
+};
+
+/// nullopt where no channel shows the row.
+inline std::optional<LitChannel> find_leds(ImageView unloaded, const LedDetector& detector) {
+  constexpr double far_brighter = 2.5;  // contrast over green's, beyond which green sees the others' leak
+  std::optional<LitChannel> best;
+  double most = 0.0;
+  for (const int channel : {1, 0, 2}) {
+    if (channel != 1 && unloaded.format == PixelFormat::grey) continue;
+    unloaded.lit = channel;
+    const auto leds = detector.find(unloaded);
+    if (!leds) continue;
+    if (const double contrast = leds->contrast.minCoeff(); !best || contrast > most) {
+      best = LitChannel{channel, *leds};
+      most = contrast * (channel == 1 ? far_brighter : 1.0);
+    }
+  }
+  return best;
+}
+
+/// From a picture of the unloaded finger. Throws InputError, with `name` before the message, if it shows no LEDs, or
+/// the session does not say which end of their row is the tip.
+inline FingerView view_finger(ImageView unloaded, const Session& session, const std::string& name) {
+  std::optional<LitChannel> seen;
   const double parallax = led_parallax(session);
   if (!unloaded.empty())
-    leds =
-        LedDetector{session.led_count, parallax * session.led_pitch_m, parallax * session.led_first_y_m, session.distal}
-            .find(unloaded);
-  if (!leds)
-    throw InputError(
-        message(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
-  const auto [low, high] = lit_band(unloaded, leds->map);
-  return {*leds, low, high, unloaded.width, unloaded.height, unloaded.format};
+    seen = find_leds(unloaded, LedDetector{session.led_count, parallax * session.led_pitch_m,
+                                   parallax * session.led_first_y_m, session.distal});
+  if (!seen)
+    throw InputError(message(name, ": no row of ", session.led_count,
+        " LEDs is seen in the pictures of the unloaded finger", exposure_hint(unloaded)));
+  require_tip_known(seen->leds.map, session, name);
+  unloaded.lit = seen->lit;
+  const auto [low, high] = lit_band(unloaded, seen->leds.map);
+  return {seen->leds, low, high, unloaded.width, unloaded.height, unloaded.format, seen->lit};
 }
 
 /// Mean picture of the unloaded stretch, and the finger in it. Throws InputError.
 template <Camera C>
 FingerView view_finger(C& camera, const Session& session, const UnloadedStretch& stretch, const std::string& name) {
   MeanImage mean;
+  RepeatedPixels repeated;
   for (auto f = camera.next(); f && f->stamp_ns <= stretch.to_ns; f = camera.next())
-    if (stretch.holds(f->stamp_ns)) mean.add(f->image);
+    if (stretch.holds(f->stamp_ns)) {
+      mean.add(f->image);
+      repeated.add(f->image);
+    }
   if (mean.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
-  return view_finger(mean.image().view(), session, name);
+  FingerView view = view_finger(mean.image().view(), session, name);
+  view.unchanged = repeated.share();
+  return view;
 }
 
 /// Profiles of all frames that the readout can read.
@@ -6695,14 +7916,125 @@ template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& 
   return list;
 }
 
-/// Of the profiles in the unloaded stretch. Throws InputError when there are none.
-inline UnloadedReference unloaded_reference(
-    const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
-  UnloadedReference reference;
+/// Of the profiles in the unloaded stretch that agree with each other. `unchanged`: FingerView's. Throws InputError
+/// when there are none.
+inline CheckedReference checked_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
+    const std::string& name, double unchanged = 0.0) {
+  std::vector<const Profile*> held;
   for (const Profile& p : profiles)
-    if (stretch.holds(p.stamp_ns)) reference.add(p);
-  if (reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
-  return reference;
+    if (stretch.holds(p.stamp_ns)) held.push_back(&p);
+  CheckedReference checked = checked_reference(held, unchanged);
+  if (checked.reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
+  return checked;
+}
+inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
+    const std::string& name, double unchanged = 0.0) {
+  return checked_reference(profiles, stretch, name, unchanged).reference;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/recording/joint_velocity.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_VELOCITY_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_VELOCITY_HPP
+
+namespace lumo::sense {
+
+/// Limits of what is believed of a driver's velocities.
+struct VelocityLimits {
+  double window_s = 0.1;           ///< over which way and velocity are compared
+  double moving_rad_per_s = 0.02;  ///< slower joints show nothing (RMS over the windows)
+  double wrong_scale = 0.25;       ///< of the scale's distance from 1; noise and delays stay far below
+  double smoothing_s = 0.02;       ///< velocities from positions are slopes over as much
+  double largest_step_rad = 3.0;   ///< in a window: beyond, an encoder wraps round or jumps
+  int least_windows = 10;
+};
+
+/// Velocities against the positions of a joint.
+struct VelocityCheck {
+  bool moves = false;  ///< enough to tell
+  double scale = 1.0;  ///< velocity over change of position: 1; 0 where velocities are zeros, 57.3 in degrees
+  bool agrees = true;
+};
+
+/// Throws InvalidArgument for a joint that the samples do not have.
+inline VelocityCheck check_velocity(
+    std::span<const JointSample> samples, int joint, const VelocityLimits& limits = {}) {
+  VelocityCheck check;
+  double ways = 0.0, products = 0.0, seconds = 0.0;
+  int windows = 0;
+  std::size_t from = 0;
+  double integral = 0.0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (joint < 0 || joint >= samples[i].position_rad.size() || joint >= samples[i].velocity_rad_per_s.size())
+      throw InvalidArgument(message("velocities: sample ", i, " has no joint ", joint));
+    if (i == 0) continue;
+    const double step_s = 1e-9 * double(samples[i].stamp_ns - samples[i - 1].stamp_ns);
+    integral += 0.5 * step_s * (samples[i].velocity_rad_per_s[joint] + samples[i - 1].velocity_rad_per_s[joint]);
+    const double span_s = 1e-9 * double(samples[i].stamp_ns - samples[from].stamp_ns);
+    if (span_s < limits.window_s) continue;
+    const double way = samples[i].position_rad[joint] - samples[from].position_rad[joint];
+    const bool usable = span_s < 2.0 * limits.window_s && std::abs(way) < limits.largest_step_rad &&
+                        std::isfinite(way) && std::isfinite(integral);
+    if (usable) {
+      ways += way * way;
+      products += way * integral;
+      seconds += span_s;
+      ++windows;
+    }
+    from = i;
+    integral = 0.0;
+  }
+  check.moves =
+      windows >= limits.least_windows && std::sqrt(ways / windows) > limits.moving_rad_per_s * seconds / windows;
+  if (!check.moves) return check;
+  check.scale = products / ways;
+  check.agrees = std::abs(check.scale - 1.0) <= limits.wrong_scale;
+  return check;
+}
+
+/// Sets the velocity of a joint to the slope of its positions over `smoothing_s` about each sample (least squares).
+/// Samples alone get 0.
+inline void take_velocity_from_positions(
+    std::vector<JointSample>& samples, int joint, const VelocityLimits& limits = {}) {
+  const double half_s = 0.5 * limits.smoothing_s;
+  std::vector<double> slope(samples.size(), 0.0);
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const auto apart_s = [&](std::size_t k) { return 1e-9 * double(samples[k].stamp_ns - samples[i].stamp_ns); };
+    std::size_t a = i > 0 ? i - 1 : i, b = std::min(i + 1, samples.size() - 1);
+    while (a > 0 && apart_s(a - 1) >= -half_s) --a;
+    while (b + 1 < samples.size() && apart_s(b + 1) <= half_s) ++b;
+    double t = 0.0, q = 0.0, tt = 0.0, tq = 0.0;
+    for (std::size_t k = a; k <= b; ++k) {
+      const double at = apart_s(k), way = samples[k].position_rad[joint] - samples[i].position_rad[joint];
+      t += at;
+      q += way;
+      tt += at * at;
+      tq += at * way;
+    }
+    const double n = double(b - a + 1), det = n * tt - t * t;
+    if (det > 0.0) slope[i] = (n * tq - t * q) / det;
+  }
+  for (std::size_t i = 0; i < samples.size(); ++i) samples[i].velocity_rad_per_s[joint] = slope[i];
+}
+
+/// Takes the velocities of those joints from the positions that move, but not as their velocities say: zeros, degrees
+/// or turns a minute. Returns a line for each, for whoever reads the log.
+inline std::vector<std::string> mend_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
+  std::vector<std::string> notes;
+  if (samples.empty()) return notes;
+  const auto joints = int(samples.front().position_rad.size());
+  for (int j = 0; j < joints; ++j) {
+    const VelocityCheck check = check_velocity(samples, j, limits);
+    if (check.agrees) continue;
+    take_velocity_from_positions(samples, j, limits);
+    notes.push_back(message("velocities of joint ", j, " are ", check.scale,
+        " times the change of its positions"
+        " (zeros, or not rad/s); they are taken from the positions"));
+  }
+  return notes;
 }
 
 }  // namespace lumo::sense
@@ -6780,7 +8112,7 @@ inline FingerModel<> finger_model(const Session& session) {
   return {session, std::move(joints), link, {}, {}, {}};
 }
 
-/// Mean periods of a finger's streams, and the unit of its efforts.
+/// Periods of a finger's streams, and the unit of its efforts.
 struct StreamRates {
   double frame_period_s = FrameMonitor::Config{}.period_s;
   double joint_period_s = JointMonitor::Config{}.period_s;
@@ -6791,30 +8123,56 @@ struct StreamRates {
 inline StreamRates stream_rates(std::span<const FrameRecord> frames, std::span<const JointSample> samples) {
   StreamRates rates;
   rates.unit = samples.front().unit;
-  rates.joint_period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
-  if (frames.size() > 1)
-    rates.frame_period_s = 1e-9 * double(frames.back().stamp_ns - frames.front().stamp_ns) / double(frames.size() - 1);
+  rates.joint_period_s = stream_period_s(samples);
+  if (frames.size() > 1) rates.frame_period_s = stream_period_s(frames);
   return rates;
 }
 
-/// A recording's joint samples, stamped on the frames' clock.
+/// A recording's joint samples, stamped on the frames' clock. Velocities that do not fit the positions are taken from
+/// these (mend_velocities).
 inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
   std::vector<JointSample> samples = recording.joints;
   for (JointSample& s : samples) s.stamp_ns = recording.session.joint_clock(s.stamp_ns);
+  mend_velocities(samples);
   return samples;
 }
 
-/// What a recording's samples up to `until_ns`, without contact, show of the finger's joints. Throws InputError if
-/// there are none, or of other joints than the session's.
-inline JointReference unloaded_joints(const Recording& recording, std::int64_t until_ns) {
+/// The samples of a recording, on the frames' clock, that are without contact: those up to the end of the unloaded
+/// stretch. Where contacts came before, or the stretch was chosen, nothing is assumed of what lies between: then only
+/// those in the stretch and in segments that say so (unloaded, dark, free). Later ones are left out on purpose: a joint
+/// sticks otherwise after each contact, and a mean over many rests is farther off the next one (lab: 2.2 against 1.4
+/// N).
+inline std::vector<JointSample> samples_without_contact(const Recording& recording, const UnloadedStretch& rest) {
+  const auto is_free = [](const Segment& g) {
+    return g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free;
+  };
+  const std::vector<Segment>& segments = recording.session.segments;
+  const bool after_contact = rest.chosen || std::any_of(segments.begin(), segments.end(), [&](const Segment& g) {
+    return !is_free(g) && g.from_ns < rest.to_ns;
+  });
+  std::vector<JointSample> free;
+  for (JointSample& s : on_frames_clock(recording)) {
+    const bool stated = rest.holds(s.stamp_ns) || std::any_of(segments.begin(), segments.end(), [&](const Segment& g) {
+      return is_free(g) && g.holds(s.stamp_ns);
+    });
+    if (s.stamp_ns <= rest.to_ns && (stated || !after_contact)) free.push_back(std::move(s));
+  }
+  return free;
+}
+
+/// What a recording's samples without contact show of the finger's joints. Throws InputError if there are none, or of
+/// other joints than the session's.
+inline JointReference unloaded_joints(const Recording& recording, const UnloadedStretch& rest) {
   const Session& session = recording.session;
+  require_readable(recording, LogStream::joints);
   if (recording.joints.empty())
     throw InputError(recording.path + ": has no joint samples (joint.csv) to estimate a force from");
   const int joints = PlanarFinger(session.joint_to_joint_m, session.joint_to_origin_m).joints();
   if (recording.joints.front().effort.size() != joints)
     throw InputError(message(recording.path, ": the session describes ", joints, joints == 1 ? " joint" : " joints",
         " (joint_to_joint_mm), the samples have ", recording.joints.front().effort.size()));
-  JointReference reference = identify_joints(on_frames_clock(recording), session.torque_constant_Nm_per_A, until_ns);
+  JointReference reference =
+      identify_joints(samples_without_contact(recording, rest), session.torque_constant_Nm_per_A);
   if (reference.torque.empty())
     throw InputError(recording.path + ": has no joint samples of the finger without contact");
   return reference;
@@ -7211,6 +8569,9 @@ template <ContactJacobian J> ForceScore force_score(std::span<const FrameEstimat
 
 namespace lumo::sense {
 
+/// Of a reference, so that light relative to it is a number [DN].
+inline constexpr double least_light_DN = 1e-6;
+
 /// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch gives.
 /// `make_camera()` gives the pictures from their start. Throws InputError if no unloaded finger is seen or felt.
 template <class MakeCamera>
@@ -7223,21 +8584,35 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
   finger.optics.view = view_finger(first, recording.session, rest, recording.path);
   auto pictures = make_camera();
   GreenProfile readout = finger.optics.readout();
-  finger.optics.unloaded = unloaded_reference(read_profiles(pictures, readout), rest, recording.path);
-  finger.joints = unloaded_joints(recording, rest.to_ns);
+  finger.optics.unloaded =
+      unloaded_reference(read_profiles(pictures, readout), rest, recording.path, finger.optics.view.unchanged);
+  finger.joints = unloaded_joints(recording, rest);
+  require_common_time(recording);
   return finger;
 }
 
-/// Profile → unloaded reference → location. Pictures that cannot be read have no profile and no estimate. Throws
-/// InvalidArgument for profiles of other bins.
+/// Profile → unloaded reference → location. Pictures that cannot be read have no profile and no estimate. Nor have
+/// those that are black, damaged (no number) or dark about one LED: their state is `invalid`, and `force.faults` says
+/// why. Light that changes as a whole is reported in `force.faults` only. Throws InvalidArgument for profiles of other
+/// bins.
 template <class MakeLocalizer> std::vector<FrameEstimate> locate(
     const std::vector<Profile>& profiles, const FingerOptics& finger, MakeLocalizer make_localizer) {
   auto localizer = make_localizer(finger);
+  FrameMonitor::Config watched;
+  watched.position_m = finger.readout().positions_m();
+  watched.unloaded = finger.unloaded.mean().cwiseMax(least_light_DN);
+  FrameMonitor monitor(watched);
   std::vector<FrameEstimate> list;
   for (Profile p : profiles) {
-    finger.unloaded.subtract(p);
     FrameEstimate e;
-    e.stamp_ns = p.stamp_ns;
+    e.stamp_ns = e.location.stamp_ns = p.stamp_ns;
+    e.force.faults = monitor.check_light(p, 0.0, 0.0).faults;
+    if (e.force.faults.has(Fault::frame_black) || e.force.faults.has(Fault::led_dead) || !p.value.allFinite()) {
+      list.push_back(std::move(e));
+      continue;
+    }
+    finger.unloaded.subtract(p);
+    e.force.state = EstimatorState::vision_only;
     e.location = localizer.update(p);
     list.push_back(std::move(e));
   }
@@ -7456,6 +8831,223 @@ inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const I
   const double level = sum / count;
   return {
       level, {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/force/stream_checks.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_STREAM_CHECKS_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_FORCE_STREAM_CHECKS_HPP
+
+namespace lumo::sense {
+
+// Streams of one log are checked against each other: what no finger does is a wrong sign, order, unit or reference.
+
+/// Limits of these checks; chosen on clean logs of the virtual lab, where none of them is met.
+struct StreamCheckLimits {
+  // Reference
+  int smoothing = 5;            ///< values of a profile that are averaged first
+  double darker_noises = 8.0;   ///< by which a place must be darker than the reference …
+  double darker_share = 0.1;    ///< … and this share of its light
+  double darker_frames = 0.03;  ///< share of all frames for which that holds at about one place
+  double one_place_m = 6.0_mm;  ///< half width of "about one place"
+  int least_darker = 10;        ///< frames
+  // Torques
+  double sure = 0.9;               ///< probability of a contact that the pictures see
+  int least_contacts = 20;         ///< frames with one
+  double torque_noises = 5.0;      ///< by which torques must be on the wrong side (median over contacts) …
+  double least_torque_Nm = 0.02;   ///< … and this much
+  double one_sign = 0.8;           ///< share of the contacts for which they are
+  double better_order = 0.5;       ///< of the misfit, to which another order of the joints must bring it
+  double mirrored = -0.5;          ///< correlation of places by torque and by light, below which one is mirrored
+  double least_spread_m = 5.0_mm;  ///< of the places touched, that shows a mirrored one
+  // Force sensor
+  double least_force_N = 2.0;  ///< from which torque over force is a place
+  double wrong_force_N = 0.5;  ///< on the wrong side, in holds (median)
+};
+
+/// Frames in which the finger is darker at one place than in its reference, while no other place is brighter by as
+/// much: the reference was touched there.
+struct TouchedReference {
+  double y_m = 0.0;
+  double darker_DN = 0.0;  ///< median over those frames
+  int frames = 0, of = 0;
+};
+
+/// nullopt: nothing speaks against the reference. `profiles`: of the whole log, before the reference is subtracted.
+/// Lamps that dim as a whole do not count.
+inline std::optional<TouchedReference> touched_reference(const std::vector<Profile>& profiles,
+    const Eigen::VectorXd& position_m, const UnloadedReference& unloaded, const StreamCheckLimits& limits = {}) {
+  const Eigen::VectorXd& mean = unloaded.mean();
+  const Eigen::VectorXd noise = unloaded.noise();
+  const Eigen::Index n = mean.size(), half = limits.smoothing / 2;
+  if (n <= 2 * half || position_m.size() != n) return std::nullopt;
+  const auto smooth = [&](const Eigen::VectorXd& v, Eigen::Index i) {
+    return v.segment(i - half, 2 * half + 1).mean();
+  };
+  std::vector<std::pair<double, double>> darker;  // place, by how much
+  for (const Profile& p : profiles) {
+    if (p.value.size() != n || !p.value.allFinite()) continue;
+    const Eigen::VectorXd ratio = p.value.cwiseQuotient(mean.cwiseMax(1e-9));
+    const double lamps = std::min(1.0, quantile({ratio.data(), ratio.data() + n}, 0.9));
+    const Eigen::VectorXd change = p.value - lamps * mean;
+    double least = 0.0, most = 0.0;
+    Eigen::Index at = half;
+    for (Eigen::Index i = half; i < n - half; ++i) {
+      const double c = smooth(change, i);
+      if (c < least) {
+        least = c;
+        at = i;
+      }
+      most = std::max(most, c);
+    }
+    const double enough = std::max(limits.darker_noises * smooth(noise, at), limits.darker_share * smooth(mean, at));
+    if (-least > enough + most) darker.emplace_back(position_m[at], -least);
+  }
+  if (darker.empty()) return std::nullopt;
+  std::vector<double> place, by;
+  for (const auto& d : darker) place.push_back(d.first);
+  const double middle = median(place);
+  for (const auto& d : darker)
+    if (std::abs(d.first - middle) <= limits.one_place_m) by.push_back(d.second);
+  if (int(by.size()) < limits.least_darker || double(by.size()) < limits.darker_frames * double(profiles.size()) ||
+      2 * by.size() < darker.size())
+    return std::nullopt;
+  return TouchedReference{middle, median(by), int(by.size()), int(profiles.size())};
+}
+
+/// What torques say of the contacts that the pictures see.
+struct TorqueAgreement {
+  int contacts = 0;               ///< frames with one
+  std::vector<int> reversed;      ///< joints whose torque falls in contacts, which no push makes
+  std::vector<int> better_order;  ///< of the joints, to which the torques fit better than to the one given; empty: none
+  bool mirrored = false;          ///< places by torque run against places by light
+};
+
+namespace detail {
+
+/// A frame with one sure contact: angles, contact torques, place.
+struct SeenContact {
+  JointVector position_rad, torque_Nm;
+  double y_m;
+};
+
+inline std::vector<SeenContact> seen_contacts(
+    std::span<const FrameEstimate> estimates, const StreamCheckLimits& limits) {
+  std::vector<SeenContact> list;
+  for (const FrameEstimate& e : estimates)
+    if (const auto at = e.contact(); at && e.joints && e.location.probability > limits.sure) {
+      const Eigen::Index n = e.joints->size() / 2;
+      list.push_back({e.joints->head(n), e.joints->tail(n), at->y_m});
+    }
+  return list;
+}
+
+/// Sum of squares that one push at the place seen leaves of the torques, with the joints in an order.
+template <ContactJacobian J>
+double misfit(const J& jacobian, int link, const std::vector<SeenContact>& contacts, const std::vector<int>& order) {
+  double sum = 0.0;
+  for (const SeenContact& c : contacts) {
+    JointVector q = c.position_rad, t = c.torque_Nm;
+    for (std::size_t j = 0; j < order.size(); ++j) {
+      q[Eigen::Index(j)] = c.position_rad[order[j]];
+      t[Eigen::Index(j)] = c.torque_Nm[order[j]];
+    }
+    const JointVector a = jacobian.column(q, {link, c.y_m});
+    const double force = std::max(0.0, a.dot(t) / std::max(a.squaredNorm(), 1e-12));
+    sum += (t - force * a).squaredNorm();
+  }
+  return sum;
+}
+
+inline double correlation(const std::vector<double>& a, const std::vector<double>& b) {
+  const auto n = Eigen::Index(a.size());
+  const Eigen::VectorXd x = Eigen::Map<const Eigen::VectorXd>(a.data(), n).array() -
+                            std::accumulate(a.begin(), a.end(), 0.0) / double(n),
+                        y = Eigen::Map<const Eigen::VectorXd>(b.data(), n).array() -
+                            std::accumulate(b.begin(), b.end(), 0.0) / double(n);
+  return x.dot(y) / std::max(x.norm() * y.norm(), 1e-300);
+}
+
+}  // namespace detail
+
+/// Compares torques with the contacts that the pictures see. `noise_Nm`: of one torque. Two joints or more tell order
+/// and direction, too.
+template <ContactJacobian J> TorqueAgreement torque_agreement(std::span<const FrameEstimate> estimates,
+    const J& jacobian, const PadRange& range, double noise_Nm, const StreamCheckLimits& limits = {}) {
+  const std::vector<detail::SeenContact> contacts = detail::seen_contacts(estimates, limits);
+  TorqueAgreement r;
+  r.contacts = int(contacts.size());
+  if (r.contacts < limits.least_contacts) return r;
+  const int joints = jacobian.joints();
+  for (int j = 0; j < joints; ++j) {
+    std::vector<double> torque;
+    int wrong = 0;
+    for (const detail::SeenContact& c : contacts) {
+      const double arm = jacobian.column(c.position_rad, {range.link, c.y_m})[j];
+      torque.push_back(arm < 0.0 ? -c.torque_Nm[j] : c.torque_Nm[j]);
+      wrong += torque.back() < 0.0;
+    }
+    if (median(torque) < -std::max(limits.torque_noises * noise_Nm, limits.least_torque_Nm) &&
+        wrong >= limits.one_sign * r.contacts)
+      r.reversed.push_back(j);
+  }
+  if (joints < 2 || !r.reversed.empty()) return r;
+  std::vector<int> order(std::size_t(joints), 0);
+  std::iota(order.begin(), order.end(), 0);
+  const double given = detail::misfit(jacobian, range.link, contacts, order);
+  double least = std::max(limits.better_order * given, noise_Nm * noise_Nm * double(joints * r.contacts));
+  constexpr int most_joints = 4;  // 24 orders
+  while (joints <= most_joints && std::next_permutation(order.begin(), order.end()))
+    if (const double m = detail::misfit(jacobian, range.link, contacts, order); m < least && m < given) {
+      least = m;
+      r.better_order = order;
+    }
+  if (!r.better_order.empty()) return r;
+  std::vector<double> light, torque;
+  for (const detail::SeenContact& c : contacts)
+    if (const TorqueOnlySolution s =
+            solve_torque_only(jacobian, c.position_rad, c.torque_Nm, range, std::max(noise_Nm, 1e-6));
+        s.rank == 2) {
+      light.push_back(c.y_m);
+      torque.push_back(s.y_m);
+    }
+  if (int(light.size()) >= limits.least_contacts && quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m)
+    r.mirrored = detail::correlation(light, torque) < limits.mirrored;
+  return r;
+}
+
+/// Places by one joint's torque over the force sensor's force against places by light: whether they run against each
+/// other, as where the view is mirrored. For the sensor's sign see force_falls_in_contacts.
+inline bool mirrored_by_sensor(std::span<const FrameEstimate> estimates, const MomentArm& joint, const Session& session,
+    const std::vector<WrenchSample>& wrenches, const StreamCheckLimits& limits = {}) {
+  if (wrenches.empty()) return false;
+  const TimeSeries force = normal_force(wrenches, session.wrench_clock, force_tare_N(session, wrenches));
+  std::vector<double> light, torque;
+  for (const FrameEstimate& e : estimates)
+    if (const auto at = e.contact(); at && e.joints && e.joints->size() == 2 && e.location.probability > limits.sure)
+      if (const auto f = force.at(e.stamp_ns, LogTruth::max_gap_s); f && (*f)[0] > limits.least_force_N) {
+        light.push_back(at->y_m);
+        torque.push_back((*e.joints)[1] / (*f)[0] - joint.joint_to_origin_m);
+      }
+  return int(light.size()) >= limits.least_contacts &&
+         quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m &&
+         detail::correlation(light, torque) < limits.mirrored;
+}
+
+/// The force sensor against contacts that the pictures see: the force falls where they begin. For logs without holds.
+inline bool force_falls_in_contacts(std::span<const FrameEstimate> estimates, const Session& session,
+    const std::vector<WrenchSample>& wrenches, const StreamCheckLimits& limits = {}) {
+  if (wrenches.empty()) return false;
+  const TimeSeries force = normal_force(wrenches, session.wrench_clock);
+  std::vector<double> touched, free;
+  for (const FrameEstimate& e : estimates)
+    if (const auto f = force.at(e.stamp_ns, LogTruth::max_gap_s); f && e.location.probability > limits.sure)
+      (e.location.contacts > 0 ? touched : free).push_back((*f)[0]);
+  return int(touched.size()) >= limits.least_contacts && int(free.size()) >= limits.least_contacts &&
+         median(touched) - median(free) < -limits.wrong_force_N;
 }
 
 }  // namespace lumo::sense
@@ -8570,56 +10162,6 @@ static_assert(Decoder<GaussianProcessDecoder>);
 
 #endif
 
-// ---- lumo/sense/decode/nearest_template.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_DECODE_NEAREST_TEMPLATE_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_DECODE_NEAREST_TEMPLATE_HPP
-
-namespace lumo::sense {
-
-/// The paper's decoder: the place whose template is nearest (Euclidean). The template is the mean, not the median, over
-/// the training data, which cross_validate makes all other repetitions. Probabilities are those of equal, round
-/// Gaussians about the templates, as wide as the training data scatter. Source: paper; the mean from its authors'
-/// public code (dokkev/fingertip-design-framework, fig5c_decoder.py), whose features are the signed means of six equal
-/// parts (LongitudinalBins::parts).
-struct NearestTemplate {
-  class Model {
-   public:
-    explicit Model(const LabelledResponses& training) : template_(place_means(training)) {
-      const Eigen::MatrixXd& means = template_;
-      double squares = 0.0;
-      for (std::size_t i = 0; i < training.place.size(); ++i)
-        squares += (training.response.col(Eigen::Index(i)) - means.col(training.place[i])).squaredNorm();
-      const double freedom =
-          double(training.response.rows()) * std::max(1.0, double(training.place.size()) - double(training.places()));
-      variance_ = std::max(squares / freedom, 1e-12 * means.cwiseAbs2().maxCoeff() + 1e-300);
-    }
-    /// Throws InvalidArgument for another number of features.
-    Decoding decode(const Eigen::VectorXd& response) const {
-      const Eigen::MatrixXd& means = template_;
-      if (response.size() != template_.rows())
-        throw InvalidArgument(message("response has ", response.size(), " features, the templates ", template_.rows()));
-      return decoding_of((means.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
-    }
-    const Eigen::MatrixXd& templates() const { return template_; }
-
-   private:
-    Eigen::MatrixXd template_;
-    double variance_ = 1.0;
-  };
-
-  /// Throws InvalidArgument for data that do not fit together.
-  Model fit(const LabelledResponses& training) const {
-    validate(training);
-    return Model(training);
-  }
-};
-
-static_assert(Decoder<NearestTemplate>);
-
-}  // namespace lumo::sense
-
-#endif
-
 // ---- lumo/sense/decode/recontact_metrics.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_DECODE_RECONTACT_METRICS_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_DECODE_RECONTACT_METRICS_HPP
@@ -8779,6 +10321,7 @@ struct HoldResponse {
   Segment segment;
   Eigen::VectorXd response;  ///< mean over the segment's profiles, minus the unloaded one that came last before it
   int profiles = 0;
+  double load_N = 0.0;  ///< that pressed: the segment's, or what a force sensor measured
 };
 
 /// Responses of all segments of kind `hold` that have profiles. Each is taken against the mean over the last
@@ -8814,7 +10357,7 @@ inline std::vector<HoldResponse> hold_responses(
     if (count == 0) continue;
     if (reference.size() != value.size())
       throw InvalidArgument(message("the unloaded segment that ends at ", before->to_ns, " ns has no profiles"));
-    list.push_back({s, value - reference, count});
+    list.push_back({s, value - reference, count, s.load_N});
   }
   return list;
 }
@@ -8865,7 +10408,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 }  // namespace detail
 
-/// Slope profiles p_{i,r} over the nominal loads of each re-contact: for each place along the finger, channels ×
+/// Slope profiles p_{i,r} over the loads of each re-contact: for each place along the finger, channels ×
 /// re-contacts. All holds of a re-contact that stand on one unloaded segment share its profile, which drops out.
 /// Throws InvalidArgument where more than one indenter or angle is among the holds, a load is held twice, or a place
 /// between two others is missing: its neighbours are none of each other.
@@ -8884,7 +10427,7 @@ inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldRespons
       Eigen::Index k = 0;
       for (const auto& hold : recontact.second) {
         response.col(k) = hold.second->response;
-        load[k++] = hold.first;
+        load[k++] = hold.second->load_N;
       }
       m.col(column++) = intensity_force_slope(response, load);
     }
@@ -8958,6 +10501,120 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
   }
   return task;
 }
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/decode/measured_loads.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_DECODE_MEASURED_LOADS_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_DECODE_MEASURED_LOADS_HPP
+
+namespace lumo::sense {
+
+/// Limits of what is believed of nominal loads; chosen on the virtual lab, whose controller stays within 1 %.
+struct LoadLimits {
+  double wrong_force_N = 0.5;  ///< on the wrong side in the holds (median): the sensor's sign is the other one
+  double load_share = 0.03;    ///< by which measured loads may be off the nominal ones (median)
+};
+
+/// The force sensor against what the log's segments say of the holds.
+struct LoadCheck {
+  int holds = 0;          ///< with a measured load
+  bool reversed = false;  ///< the sensor reports the force of the finger on the object
+  double share = 1.0;     ///< measured over nominal load, median
+  bool differs = false;   ///< by more than sensors and controllers do
+};
+
+/// Mean of the tared normal force over a segment [N]; nullopt without samples there.
+inline std::optional<double> measured_load_N(
+    const Segment& segment, const Session& session, const std::vector<WrenchSample>& wrenches, double tare_N) {
+  double sum = 0.0;
+  long count = 0;
+  for (const WrenchSample& w : wrenches)
+    if (segment.holds(session.wrench_clock(w.stamp_ns))) {
+      sum += w.normal_force_N() - tare_N;
+      ++count;
+    }
+  return count > 0 ? std::optional(sum / double(count)) : std::nullopt;
+}
+
+inline LoadCheck check_loads(
+    const Session& session, const std::vector<WrenchSample>& wrenches, const LoadLimits& limits = {}) {
+  LoadCheck check;
+  const double tare = force_tare_N(session, wrenches);
+  std::vector<double> load, share;
+  for (const Segment& s : session.segments)
+    if (s.kind == SegmentKind::hold && s.load_N > 0.0)
+      if (const auto measured = measured_load_N(s, session, wrenches, tare)) {
+        load.push_back(*measured);
+        share.push_back(*measured / s.load_N);
+      }
+  check.holds = int(load.size());
+  if (load.empty()) return check;
+  check.share = median(share);
+  check.reversed = median(load) < -limits.wrong_force_N;
+  check.differs = !check.reversed && std::abs(check.share - 1.0) > limits.load_share;
+  return check;
+}
+
+/// Sets the load of each hold to what the force sensor measured in it, less its tare; holds without samples keep
+/// theirs.
+inline void take_measured_loads(
+    std::vector<HoldResponse>& holds, const Session& session, const std::vector<WrenchSample>& wrenches) {
+  const double tare = force_tare_N(session, wrenches);
+  for (HoldResponse& h : holds) h.load_N = measured_load_N(h.segment, session, wrenches, tare).value_or(h.load_N);
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/decode/nearest_template.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_DECODE_NEAREST_TEMPLATE_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_DECODE_NEAREST_TEMPLATE_HPP
+
+namespace lumo::sense {
+
+/// The paper's decoder: the place whose template is nearest (Euclidean). The template is the mean, not the median, over
+/// the training data, which cross_validate makes all other repetitions. Probabilities are those of equal, round
+/// Gaussians about the templates, as wide as the training data scatter. Source: paper; the mean from its authors'
+/// public code (dokkev/fingertip-design-framework, fig5c_decoder.py), whose features are the signed means of six equal
+/// parts (LongitudinalBins::parts).
+struct NearestTemplate {
+  class Model {
+   public:
+    explicit Model(const LabelledResponses& training) : template_(place_means(training)) {
+      const Eigen::MatrixXd& means = template_;
+      double squares = 0.0;
+      for (std::size_t i = 0; i < training.place.size(); ++i)
+        squares += (training.response.col(Eigen::Index(i)) - means.col(training.place[i])).squaredNorm();
+      const double freedom =
+          double(training.response.rows()) * std::max(1.0, double(training.place.size()) - double(training.places()));
+      variance_ = std::max(squares / freedom, 1e-12 * means.cwiseAbs2().maxCoeff() + 1e-300);
+    }
+    /// Throws InvalidArgument for another number of features.
+    Decoding decode(const Eigen::VectorXd& response) const {
+      const Eigen::MatrixXd& means = template_;
+      if (response.size() != template_.rows())
+        throw InvalidArgument(message("response has ", response.size(), " features, the templates ", template_.rows()));
+      return decoding_of((means.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
+    }
+    const Eigen::MatrixXd& templates() const { return template_; }
+
+   private:
+    Eigen::MatrixXd template_;
+    double variance_ = 1.0;
+  };
+
+  /// Throws InvalidArgument for data that do not fit together.
+  Model fit(const LabelledResponses& training) const {
+    validate(training);
+    return Model(training);
+  }
+};
+
+static_assert(Decoder<NearestTemplate>);
 
 }  // namespace lumo::sense
 
@@ -9737,13 +11394,17 @@ template <Camera C, class Meanwhile> LiveRest look_at_rest(
   LiveRest seen{finger, {}, frame};
   seen.optics.view = view_finger(mean.image().view(), session, wait.name);
   GreenProfile readout = seen.optics.readout();
-  seen.optics.unloaded = {};
-  UnloadedReference& unloaded = seen.optics.unloaded;
-  Profile p;
+  RepeatedPixels repeated;
+  std::vector<Profile> profiles(rest.size());
+  std::vector<const Profile*> read;
   for (std::size_t k = 0; k < rest.size(); ++k) {
     rest[k].image = kept[k].view();
-    if (readout.read(rest[k], p)) unloaded.add(p);
+    repeated.add(rest[k].image);
+    if (readout.read(rest[k], profiles[k])) read.push_back(&profiles[k]);
   }
+  seen.optics.view.unchanged = repeated.share();
+  seen.optics.unloaded = checked_reference(read, repeated.share()).reference;
+  const UnloadedReference& unloaded = seen.optics.unloaded;
   if (unloaded.count() < 2)
     throw InputError(
         message(wait.name, ": ", unloaded.count(), " pictures of the unloaded finger can be read, must be at least 2"));
@@ -9903,16 +11564,59 @@ inline std::optional<std::string> read_whole(const std::string& path, std::uintm
   return bytes;
 }
 
-/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one
-/// is replaced. Throws InputError of one line, and leaves what was there.
-inline void write_whole(const std::string& path, std::string_view bytes) {
+/// All bytes of a file, a pipe or a device that ends. Throws InputError of one line that names file and reason, also
+/// for more than `most` bytes.
+inline std::string read_text(const std::string& path, std::size_t most = std::size_t{1} << 26) {
+  const auto refuse = [&](const std::string& why) { throw InputError(message(path, ": cannot be read: ", why)); };
+  const auto reason = [] { return std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message(); };
+  errno = 0;
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), std::fclose);
+  if (!file) refuse(reason());
+  std::string text(std::size_t{1} << 16, '\0');
+  for (std::size_t size = 0;;) {
+    if (size == text.size()) text.resize(std::min(2 * size, most + 1));
+    const std::size_t n = std::fread(text.data() + size, 1, text.size() - size, file.get());
+    size += n;
+    if (size > most) refuse(message("it has more than ", most, " bytes"));
+    if (n > 0) continue;
+    if (std::ferror(file.get()) != 0) refuse(reason());
+    text.resize(size);
+    return text;
+  }
+}
+
+/// Brings a file or folder to the disk; errno says why not.
+inline bool synchronise(const std::string& path) {
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0) return false;
+  const bool done = ::fsync(file) == 0;
+  const int why = errno;
+  ::close(file);
+  errno = why;
+  return done;
+}
+
+/// What a power failure leaves of a file that was written.
+enum class Durability {
+  disk,   ///< the whole of it, once the call has returned
+  memory  ///< what the system had written by then: for the many pictures of a recording
+};
+
+/// The whole file or none, after a power failure, too: written beside its place under a name that no other writer
+/// takes, brought to the disk, then renamed; an older one is replaced. Throws InputError of one line, and leaves what
+/// was there.
+inline void write_whole(const std::string& path, std::string_view bytes, Durability durability = Durability::disk) {
   // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
   const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
   errno = 0;
   std::ofstream out(part, std::ios::binary);
   out.write(bytes.data(), std::streamsize(bytes.size()));
   out.close();
-  if (out && std::rename(part.c_str(), path.c_str()) == 0) return;
+  const bool durable = durability == Durability::disk;
+  if (out && (!durable || synchronise(part)) && std::rename(part.c_str(), path.c_str()) == 0) {
+    if (durable) synchronise(std::filesystem::absolute(path).parent_path().string());  // the name must last as well
+    return;
+  }
   const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
   std::remove(part.c_str());
   throw InputError(message(path, ": cannot be written: ", why));
@@ -10042,7 +11746,8 @@ template <class Encode> class LogRecorder {
       std::string fault;
       try {
         const auto bytes = encode_(p.image.view());
-        write_whole(folder_ + "/frames/" + p.record.file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+        write_whole(folder_ + "/frames/" + p.record.file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()},
+            Durability::memory);
         append(frames_, frame_row(p.record, false, last), "frames.csv");  // after its picture
       } catch (const std::exception& e) {
         fault = e.what();

@@ -65,7 +65,7 @@ template <class Model, Indenter Tool> struct PressSystem {
 
   ScaledContact<decltype(Model::contact)> contact() const { return {&model.contact, penalty_scale}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
-  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::Zero()}; }  ///< does not move
+  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::Zero()}; }  ///< stands still
 
   /// Elastic + contact energy − load · advance [J]; +∞ for an inverted element.
   double energy(const Positions& x, double advance, double load) const {
