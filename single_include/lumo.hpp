@@ -225,6 +225,13 @@ inline void require_positive(const char* what, double value, const char* unit) {
   throw InvalidArgument(message(what, " is ", value, " ", unit, ", must be finite and > 0 ", unit));
 }
 
+/// The parts of a list with commas between them; `text(part)` is what stands for one.
+template <class List, class Text> std::string listing(const List& list, Text&& text) {
+  std::string all;
+  for (const auto& part : list) all += (all.empty() ? "" : ", ") + std::string(text(part));
+  return all;
+}
+
 }  // namespace lumo
 
 #endif
@@ -10965,8 +10972,8 @@ struct FrictionHistory {
   template <class Tool> static double advance_to_meet(const Moving<Tool>& rigid, const Vec3d& place, double gap) {
     constexpr int most_steps = 40;
     constexpr double met = 1e-9;  // [m]
-    double ahead = 0.0;
     if (rigid.direction.isZero(0.0)) return std::numeric_limits<double>::infinity();
+    double ahead = 0.0;
     for (int k = 0; k < most_steps && gap > met; ++k) {
       ahead += gap;
       gap = rigid.distance(place - ahead * rigid.direction);
@@ -12717,7 +12724,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
 template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   FrictionForces out;
-  if (touched_.coefficient == 0.0 && rested_.coefficient == 0.0) return out;
+  if (!has_friction()) return out;
   const Sector& sector = model_.sector;
   out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
   rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
@@ -20106,6 +20113,87 @@ static_assert(CandidateSource<LocalSearchCandidates>);
 
 #endif
 
+// ---- lumo/core/statistics.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+
+namespace lumo {
+
+/// A number with a lower and an upper bound.
+struct Interval {
+  double value = 0.0, low = 0.0, high = 0.0;
+};
+
+/// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
+inline double median(std::vector<double> v) {
+  if (v.empty()) throw InvalidArgument("median of no numbers");
+  const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
+  std::nth_element(v.begin(), half, v.end());
+  return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
+}
+
+/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for
+/// none.
+inline double quantile(std::vector<double> v, double p) {
+  if (v.empty()) throw InvalidArgument("quantile of no numbers");
+  require_in_range("quantile", p, 0.0, 1.0, "");
+  std::sort(v.begin(), v.end());
+  const double place = p * double(v.size() - 1);
+  const auto i = std::size_t(place);
+  return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
+}
+
+/// Of ascending numbers the first of those `count` in a row that lie closest together; `count` is 1 to their number.
+inline std::size_t closest_together(const std::vector<double>& sorted, std::size_t count) {
+  std::size_t closest = 0;
+  for (std::size_t i = 1; i + count <= sorted.size(); ++i)
+    if (sorted[i + count - 1] - sorted[i] < sorted[closest + count - 1] - sorted[closest]) closest = i;
+  return closest;
+}
+
+/// Root mean square of the entries.
+inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) {
+  return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0;
+}
+
+/// Median of each row.
+inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
+  Eigen::VectorXd r(m.rows());
+  for (Eigen::Index i = 0; i < m.rows(); ++i) {
+    const Eigen::VectorXd row = m.row(i);
+    r[i] = median({row.data(), row.data() + row.size()});
+  }
+  return r;
+}
+
+/// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
+inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
+  if (all < 1 || right < 0 || right > all)
+    throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
+  const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
+  const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
+  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
+}
+
+/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
+class CountedNormals {
+ public:
+  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
+  double operator()() {
+    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))),
+                 turn = uniform(combine(seed_, count_ + 1));
+    count_ += 2;
+    return radius * std::cos(6.2831853071795864769 * turn);
+  }
+
+ private:
+  std::uint64_t seed_, count_ = 0;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optimize/outliers.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_OUTLIERS_HPP
 #define SINGLE_INCLUDE_LUMO_OPTIMIZE_OUTLIERS_HPP
@@ -20161,9 +20249,7 @@ class ValueBulk {
       low_ = first[worse];
       if (low_ - first[worse - 1] > rule.penalty * (high_ - low_)) return;
     }
-    std::size_t closest = 0;
-    for (std::size_t i = 1; i + half <= n; ++i)
-      if (first[i + half - 1] - first[i] < first[closest + half - 1] - first[closest]) closest = i;
+    const std::size_t closest = closest_together(first, half);
     low_ = first[closest];
     high_ = first[closest + half - 1];
   }

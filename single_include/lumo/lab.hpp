@@ -222,6 +222,13 @@ inline void require_positive(const char* what, double value, const char* unit) {
   throw InvalidArgument(message(what, " is ", value, " ", unit, ", must be finite and > 0 ", unit));
 }
 
+/// The parts of a list with commas between them; `text(part)` is what stands for one.
+template <class List, class Text> std::string listing(const List& list, Text&& text) {
+  std::string all;
+  for (const auto& part : list) all += (all.empty() ? "" : ", ") + std::string(text(part));
+  return all;
+}
+
 }  // namespace lumo
 
 #endif
@@ -2753,6 +2760,128 @@ static_assert(Readout<PhotodiodeArray>);
 
 #endif
 
+// ---- lumo/sense/recording/joint_velocity.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_VELOCITY_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_VELOCITY_HPP
+
+namespace lumo::sense {
+
+/// Limits of what is believed of a driver's velocities.
+struct VelocityLimits {
+  double window_s = 0.1;           ///< over which way and velocity are compared
+  double moving_rad_per_s = 0.02;  ///< slower joints show nothing (RMS over the windows)
+  double wrong_scale = 0.25;       ///< of the scale's distance from 1; noise and delays stay far below
+  double smoothing_s = 0.02;       ///< velocities from positions are slopes over as much
+  double largest_step_rad = 3.0;   ///< in a window: beyond, an encoder wraps round or jumps
+  int least_windows = 10;
+};
+
+/// Velocities against the positions of a joint.
+struct VelocityCheck {
+  bool moves = false;  ///< enough to tell
+  double scale = 1.0;  ///< velocity over change of position: 1; 0 where velocities are zeros, 57.3 in degrees
+  bool agrees = true;
+};
+
+/// Throws InvalidArgument for a joint that the samples do not have.
+inline VelocityCheck check_velocity(
+    std::span<const JointSample> samples, int joint, const VelocityLimits& limits = {}) {
+  VelocityCheck check;
+  double ways = 0.0, products = 0.0, seconds = 0.0;
+  int windows = 0;
+  std::size_t from = 0;
+  double integral = 0.0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (joint < 0 || joint >= samples[i].position_rad.size() || joint >= samples[i].velocity_rad_per_s.size())
+      throw InvalidArgument(message("velocities: sample ", i, " has no joint ", joint));
+    if (i == 0) continue;
+    const double step_s = 1e-9 * double(samples[i].stamp_ns - samples[i - 1].stamp_ns);
+    integral += 0.5 * step_s * (samples[i].velocity_rad_per_s[joint] + samples[i - 1].velocity_rad_per_s[joint]);
+    const double span_s = 1e-9 * double(samples[i].stamp_ns - samples[from].stamp_ns);
+    if (span_s < limits.window_s) continue;
+    const double way = samples[i].position_rad[joint] - samples[from].position_rad[joint];
+    const bool usable = span_s < 2.0 * limits.window_s && std::abs(way) < limits.largest_step_rad &&
+                        std::isfinite(way) && std::isfinite(integral);
+    if (usable) {
+      ways += way * way;
+      products += way * integral;
+      seconds += span_s;
+      ++windows;
+    }
+    from = i;
+    integral = 0.0;
+  }
+  check.moves =
+      windows >= limits.least_windows && std::sqrt(ways / windows) > limits.moving_rad_per_s * seconds / windows;
+  if (!check.moves) return check;
+  check.scale = products / ways;
+  check.agrees = std::abs(check.scale - 1.0) <= limits.wrong_scale;
+  return check;
+}
+
+/// Slope of a joint's positions over `smoothing_s` about sample i, and over its neighbours at least (least squares); 0
+/// for a sample alone.
+inline double slope_of_positions(
+    std::span<const JointSample> samples, std::size_t i, Eigen::Index joint, double smoothing_s) {
+  const double half_s = 0.5 * smoothing_s;
+  const auto apart_s = [&](std::size_t k) { return 1e-9 * double(samples[k].stamp_ns - samples[i].stamp_ns); };
+  std::size_t a = i > 0 ? i - 1 : i, b = std::min(i + 1, samples.size() - 1);
+  while (a > 0 && apart_s(a - 1) >= -half_s) --a;
+  while (b + 1 < samples.size() && apart_s(b + 1) <= half_s) ++b;
+  double t = 0.0, q = 0.0, tt = 0.0, tq = 0.0;
+  for (std::size_t k = a; k <= b; ++k) {
+    const double at = apart_s(k), way = samples[k].position_rad[joint] - samples[i].position_rad[joint];
+    t += at;
+    q += way;
+    tt += at * at;
+    tq += at * way;
+  }
+  const double n = double(b - a + 1), det = n * tt - t * t;
+  return det > 0.0 ? (n * tq - t * q) / det : 0.0;
+}
+
+/// Gives those samples a velocity that have none (an empty vector), from their positions. Throws InputError for
+/// positions beyond all bounds.
+inline void find_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    JointVector& velocity = samples[i].velocity_rad_per_s;
+    const Eigen::Index joints = samples[i].position_rad.size();
+    if (velocity.size() == joints) continue;
+    velocity.resize(joints);
+    for (Eigen::Index j = 0; j < joints; ++j) velocity[j] = slope_of_positions(samples, i, j, limits.smoothing_s);
+    if (!velocity.allFinite())
+      throw InputError(message("positions about ", samples[i].stamp_ns, " ns are too far apart to give a velocity"));
+  }
+}
+
+/// Sets the velocity of a joint to the slope of its positions.
+inline void take_velocity_from_positions(
+    std::vector<JointSample>& samples, int joint, const VelocityLimits& limits = {}) {
+  for (std::size_t i = 0; i < samples.size(); ++i)
+    samples[i].velocity_rad_per_s[joint] = slope_of_positions(samples, i, joint, limits.smoothing_s);
+}
+
+/// Takes the velocities of those joints from the positions that move, but not as their velocities say: zeros, degrees
+/// or turns a minute. Returns a line for each, for whoever reads the log.
+inline std::vector<std::string> mend_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
+  std::vector<std::string> notes;
+  if (samples.empty()) return notes;
+  const auto joints = int(samples.front().position_rad.size());
+  for (int j = 0; j < joints; ++j) {
+    const VelocityCheck check = check_velocity(samples, j, limits);
+    if (check.agrees) continue;
+    take_velocity_from_positions(samples, j, limits);
+    notes.push_back(message("velocities of joint ", j, " are ", check.scale,
+        " times the change of its positions"
+        " (zeros, or not rad/s); they are taken from the positions"));
+  }
+  return notes;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/recording/streams.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_STREAMS_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_STREAMS_HPP
@@ -2868,47 +2997,6 @@ inline std::string to_string(const Stretch& s) {
     return (ns < 0 && ms / 1000 == 0 ? "-" : "") + std::to_string(ms / 1000) + '.' + digits;
   };
   return seconds(s.from_ns) + " to " + seconds(s.to_ns) + " s";
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/velocities.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_VELOCITIES_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_VELOCITIES_HPP
-
-namespace lumo::sense {
-
-/// Gives those samples a velocity that have none (an empty vector): the slope of the line through the positions of
-/// `half_s` before and after, by least squares; 0 where there is no second sample. Throws InputError for positions
-/// beyond all bounds.
-inline void find_velocities(std::vector<JointSample>& samples, double half_s = 0.01) {
-  const auto half_ns = std::llround(1e9 * half_s);
-  std::size_t from = 0, to = 0;
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    if (samples[i].velocity_rad_per_s.size() == samples[i].position_rad.size()) continue;
-    const std::int64_t at = samples[i].stamp_ns;
-    while (at - samples[from].stamp_ns > half_ns) ++from;
-    while (to < samples.size() && samples[to].stamp_ns - at <= half_ns) ++to;
-    std::size_t first = from, end = to;
-    if (end - first < 2) {  // few samples: the nearest ones
-      first = i > 0 ? i - 1 : i;
-      end = std::min(samples.size(), i + 2);
-    }
-    const Eigen::Index joints = samples[i].position_rad.size();
-    JointVector sum_tq = JointVector::Zero(joints);
-    double mean_t = 0.0, sum_tt = 0.0;
-    for (std::size_t k = first; k < end; ++k) mean_t += 1e-9 * double(samples[k].stamp_ns - at) / double(end - first);
-    for (std::size_t k = first; k < end; ++k) {
-      const double t = 1e-9 * double(samples[k].stamp_ns - at) - mean_t;
-      sum_tt += t * t;
-      sum_tq += t * (samples[k].position_rad - samples[i].position_rad);
-    }
-    if (!sum_tq.allFinite())
-      throw InputError(message("positions about ", at, " ns are too far apart to give a velocity"));
-    samples[i].velocity_rad_per_s = sum_tt > 0.0 ? JointVector(sum_tq / sum_tt) : JointVector::Zero(joints);
-  }
 }
 
 }  // namespace lumo::sense
@@ -7034,8 +7122,8 @@ struct FrictionHistory {
   template <class Tool> static double advance_to_meet(const Moving<Tool>& rigid, const Vec3d& place, double gap) {
     constexpr int most_steps = 40;
     constexpr double met = 1e-9;  // [m]
-    double ahead = 0.0;
     if (rigid.direction.isZero(0.0)) return std::numeric_limits<double>::infinity();
+    double ahead = 0.0;
     for (int k = 0; k < most_steps && gap > met; ++k) {
       ahead += gap;
       gap = rigid.distance(place - ahead * rigid.direction);
@@ -8981,7 +9069,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
 template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   FrictionForces out;
-  if (touched_.coefficient == 0.0 && rested_.coefficient == 0.0) return out;
+  if (!has_friction()) return out;
   const Sector& sector = model_.sector;
   out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
   rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);

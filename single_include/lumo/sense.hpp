@@ -222,6 +222,13 @@ inline void require_positive(const char* what, double value, const char* unit) {
   throw InvalidArgument(message(what, " is ", value, " ", unit, ", must be finite and > 0 ", unit));
 }
 
+/// The parts of a list with commas between them; `text(part)` is what stands for one.
+template <class List, class Text> std::string listing(const List& list, Text&& text) {
+  std::string all;
+  for (const auto& part : list) all += (all.empty() ? "" : ", ") + std::string(text(part));
+  return all;
+}
+
 }  // namespace lumo
 
 #endif
@@ -1261,6 +1268,128 @@ static_assert(Readout<PhotodiodeArray>);
 
 #endif
 
+// ---- lumo/sense/recording/joint_velocity.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_VELOCITY_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_VELOCITY_HPP
+
+namespace lumo::sense {
+
+/// Limits of what is believed of a driver's velocities.
+struct VelocityLimits {
+  double window_s = 0.1;           ///< over which way and velocity are compared
+  double moving_rad_per_s = 0.02;  ///< slower joints show nothing (RMS over the windows)
+  double wrong_scale = 0.25;       ///< of the scale's distance from 1; noise and delays stay far below
+  double smoothing_s = 0.02;       ///< velocities from positions are slopes over as much
+  double largest_step_rad = 3.0;   ///< in a window: beyond, an encoder wraps round or jumps
+  int least_windows = 10;
+};
+
+/// Velocities against the positions of a joint.
+struct VelocityCheck {
+  bool moves = false;  ///< enough to tell
+  double scale = 1.0;  ///< velocity over change of position: 1; 0 where velocities are zeros, 57.3 in degrees
+  bool agrees = true;
+};
+
+/// Throws InvalidArgument for a joint that the samples do not have.
+inline VelocityCheck check_velocity(
+    std::span<const JointSample> samples, int joint, const VelocityLimits& limits = {}) {
+  VelocityCheck check;
+  double ways = 0.0, products = 0.0, seconds = 0.0;
+  int windows = 0;
+  std::size_t from = 0;
+  double integral = 0.0;
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    if (joint < 0 || joint >= samples[i].position_rad.size() || joint >= samples[i].velocity_rad_per_s.size())
+      throw InvalidArgument(message("velocities: sample ", i, " has no joint ", joint));
+    if (i == 0) continue;
+    const double step_s = 1e-9 * double(samples[i].stamp_ns - samples[i - 1].stamp_ns);
+    integral += 0.5 * step_s * (samples[i].velocity_rad_per_s[joint] + samples[i - 1].velocity_rad_per_s[joint]);
+    const double span_s = 1e-9 * double(samples[i].stamp_ns - samples[from].stamp_ns);
+    if (span_s < limits.window_s) continue;
+    const double way = samples[i].position_rad[joint] - samples[from].position_rad[joint];
+    const bool usable = span_s < 2.0 * limits.window_s && std::abs(way) < limits.largest_step_rad &&
+                        std::isfinite(way) && std::isfinite(integral);
+    if (usable) {
+      ways += way * way;
+      products += way * integral;
+      seconds += span_s;
+      ++windows;
+    }
+    from = i;
+    integral = 0.0;
+  }
+  check.moves =
+      windows >= limits.least_windows && std::sqrt(ways / windows) > limits.moving_rad_per_s * seconds / windows;
+  if (!check.moves) return check;
+  check.scale = products / ways;
+  check.agrees = std::abs(check.scale - 1.0) <= limits.wrong_scale;
+  return check;
+}
+
+/// Slope of a joint's positions over `smoothing_s` about sample i, and over its neighbours at least (least squares); 0
+/// for a sample alone.
+inline double slope_of_positions(
+    std::span<const JointSample> samples, std::size_t i, Eigen::Index joint, double smoothing_s) {
+  const double half_s = 0.5 * smoothing_s;
+  const auto apart_s = [&](std::size_t k) { return 1e-9 * double(samples[k].stamp_ns - samples[i].stamp_ns); };
+  std::size_t a = i > 0 ? i - 1 : i, b = std::min(i + 1, samples.size() - 1);
+  while (a > 0 && apart_s(a - 1) >= -half_s) --a;
+  while (b + 1 < samples.size() && apart_s(b + 1) <= half_s) ++b;
+  double t = 0.0, q = 0.0, tt = 0.0, tq = 0.0;
+  for (std::size_t k = a; k <= b; ++k) {
+    const double at = apart_s(k), way = samples[k].position_rad[joint] - samples[i].position_rad[joint];
+    t += at;
+    q += way;
+    tt += at * at;
+    tq += at * way;
+  }
+  const double n = double(b - a + 1), det = n * tt - t * t;
+  return det > 0.0 ? (n * tq - t * q) / det : 0.0;
+}
+
+/// Gives those samples a velocity that have none (an empty vector), from their positions. Throws InputError for
+/// positions beyond all bounds.
+inline void find_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    JointVector& velocity = samples[i].velocity_rad_per_s;
+    const Eigen::Index joints = samples[i].position_rad.size();
+    if (velocity.size() == joints) continue;
+    velocity.resize(joints);
+    for (Eigen::Index j = 0; j < joints; ++j) velocity[j] = slope_of_positions(samples, i, j, limits.smoothing_s);
+    if (!velocity.allFinite())
+      throw InputError(message("positions about ", samples[i].stamp_ns, " ns are too far apart to give a velocity"));
+  }
+}
+
+/// Sets the velocity of a joint to the slope of its positions.
+inline void take_velocity_from_positions(
+    std::vector<JointSample>& samples, int joint, const VelocityLimits& limits = {}) {
+  for (std::size_t i = 0; i < samples.size(); ++i)
+    samples[i].velocity_rad_per_s[joint] = slope_of_positions(samples, i, joint, limits.smoothing_s);
+}
+
+/// Takes the velocities of those joints from the positions that move, but not as their velocities say: zeros, degrees
+/// or turns a minute. Returns a line for each, for whoever reads the log.
+inline std::vector<std::string> mend_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
+  std::vector<std::string> notes;
+  if (samples.empty()) return notes;
+  const auto joints = int(samples.front().position_rad.size());
+  for (int j = 0; j < joints; ++j) {
+    const VelocityCheck check = check_velocity(samples, j, limits);
+    if (check.agrees) continue;
+    take_velocity_from_positions(samples, j, limits);
+    notes.push_back(message("velocities of joint ", j, " are ", check.scale,
+        " times the change of its positions"
+        " (zeros, or not rad/s); they are taken from the positions"));
+  }
+  return notes;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/recording/streams.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_STREAMS_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_STREAMS_HPP
@@ -1376,47 +1505,6 @@ inline std::string to_string(const Stretch& s) {
     return (ns < 0 && ms / 1000 == 0 ? "-" : "") + std::to_string(ms / 1000) + '.' + digits;
   };
   return seconds(s.from_ns) + " to " + seconds(s.to_ns) + " s";
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/velocities.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_VELOCITIES_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_VELOCITIES_HPP
-
-namespace lumo::sense {
-
-/// Gives those samples a velocity that have none (an empty vector): the slope of the line through the positions of
-/// `half_s` before and after, by least squares; 0 where there is no second sample. Throws InputError for positions
-/// beyond all bounds.
-inline void find_velocities(std::vector<JointSample>& samples, double half_s = 0.01) {
-  const auto half_ns = std::llround(1e9 * half_s);
-  std::size_t from = 0, to = 0;
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    if (samples[i].velocity_rad_per_s.size() == samples[i].position_rad.size()) continue;
-    const std::int64_t at = samples[i].stamp_ns;
-    while (at - samples[from].stamp_ns > half_ns) ++from;
-    while (to < samples.size() && samples[to].stamp_ns - at <= half_ns) ++to;
-    std::size_t first = from, end = to;
-    if (end - first < 2) {  // few samples: the nearest ones
-      first = i > 0 ? i - 1 : i;
-      end = std::min(samples.size(), i + 2);
-    }
-    const Eigen::Index joints = samples[i].position_rad.size();
-    JointVector sum_tq = JointVector::Zero(joints);
-    double mean_t = 0.0, sum_tt = 0.0;
-    for (std::size_t k = first; k < end; ++k) mean_t += 1e-9 * double(samples[k].stamp_ns - at) / double(end - first);
-    for (std::size_t k = first; k < end; ++k) {
-      const double t = 1e-9 * double(samples[k].stamp_ns - at) - mean_t;
-      sum_tt += t * t;
-      sum_tq += t * (samples[k].position_rad - samples[i].position_rad);
-    }
-    if (!sum_tq.allFinite())
-      throw InputError(message("positions about ", at, " ns are too far apart to give a velocity"));
-    samples[i].velocity_rad_per_s = sum_tt > 0.0 ? JointVector(sum_tq / sum_tt) : JointVector::Zero(joints);
-  }
 }
 
 }  // namespace lumo::sense
@@ -3666,9 +3754,7 @@ class McapTables {
     return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return k.has_value(); });
   }
   static std::string listed(const std::vector<std::string>& names) {
-    std::string text;
-    for (const std::string& n : names) text += (text.empty() ? "" : ", ") + printable(n);
-    return text;
+    return listing(names, [](const std::string& n) { return printable(n); });
   }
 
   bool has_session_, chosen_;
@@ -3685,8 +3771,7 @@ class McapTables {
 /// The topic of one kind: the wanted one, or the only one; empty: there is none. Throws InputError.
 inline std::string choose_topic(
     const std::set<std::string>& topics, const std::string& wanted, const char* what, const std::string& name) {
-  std::string all;
-  for (const std::string& t : topics) all += (all.empty() ? "" : ", ") + printable(t);
+  const std::string all = listing(topics, [](const std::string& t) { return printable(t); });
   if (!wanted.empty()) {
     if (!topics.contains(wanted))
       throw InputError(message(
@@ -5401,6 +5486,14 @@ inline double quantile(std::vector<double> v, double p) {
   const double place = p * double(v.size() - 1);
   const auto i = std::size_t(place);
   return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
+}
+
+/// Of ascending numbers the first of those `count` in a row that lie closest together; `count` is 1 to their number.
+inline std::size_t closest_together(const std::vector<double>& sorted, std::size_t count) {
+  std::size_t closest = 0;
+  for (std::size_t i = 1; i + count <= sorted.size(); ++i)
+    if (sorted[i + count - 1] - sorted[i] < sorted[closest + count - 1] - sorted[closest]) closest = i;
+  return closest;
 }
 
 /// Root mean square of the entries.
@@ -7602,9 +7695,7 @@ inline constexpr double half_of_normal = 0.6744897501960817;
 inline std::pair<double, double> closest_half(std::vector<double> v) {
   std::sort(v.begin(), v.end());
   const std::size_t h = v.size() / 2 + 1;
-  std::size_t best = 0;
-  for (std::size_t i = 0; i + h <= v.size(); ++i)
-    if (v[i + h - 1] - v[i] < v[best + h - 1] - v[best]) best = i;
+  const std::size_t best = closest_together(v, h);
   double sum = 0.0;
   for (std::size_t i = best; i < best + h; ++i) sum += v[i];
   return {sum / double(h), 0.5 * (v[best + h - 1] - v[best]) / half_of_normal};
@@ -7620,10 +7711,6 @@ inline Eigen::MatrixXd shape_deviations(const std::vector<const Profile*>& profi
   for (Eigen::Index k = 0; k < n; ++k) value.col(k) -= value.col(k).mean() / light * middle;
   return value;
 }
-
-}  // namespace detail
-
-namespace detail {
 
 /// Those whose light is that of the closest half. Where some are far off, that half may hold some of them: what is left
 /// is then judged again by its own scatter, until it stays.
@@ -7719,18 +7806,16 @@ inline CheckedReference checked_reference(
 namespace lumo::sense {
 
 /// The stretch of a log with the finger unloaded: the first segment of kind `unloaded`, or else the first half second.
-struct UnloadedStretch {
+struct UnloadedStretch : Stretch {
   static constexpr std::int64_t first_ns = 500'000'000;
-  std::int64_t from_ns = 0, to_ns = 0;
   bool chosen = false;  ///< by whoever knows the log: of what came before nothing is assumed
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
     const auto known = std::find_if(
         s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
-    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns, false}
-                                     : UnloadedStretch{known->from_ns, known->to_ns, false};
+    return known == s.segments.end() ? UnloadedStretch{{first_frame_ns, first_frame_ns + first_ns}}
+                                     : UnloadedStretch{{known->from_ns, known->to_ns}};
   }
-  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
 };
 
 /// Mean of pictures of one size and format; pictures that differ from the first are left out.
@@ -7930,111 +8015,6 @@ inline CheckedReference checked_reference(const std::vector<Profile>& profiles, 
 inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
     const std::string& name, double unchanged = 0.0) {
   return checked_reference(profiles, stretch, name, unchanged).reference;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/recording/joint_velocity.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_VELOCITY_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_VELOCITY_HPP
-
-namespace lumo::sense {
-
-/// Limits of what is believed of a driver's velocities.
-struct VelocityLimits {
-  double window_s = 0.1;           ///< over which way and velocity are compared
-  double moving_rad_per_s = 0.02;  ///< slower joints show nothing (RMS over the windows)
-  double wrong_scale = 0.25;       ///< of the scale's distance from 1; noise and delays stay far below
-  double smoothing_s = 0.02;       ///< velocities from positions are slopes over as much
-  double largest_step_rad = 3.0;   ///< in a window: beyond, an encoder wraps round or jumps
-  int least_windows = 10;
-};
-
-/// Velocities against the positions of a joint.
-struct VelocityCheck {
-  bool moves = false;  ///< enough to tell
-  double scale = 1.0;  ///< velocity over change of position: 1; 0 where velocities are zeros, 57.3 in degrees
-  bool agrees = true;
-};
-
-/// Throws InvalidArgument for a joint that the samples do not have.
-inline VelocityCheck check_velocity(
-    std::span<const JointSample> samples, int joint, const VelocityLimits& limits = {}) {
-  VelocityCheck check;
-  double ways = 0.0, products = 0.0, seconds = 0.0;
-  int windows = 0;
-  std::size_t from = 0;
-  double integral = 0.0;
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    if (joint < 0 || joint >= samples[i].position_rad.size() || joint >= samples[i].velocity_rad_per_s.size())
-      throw InvalidArgument(message("velocities: sample ", i, " has no joint ", joint));
-    if (i == 0) continue;
-    const double step_s = 1e-9 * double(samples[i].stamp_ns - samples[i - 1].stamp_ns);
-    integral += 0.5 * step_s * (samples[i].velocity_rad_per_s[joint] + samples[i - 1].velocity_rad_per_s[joint]);
-    const double span_s = 1e-9 * double(samples[i].stamp_ns - samples[from].stamp_ns);
-    if (span_s < limits.window_s) continue;
-    const double way = samples[i].position_rad[joint] - samples[from].position_rad[joint];
-    const bool usable = span_s < 2.0 * limits.window_s && std::abs(way) < limits.largest_step_rad &&
-                        std::isfinite(way) && std::isfinite(integral);
-    if (usable) {
-      ways += way * way;
-      products += way * integral;
-      seconds += span_s;
-      ++windows;
-    }
-    from = i;
-    integral = 0.0;
-  }
-  check.moves =
-      windows >= limits.least_windows && std::sqrt(ways / windows) > limits.moving_rad_per_s * seconds / windows;
-  if (!check.moves) return check;
-  check.scale = products / ways;
-  check.agrees = std::abs(check.scale - 1.0) <= limits.wrong_scale;
-  return check;
-}
-
-/// Sets the velocity of a joint to the slope of its positions over `smoothing_s` about each sample (least squares).
-/// Samples alone get 0.
-inline void take_velocity_from_positions(
-    std::vector<JointSample>& samples, int joint, const VelocityLimits& limits = {}) {
-  const double half_s = 0.5 * limits.smoothing_s;
-  std::vector<double> slope(samples.size(), 0.0);
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    const auto apart_s = [&](std::size_t k) { return 1e-9 * double(samples[k].stamp_ns - samples[i].stamp_ns); };
-    std::size_t a = i > 0 ? i - 1 : i, b = std::min(i + 1, samples.size() - 1);
-    while (a > 0 && apart_s(a - 1) >= -half_s) --a;
-    while (b + 1 < samples.size() && apart_s(b + 1) <= half_s) ++b;
-    double t = 0.0, q = 0.0, tt = 0.0, tq = 0.0;
-    for (std::size_t k = a; k <= b; ++k) {
-      const double at = apart_s(k), way = samples[k].position_rad[joint] - samples[i].position_rad[joint];
-      t += at;
-      q += way;
-      tt += at * at;
-      tq += at * way;
-    }
-    const double n = double(b - a + 1), det = n * tt - t * t;
-    if (det > 0.0) slope[i] = (n * tq - t * q) / det;
-  }
-  for (std::size_t i = 0; i < samples.size(); ++i) samples[i].velocity_rad_per_s[joint] = slope[i];
-}
-
-/// Takes the velocities of those joints from the positions that move, but not as their velocities say: zeros, degrees
-/// or turns a minute. Returns a line for each, for whoever reads the log.
-inline std::vector<std::string> mend_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
-  std::vector<std::string> notes;
-  if (samples.empty()) return notes;
-  const auto joints = int(samples.front().position_rad.size());
-  for (int j = 0; j < joints; ++j) {
-    const VelocityCheck check = check_velocity(samples, j, limits);
-    if (check.agrees) continue;
-    take_velocity_from_positions(samples, j, limits);
-    notes.push_back(message("velocities of joint ", j, " are ", check.scale,
-        " times the change of its positions"
-        " (zeros, or not rad/s); they are taken from the positions"));
-  }
-  return notes;
 }
 
 }  // namespace lumo::sense

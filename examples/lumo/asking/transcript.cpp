@@ -148,19 +148,15 @@ void Transcript::take_space(const Json& space) {
   change_ = difference(space, before);
 }
 
-std::string Transcript::line_of(const Json& event) const {
-  std::string line = event.dump(-1, ' ', false, Json::error_handler_t::replace);
-  const std::string end = seal(digest_of(line, digest_));
-  line.pop_back();
-  return line + end + "\n";
-}
-
 void Transcript::append(const Json& event) {
-  const std::string line = line_of(event);
+  std::string line = event.dump(-1, ' ', false, Json::error_handler_t::replace);
+  const std::uint64_t digest = digest_of(line, digest_);
+  line.pop_back();
+  line += seal(digest) + "\n";
   const FilesBeingWritten guard;
   require_in_place(line);
   write_all(file_, line, path_);
-  digest_ = digest_of(event.dump(-1, ' ', false, Json::error_handler_t::replace), digest_);
+  digest_ = digest;
 }
 
 void Transcript::require_in_place(const std::string& line) const {

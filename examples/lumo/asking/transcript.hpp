@@ -37,8 +37,6 @@ class Transcript {
  private:
   void read(const std::string& text);
   void take_space(const nlohmann::ordered_json& space);
-  /// Line of an event, with the digest that follows.
-  std::string line_of(const nlohmann::ordered_json& event) const;
   void require_in_place(const std::string& line) const;
 
   std::string path_;

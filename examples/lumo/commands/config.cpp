@@ -8,9 +8,7 @@ namespace {
 
 std::string value_text(const Json& value) {
   if (!value.is_array()) return value.is_string() ? value.get<std::string>() : text_of(value, -1);
-  std::string list;
-  for (const Json& v : value) list += (list.empty() ? "" : ", ") + text_of(v, -1);
-  return list;
+  return listing(value, [](const Json& v) { return text_of(v, -1); });
 }
 
 /// Checks a configuration and shows it whole.

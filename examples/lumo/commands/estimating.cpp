@@ -146,9 +146,7 @@ Json spells_json(const std::vector<TouchSpell>& spells, bool forces) {
 }
 
 std::string counts_text(const std::map<std::string, int>& counts) {
-  std::string text;
-  for (const auto& [name, count] : counts) text += lumo::message(text.empty() ? "" : ", ", name, ' ', count);
-  return text;
+  return listing(counts, [](const auto& count) { return lumo::message(count.first, ' ', count.second); });
 }
 
 std::string draw(const Timeline& t) {

@@ -644,8 +644,7 @@ std::string admitted(const Setting& s) {
   const std::string range = s.limits.low < s.limits.high && std::isfinite(s.limits.low)
                                 ? exact(s.limits.low) + " … " + exact(s.limits.high)
                                 : "numbers";
-  std::string list;
-  for (const std::string& word : s.words) list += (list.empty() ? "" : ", ") + word;
+  const std::string list = listing(s.words, [](const std::string& word) { return word; });
   switch (s.kind) {
     case Kind::flag: return "true, false";
     case Kind::word: return s.words.empty() ? "any name" : list;

@@ -21,12 +21,6 @@ std::string stretch_text(const SensedLog& s) {
          cell(1e-9 * double(s.stretch.to_ns - first), 2) + " s";
 }
 
-std::string list_text(const std::vector<int>& numbers) {
-  std::string text;
-  for (const int n : numbers) text += (text.empty() ? "" : ", ") + std::to_string(n);
-  return text;
-}
-
 }  // namespace
 
 void tell_reference(const SensedLog& s, const CheckedReference& checked, Progress& progress) {
@@ -112,7 +106,7 @@ void tell_torques(const SensedLog& s, std::span<const FrameEstimate> estimates, 
                   " N·m/A in session.json turns it");
   if (!t.better_order.empty())
     progress.note(log.path + ": the joints seem to be listed in another order than along the finger: in the order " +
-                  list_text(t.better_order) + " their torques fit" + seen);
+                  listing(t.better_order, [](int j) { return std::to_string(j); }) + " their torques fit" + seen);
   const bool single = finger.jacobian.joints() == 1;
   if (t.mirrored ||
       (single && mirrored_by_sensor(estimates, MomentArm{log.session.joint_to_origin_m}, log.session, log.wrenches)))

@@ -177,7 +177,7 @@ std::string examined(const std::string& path, const McapTopics& topics, bool as_
   if (!log.joints.empty())
     text += lumo::message("joints        ", log.joints.front().position_rad.size(), ", efforts are ",
         log.joints.front().unit == Effort::current_A ? "currents" : "torques", "\n");
-  text += lumo::message("unloaded      ", to_string(Stretch{rest.from_ns, rest.to_ns}),
+  text += lumo::message("unloaded      ", to_string(rest),
       stated ? ", as the session states" : ", assumed: the session states no segment of kind \"unloaded\"", "\n");
   text += lumo::message("segments      ", log.session.segments.size(), "\n");
   for (const std::string& note : log.notes) text += "note          " + note + "\n";

@@ -181,7 +181,7 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
   s.stretch = unloaded_stretch(s.log);
   if (unloaded) {
     const std::int64_t first = s.log.frames.empty() ? 0 : s.log.frames.front().stamp_ns;
-    s.stretch = {first + std::llround(1e9 * (*unloaded)[0]), first + std::llround(1e9 * (*unloaded)[1]), true};
+    s.stretch = {{first + std::llround(1e9 * (*unloaded)[0]), first + std::llround(1e9 * (*unloaded)[1])}, true};
   }
   about(path, [&] {
     LogCamera first(s.log);

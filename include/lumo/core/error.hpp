@@ -137,4 +137,11 @@ inline void require_positive(const char* what, double value, const char* unit) {
   throw InvalidArgument(message(what, " is ", value, " ", unit, ", must be finite and > 0 ", unit));
 }
 
+/// The parts of a list with commas between them; `text(part)` is what stands for one.
+template <class List, class Text> std::string listing(const List& list, Text&& text) {
+  std::string all;
+  for (const auto& part : list) all += (all.empty() ? "" : ", ") + std::string(text(part));
+  return all;
+}
+
 }  // namespace lumo

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -35,6 +36,14 @@ inline double quantile(std::vector<double> v, double p) {
   const double place = p * double(v.size() - 1);
   const auto i = std::size_t(place);
   return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
+}
+
+/// Of ascending numbers the first of those `count` in a row that lie closest together; `count` is 1 to their number.
+inline std::size_t closest_together(const std::vector<double>& sorted, std::size_t count) {
+  std::size_t closest = 0;
+  for (std::size_t i = 1; i + count <= sorted.size(); ++i)
+    if (sorted[i + count - 1] - sorted[i] < sorted[closest + count - 1] - sorted[closest]) closest = i;
+  return closest;
 }
 
 /// Root mean square of the entries.

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "lumo/core/statistics.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -56,9 +58,7 @@ class ValueBulk {
       low_ = first[worse];
       if (low_ - first[worse - 1] > rule.penalty * (high_ - low_)) return;
     }
-    std::size_t closest = 0;
-    for (std::size_t i = 1; i + half <= n; ++i)
-      if (first[i + half - 1] - first[i] < first[closest + half - 1] - first[closest]) closest = i;
+    const std::size_t closest = closest_together(first, half);
     low_ = first[closest];
     high_ = first[closest + half - 1];
   }

@@ -206,7 +206,7 @@ TEST_CASE("joints are learnt from what is said to be free, never from holds", "[
   CHECK(unloaded_joints(log, rest).torque[0].unloaded(0.1, 0.0) == Approx(0.03).margin(2e-3));
 
   log.session.segments.clear();
-  const UnloadedStretch chosen{4000 * ms, 4999 * ms, true};
+  const UnloadedStretch chosen{{4000 * ms, 4999 * ms}, true};
   CHECK(samples_without_contact(log, chosen).size() == 250);
   const UnloadedStretch first = UnloadedStretch::of(log.session, 0);
   CHECK(samples_without_contact(log, first).size() == 126);

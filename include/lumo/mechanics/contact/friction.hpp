@@ -121,8 +121,8 @@ struct FrictionHistory {
   template <class Tool> static double advance_to_meet(const Moving<Tool>& rigid, const Vec3d& place, double gap) {
     constexpr int most_steps = 40;
     constexpr double met = 1e-9;  // [m]
-    double ahead = 0.0;
     if (rigid.direction.isZero(0.0)) return std::numeric_limits<double>::infinity();
+    double ahead = 0.0;
     for (int k = 0; k < most_steps && gap > met; ++k) {
       ahead += gap;
       gap = rigid.distance(place - ahead * rigid.direction);

@@ -408,7 +408,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
 template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   FrictionForces out;
-  if (touched_.coefficient == 0.0 && rested_.coefficient == 0.0) return out;
+  if (!has_friction()) return out;
   const Sector& sector = model_.sector;
   out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
   rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);

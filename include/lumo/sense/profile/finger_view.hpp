@@ -7,6 +7,7 @@
 #include "lumo/sense/profile/unloaded_check.hpp"
 #include "lumo/sense/profile/unloaded_reference.hpp"
 #include "lumo/sense/recording/session.hpp"
+#include "lumo/sense/recording/streams.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -18,18 +19,16 @@
 namespace lumo::sense {
 
 /// The stretch of a log with the finger unloaded: the first segment of kind `unloaded`, or else the first half second.
-struct UnloadedStretch {
+struct UnloadedStretch : Stretch {
   static constexpr std::int64_t first_ns = 500'000'000;
-  std::int64_t from_ns = 0, to_ns = 0;
   bool chosen = false;  ///< by whoever knows the log: of what came before nothing is assumed
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
     const auto known = std::find_if(
         s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
-    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + first_ns, false}
-                                     : UnloadedStretch{known->from_ns, known->to_ns, false};
+    return known == s.segments.end() ? UnloadedStretch{{first_frame_ns, first_frame_ns + first_ns}}
+                                     : UnloadedStretch{{known->from_ns, known->to_ns}};
   }
-  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
 };
 
 /// Mean of pictures of one size and format; pictures that differ from the first are left out.

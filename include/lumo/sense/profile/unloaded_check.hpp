@@ -87,9 +87,7 @@ inline constexpr double half_of_normal = 0.6744897501960817;
 inline std::pair<double, double> closest_half(std::vector<double> v) {
   std::sort(v.begin(), v.end());
   const std::size_t h = v.size() / 2 + 1;
-  std::size_t best = 0;
-  for (std::size_t i = 0; i + h <= v.size(); ++i)
-    if (v[i + h - 1] - v[i] < v[best + h - 1] - v[best]) best = i;
+  const std::size_t best = closest_together(v, h);
   double sum = 0.0;
   for (std::size_t i = best; i < best + h; ++i) sum += v[i];
   return {sum / double(h), 0.5 * (v[best + h - 1] - v[best]) / half_of_normal};
@@ -105,10 +103,6 @@ inline Eigen::MatrixXd shape_deviations(const std::vector<const Profile*>& profi
   for (Eigen::Index k = 0; k < n; ++k) value.col(k) -= value.col(k).mean() / light * middle;
   return value;
 }
-
-}  // namespace detail
-
-namespace detail {
 
 /// Those whose light is that of the closest half. Where some are far off, that half may hold some of them: what is left
 /// is then judged again by its own scatter, until it stays.

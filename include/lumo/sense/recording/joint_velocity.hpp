@@ -3,6 +3,8 @@
 #include "lumo/core/error.hpp"
 #include "lumo/sense/devices/device.hpp"
 
+#include <Eigen/Core>
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -65,29 +67,46 @@ inline VelocityCheck check_velocity(
   return check;
 }
 
-/// Sets the velocity of a joint to the slope of its positions over `smoothing_s` about each sample (least squares).
-/// Samples alone get 0.
+/// Slope of a joint's positions over `smoothing_s` about sample i, and over its neighbours at least (least squares); 0
+/// for a sample alone.
+inline double slope_of_positions(
+    std::span<const JointSample> samples, std::size_t i, Eigen::Index joint, double smoothing_s) {
+  const double half_s = 0.5 * smoothing_s;
+  const auto apart_s = [&](std::size_t k) { return 1e-9 * double(samples[k].stamp_ns - samples[i].stamp_ns); };
+  std::size_t a = i > 0 ? i - 1 : i, b = std::min(i + 1, samples.size() - 1);
+  while (a > 0 && apart_s(a - 1) >= -half_s) --a;
+  while (b + 1 < samples.size() && apart_s(b + 1) <= half_s) ++b;
+  double t = 0.0, q = 0.0, tt = 0.0, tq = 0.0;
+  for (std::size_t k = a; k <= b; ++k) {
+    const double at = apart_s(k), way = samples[k].position_rad[joint] - samples[i].position_rad[joint];
+    t += at;
+    q += way;
+    tt += at * at;
+    tq += at * way;
+  }
+  const double n = double(b - a + 1), det = n * tt - t * t;
+  return det > 0.0 ? (n * tq - t * q) / det : 0.0;
+}
+
+/// Gives those samples a velocity that have none (an empty vector), from their positions. Throws InputError for
+/// positions beyond all bounds.
+inline void find_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    JointVector& velocity = samples[i].velocity_rad_per_s;
+    const Eigen::Index joints = samples[i].position_rad.size();
+    if (velocity.size() == joints) continue;
+    velocity.resize(joints);
+    for (Eigen::Index j = 0; j < joints; ++j) velocity[j] = slope_of_positions(samples, i, j, limits.smoothing_s);
+    if (!velocity.allFinite())
+      throw InputError(message("positions about ", samples[i].stamp_ns, " ns are too far apart to give a velocity"));
+  }
+}
+
+/// Sets the velocity of a joint to the slope of its positions.
 inline void take_velocity_from_positions(
     std::vector<JointSample>& samples, int joint, const VelocityLimits& limits = {}) {
-  const double half_s = 0.5 * limits.smoothing_s;
-  std::vector<double> slope(samples.size(), 0.0);
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    const auto apart_s = [&](std::size_t k) { return 1e-9 * double(samples[k].stamp_ns - samples[i].stamp_ns); };
-    std::size_t a = i > 0 ? i - 1 : i, b = std::min(i + 1, samples.size() - 1);
-    while (a > 0 && apart_s(a - 1) >= -half_s) --a;
-    while (b + 1 < samples.size() && apart_s(b + 1) <= half_s) ++b;
-    double t = 0.0, q = 0.0, tt = 0.0, tq = 0.0;
-    for (std::size_t k = a; k <= b; ++k) {
-      const double at = apart_s(k), way = samples[k].position_rad[joint] - samples[i].position_rad[joint];
-      t += at;
-      q += way;
-      tt += at * at;
-      tq += at * way;
-    }
-    const double n = double(b - a + 1), det = n * tt - t * t;
-    if (det > 0.0) slope[i] = (n * tq - t * q) / det;
-  }
-  for (std::size_t i = 0; i < samples.size(); ++i) samples[i].velocity_rad_per_s[joint] = slope[i];
+  for (std::size_t i = 0; i < samples.size(); ++i)
+    samples[i].velocity_rad_per_s[joint] = slope_of_positions(samples, i, joint, limits.smoothing_s);
 }
 
 /// Takes the velocities of those joints from the positions that move, but not as their velocities say: zeros, degrees

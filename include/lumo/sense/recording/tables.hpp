@@ -6,8 +6,8 @@
 #include "lumo/sense/devices/photodiodes.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/csv.hpp"
+#include "lumo/sense/recording/joint_velocity.hpp"
 #include "lumo/sense/recording/streams.hpp"
-#include "lumo/sense/recording/velocities.hpp"
 
 #include <algorithm>
 #include <cmath>

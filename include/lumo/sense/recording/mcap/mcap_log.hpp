@@ -2,11 +2,11 @@
 
 #include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/devices/picture_header.hpp"
+#include "lumo/sense/recording/joint_velocity.hpp"
 #include "lumo/sense/recording/mcap/mcap_reader.hpp"
 #include "lumo/sense/recording/mcap/ros_messages.hpp"
 #include "lumo/sense/recording/mcap/ros_pixels.hpp"
 #include "lumo/sense/recording/recording.hpp"
-#include "lumo/sense/recording/velocities.hpp"
 
 #include <algorithm>
 #include <array>
@@ -357,9 +357,7 @@ class McapTables {
     return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return k.has_value(); });
   }
   static std::string listed(const std::vector<std::string>& names) {
-    std::string text;
-    for (const std::string& n : names) text += (text.empty() ? "" : ", ") + printable(n);
-    return text;
+    return listing(names, [](const std::string& n) { return printable(n); });
   }
 
   bool has_session_, chosen_;
@@ -376,8 +374,7 @@ class McapTables {
 /// The topic of one kind: the wanted one, or the only one; empty: there is none. Throws InputError.
 inline std::string choose_topic(
     const std::set<std::string>& topics, const std::string& wanted, const char* what, const std::string& name) {
-  std::string all;
-  for (const std::string& t : topics) all += (all.empty() ? "" : ", ") + printable(t);
+  const std::string all = listing(topics, [](const std::string& t) { return printable(t); });
   if (!wanted.empty()) {
     if (!topics.contains(wanted))
       throw InputError(message(
