@@ -7718,14 +7718,15 @@ inline std::vector<const Profile*> of_one_light(
     const std::vector<const Profile*>& profiles, const UnloadedLimits& limits) {
   std::vector<double> light;
   for (const Profile* p : profiles) light.push_back(p->value.mean());
-  auto [middle, scatter] = closest_half(light);
+  const std::pair<double, double> half = closest_half(light);  // clang 14 captures no structured bindings
+  double middle = half.first;
   const auto within = [&](const std::vector<const Profile*>& from, double off) {
     std::vector<const Profile*> kept;
     for (const Profile* p : from)
       if (std::abs(p->value.mean() - middle) <= std::max(off, limits.light_share * std::abs(middle))) kept.push_back(p);
     return kept;
   };
-  std::vector<const Profile*> kept = within(profiles, limits.light_sigmas * scatter);
+  std::vector<const Profile*> kept = within(profiles, limits.light_sigmas * half.second);
   for (std::size_t before = profiles.size(); kept.size() < before && kept.size() >= limits.least;) {
     before = kept.size();
     light.clear();
