@@ -36,7 +36,7 @@ std::vector<FingerDesign> designs(std::size_t count) {
 }
 
 Evaluation evaluated(Finger finger, double y_m, double edges, const TetgenMesher& mesher, int threads) {
-  finger.options.mesh = edges == quick ? finger.options.mesh.quick() : finger.options.mesh.scaled(edges);
+  finger.options.mesh = edges == quick ? finger.options.mesh.coarser(quick) : finger.options.mesh.scaled(edges);
   Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher,
       {NeoHookean{finger.silicone.mu_Pa, finger.silicone.lambda_Pa}}, Light{}.refined(8), Focus{}.scaled(edges)};
   pipeline.rays.rounds = 0;

@@ -87,7 +87,7 @@ void append(std::ofstream& out, const std::string& key, const Evaluation& e) {
 
 Evaluation evaluated(
     Finger finger, const Ensemble& ensemble, const Setting& s, const TetgenMesher& mesher, int threads) {
-  finger.options.mesh = s.quick ? finger.options.mesh.quick() : finger.options.mesh.scaled(s.mesh);
+  finger.options.mesh = s.quick ? finger.options.mesh.coarser(s.mesh) : finger.options.mesh.scaled(s.mesh);
   Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher,
       {NeoHookean{finger.silicone.mu_Pa, finger.silicone.lambda_Pa}}, Light{}.refined(s.quick ? 0.25 : s.rays),
       Focus{}.scaled(s.mesh)};

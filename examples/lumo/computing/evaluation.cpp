@@ -155,7 +155,7 @@ Evaluator assumptions_evaluator(const StudyTools& o, const std::vector<Scenario<
         return tools;
       };
       FingerAssumptions usual = usual_assumptions(o.asked);
-      usual.finger.mesh = usual.finger.mesh.scaled(edges);
+      usual.finger.mesh = usual.finger.mesh.coarser(edges);
       const auto results = evaluate_assumptions(
           FingerDesign::from(x), {usual, variants, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);
       return put_assumptions(record, variants, results);

@@ -111,7 +111,7 @@ void assume_built(Configuration& c) {
 /// docs/manual.md has what it is off by.
 void assume_quick(Configuration& c) {
   constexpr double rays = 0.25, noise = 3.5;
-  c.pad.finger.mesh = c.pad.finger.mesh.quick();
+  c.pad.finger.mesh = c.pad.finger.mesh.coarser(FingerOptions::Mesh::quick_edges);
   c.focus = c.focus.scaled(FingerOptions::Mesh::quick_edges);
   c.light.ray_error_percent *= noise;
   for (int* count : {&c.light.rays_per_emitter, &c.light.carrier_rays, &c.light.exit_rays})

@@ -38,12 +38,12 @@ struct FingerOptions {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
           factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
-    /// For a look in a fifth of the time. About a stem's edges, where equilibria are lost first, they stay finer.
-    static constexpr double quick_edges = 1.8, quick_stem_edges = 1.25;
-    constexpr Mesh quick() const {
-      Mesh mesh = scaled(quick_edges);
-      mesh.shortest_chord = quick_stem_edges * shortest_chord;
-      mesh.stem_edge = quick_stem_edges * stem_edge;
+    static constexpr double quick_edges = 1.8;  ///< for a look in a fifth of the time
+    /// The same, but for a stem's rounded edges: elements that are longer than the rounding lose equilibria there.
+    constexpr Mesh coarser(double factor) const {
+      Mesh mesh = scaled(factor);
+      mesh.shortest_chord = shortest_chord;
+      mesh.stem_edge = stem_edge;
       return mesh;
     }
     bool operator==(const Mesh&) const = default;
