@@ -298,6 +298,24 @@ struct DesignSpace {
 
   /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
   bool contains(std::span<const double> x) const;
+
+  /// Throws InvalidArgument when the number of values is wrong, or one lies more than a million widths off the bounds:
+  /// all else can be a result, if not a design to try.
+  void check_result(std::span<const double> x) const;
+
+  /// The same constraints without bounds and lattices.
+  DesignSpace unbounded() const {
+    DesignSpace wide = *this;
+    for (Variable& v : wide.variables) {
+      v.upper = std::numeric_limits<double>::max();
+      v.lower = -v.upper;
+      v.step = 0.0;
+    }
+    return wide;
+  }
+
+  /// Whether bounds and linear constraints hold, on the lattice or not. Throws as check_result().
+  bool encloses(std::span<const double> x) const;
 };
 
 inline void DesignSpace::check(std::span<const double> x) const {
@@ -349,6 +367,29 @@ inline bool DesignSpace::contains(std::span<const double> x) const {
     if (sum > c.upper + rounding || sum < c.lower - rounding) return false;
   }
   return std::all_of(rules.begin(), rules.end(), [&](const DesignRule& r) { return r.holds(x); });
+}
+
+inline void DesignSpace::check_result(std::span<const double> x) const {
+  constexpr double widths = 1e6;
+  if (x.size() != variables.size())
+    throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Variable& v = variables[i];
+    const double reach = widths * std::max(v.upper - v.lower, std::numeric_limits<double>::min());
+    if (!(x[i] >= v.lower - reach && x[i] <= v.upper + reach))
+      throw InvalidArgument(message("design has ", v.name, " = ", exact(x[i]), ", more than a million widths off [",
+          v.lower, ", ", v.upper, "]"));
+  }
+}
+
+inline bool DesignSpace::encloses(std::span<const double> x) const {
+  check_result(x);
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (!(x[i] >= variables[i].lower && x[i] <= variables[i].upper)) return false;
+  return std::all_of(constraints.begin(), constraints.end(), [&](const LinearConstraint& c) {
+    const double sum = c.sum(x), rounding = c.rounding(x);
+    return sum <= c.upper + rounding && sum >= c.lower - rounding;
+  });
 }
 
 }  // namespace lumo
@@ -3498,12 +3539,12 @@ struct FingerOptions {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
           factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
-    /// For a look in a fifth of the time. About a stem's edges, where equilibria are lost first, they stay finer.
-    static constexpr double quick_edges = 1.8, quick_stem_edges = 1.25;
-    constexpr Mesh quick() const {
-      Mesh mesh = scaled(quick_edges);
-      mesh.shortest_chord = quick_stem_edges * shortest_chord;
-      mesh.stem_edge = quick_stem_edges * stem_edge;
+    static constexpr double quick_edges = 1.8;  ///< for a look in a fifth of the time
+    /// The same, but for a stem's rounded edges: elements that are longer than the rounding lose equilibria there.
+    constexpr Mesh coarser(double factor) const {
+      Mesh mesh = scaled(factor);
+      mesh.shortest_chord = shortest_chord;
+      mesh.stem_edge = stem_edge;
       return mesh;
     }
     bool operator==(const Mesh&) const = default;
@@ -18028,6 +18069,12 @@ inline double normal_density(double z) { return 0.39894228040143267794 * std::ex
 /// P(Z ≤ z) of the standard normal distribution, accurate in both tails.
 inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * detail::number(z)); }
 
+/// log P(Z ≤ z), finite for every finite z.
+inline double log_normal_probability(double z) {
+  if (z > -30.0) return std::log(normal_probability(z));
+  return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
+}
+
 /// z with P(Z ≤ z) = p; ∓∞ at 0 and 1. A rational start (Abramowitz & Stegun 1964, 26.2.23), then Halley's iteration.
 inline double normal_quantile(double p) {
   detail::number(p);
@@ -18261,9 +18308,15 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
     Eigen::VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
   };
 
-  /// `x`: d × n, normalised; `y`: n, standardised.
-  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior)
-      : size_(x.cols()), y_(y), kernel_(kernel), prior_(prior), squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
+  /// `x`: d × n, normalised; `y`: n, standardised; `known_noise`: n variances besides the one that is fitted, or none.
+  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior,
+      Eigen::VectorXd known_noise = {})
+      : size_(x.cols()),
+        y_(y),
+        known_noise_(std::move(known_noise)),
+        kernel_(kernel),
+        prior_(prior),
+        squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
     for (Eigen::Index k = 0, first = 0; k < size_; ++k) {
       const Eigen::Index below = size_ - 1 - k;
       squares_.middleRows(first, below) =
@@ -18285,6 +18338,7 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
       covariance(k, k) = 1.0 + h.noise;
       covariance.col(k).tail(n - 1 - k) = correlation.col(0).segment(first, n - 1 - k);
     }
+    if (known_noise_.size() > 0) covariance.diagonal() += known_noise_;
     const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
     if (factor.info() != Eigen::Success) return value;
 
@@ -18328,7 +18382,7 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
 
  private:
   Eigen::Index size_;
-  Eigen::VectorXd y_;
+  Eigen::VectorXd y_, known_noise_;
   Kernel kernel_;
   HyperparameterPrior prior_;
   Eigen::MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle
@@ -18500,6 +18554,7 @@ struct TrainingData {
   Eigen::MatrixXd x;
   Eigen::VectorXd y;
   Eigen::VectorXd lower, upper;
+  Eigen::VectorXd errors = {};  ///< standard errors of the outputs, n, if they are known; empty otherwise
 };
 
 /// Lower Cholesky factor of a covariance, and the addition to its diagonal that it took.
@@ -18544,14 +18599,15 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   static GaussianProcess fit(const TrainingData& data, const Config& config = {}) {
     GaussianProcess gp(data, config);
     const Eigen::Index n = gp.size();
-    const MarginalLikelihood<Kernel> likelihood(gp.x_, gp.y_, config.kernel, gp.prior());
+    const MarginalLikelihood<Kernel> likelihood = gp.likelihood();
     std::vector<Minimum> optima;
     if (n <= config.subset) {
       optima = gp.optima(likelihood, n);
     } else {
       std::vector<Eigen::Index> some;
       for (Eigen::Index i = 0; i < config.subset; ++i) some.push_back(i * n / config.subset);
-      const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior());
+      const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior(),
+          gp.known_noise_.size() ? Eigen::VectorXd(gp.known_noise_(some)) : Eigen::VectorXd());
       gp.config_.search.value_tolerance = 1e-5;  // a start needs no more
       const std::vector<Minimum> found = gp.optima(coarse, config.subset);
       gp.config_.search = config.search;
@@ -18591,8 +18647,21 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   Eigen::Index size() const { return x_.cols(); }
   /// (log p(y) + log prior) / n of the standardised outputs: what fit() maximises.
   double objective() const {
-    const auto value = MarginalLikelihood<Kernel>(x_, y_, config_.kernel, prior())(hyperparameters_, false);
+    const auto value = likelihood()(hyperparameters_, false);
     return (value.log_likelihood + value.log_prior) / double(size());
+  }
+  /// By how much the data are likelier (in the logarithm) than to a model of the same kind with hardly any noise.
+  double evidence_of_noise() const {
+    Config quiet = config_;
+    quiet.prior = prior();
+    quiet.prior->max_noise = quiet.prior->min_noise;
+    GaussianProcess other = *this;
+    other.config_ = quiet;
+    const MarginalLikelihood<Kernel> without = other.likelihood();
+    double best = -std::numeric_limits<double>::infinity();
+    for (const Minimum& o : other.optima(without, size()))
+      best = std::max(best, without(unpack(o.x), false).log_likelihood);
+    return likelihood()(hyperparameters_, false).log_likelihood - best;
   }
 
   /// Mean and variance of the latent function (without observation noise) at the columns of `x`. All that takes places
@@ -18666,8 +18735,9 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   double output_scale() const { return output_scale_; }
 
  private:
-  Eigen::MatrixXd x_;  ///< normalised
-  Eigen::VectorXd y_;  ///< standardised
+  Eigen::MatrixXd x_;            ///< normalised
+  Eigen::VectorXd y_;            ///< standardised
+  Eigen::VectorXd known_noise_;  ///< variances of the observations that are known, standardised; empty: none
   Eigen::VectorXd lower_, inverse_width_;
   double output_mean_ = 0.0, output_scale_ = 1.0;
   Hyperparameters hyperparameters_;
@@ -18699,11 +18769,19 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     output_mean_ = mean * size;
     output_scale_ = constant ? 1.0 : deviation * size;
     y_ = constant ? Eigen::VectorXd::Zero(n) : Eigen::VectorXd((scaled.array() - mean) / deviation);
+    if (data.errors.size() == 0) return;
+    if (data.errors.size() != n || !data.errors.allFinite() || data.errors.minCoeff() < 0.0)
+      throw InvalidArgument(
+          message("Gaussian process: needs ", n, " finite standard errors >= 0, has ", data.errors.size()));
+    constexpr double largest = 1e3;  // of a standard deviation of the outputs: such an observation says nothing
+    known_noise_ = (data.errors.array() / output_scale_).min(largest).square().matrix();
   }
+  MarginalLikelihood<Kernel> likelihood() const { return {x_, y_, config_.kernel, prior(), known_noise_}; }
   void condition(const Hyperparameters& h) {
     hyperparameters_ = h;
     Eigen::MatrixXd covariance = correlation(x_, x_);
     covariance.diagonal().array() += h.noise;
+    if (known_noise_.size() > 0) covariance.diagonal() += known_noise_;
     for (jitter_ = 0.0;; jitter_ = next_jitter(jitter_)) {
       if (jitter_ > largest_jitter)
         throw InvalidArgument("Gaussian process: covariance is not positive definite, even with a jitter of 1e-4");
@@ -18837,6 +18915,7 @@ static_assert(Reduction<MinimumOverTerms>);
 struct Evidence {
   Eigen::MatrixXd x;        ///< observed: d × n
   Eigen::MatrixXd outputs;  ///< observed: outputs × n
+  Eigen::MatrixXd errors;   ///< their standard errors, 0 where not known; empty where none is
   Eigen::MatrixXd pending;  ///< d × p: asked and not yet observed
   Eigen::VectorXd lower, upper;
   Eigen::VectorXd reference;  ///< per objective
@@ -19199,12 +19278,8 @@ class ExpectedHypervolume {
     if (!std::isfinite(high)) return std::log(deviation) + log_expected_excess(a);
     const double b = (mean - high) / deviation;
     if ((a - b) * std::max(1.0, std::abs(a)) < 1e-5)  // too thin for a difference
-      return std::log(high - low) + log_probability(0.5 * (a + b));
+      return std::log(high - low) + log_normal_probability(0.5 * (a + b));
     return std::log(deviation) + log_difference(log_expected_excess(a), log_expected_excess(b));
-  }
-  static double log_probability(double z) {
-    if (z > -30.0) return std::log(normal_probability(z));
-    return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
   }
   /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound
   /// leaves below e⁻⁴⁰ of the most promising one are passed over.
@@ -19241,6 +19316,151 @@ class ExpectedHypervolume {
 
 #endif
 
+// ---- lumo/optimize/directed_hypervolume.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_DIRECTED_HYPERVOLUME_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_DIRECTED_HYPERVOLUME_HPP
+
+/// Hypervolume of many objectives, where exact boxes are too many. In polar coordinates about the reference point r it
+/// is V = c E[ρ(λ)^m] over directions λ of the positive part of the unit sphere, where ρ(λ) = max over the points y of
+/// min over j of (y_j − r_j)/λ_j, and c = π^(m/2) / (2^m Γ(m/2 + 1)). Source: Golovin & Zhang, "Random Hypervolume
+/// Scalarizations for Provable Multi-Objective Black Box Optimization", ICML 2020.
+namespace lumo {
+
+/// `count` unit vectors (objectives × count) with positive entries, spread evenly: normal numbers of a scrambled Sobol
+/// sequence. Throws InvalidArgument for more than 32 objectives.
+inline Eigen::MatrixXd hypervolume_directions(Eigen::Index objectives, Eigen::Index count, std::uint64_t seed) {
+  require_in_range("number of objectives", double(objectives), 1.0, double(Sobol::dimensions), "");
+  const OwenSobol sequence{seed};
+  Eigen::MatrixXd directions(objectives, count);
+  for (Eigen::Index k = 0; k < count; ++k) {
+    for (Eigen::Index j = 0; j < objectives; ++j)
+      directions(j, k) = normal_quantile(0.5 + 0.5 * sequence(std::uint32_t(k), int(j)));
+    directions.col(k) = directions.col(k).cwiseMax(1e-9).normalized();
+  }
+  return directions;
+}
+
+/// c of the volume above.
+inline double hypervolume_of_unit_reach(Eigen::Index objectives) {
+  const double m = double(objectives);
+  return std::exp(0.5 * m * std::log(pi) - m * std::log(2.0) - std::lgamma(0.5 * m + 1.0));
+}
+
+/// ρ of a direction: how far from `reference` the columns of `y` (objectives × points, maximised) dominate along it.
+template <class Direction>
+double dominated_reach(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference, const Direction& direction) {
+  double reach = 0.0;
+  for (Eigen::Index i = 0; i < y.cols(); ++i)
+    reach = std::max(reach, ((y.col(i) - reference).array() / direction.array()).minCoeff());
+  return reach;
+}
+
+/// A hypervolume with its standard error.
+struct HypervolumeEstimate {
+  double value = 0.0, error = 0.0;
+};
+
+/// Estimate by 16 scrambled sets of directions. Throws InvalidArgument as hypervolume() and hypervolume_directions().
+inline HypervolumeEstimate estimated_hypervolume(
+    const Eigen::MatrixXd& y, const Eigen::VectorXd& reference, Eigen::Index directions_of_set = 512) {
+  detail::require_finite_objectives(y);
+  detail::require_finite_objectives(reference);
+  constexpr int sets = 16;
+  const double unit = hypervolume_of_unit_reach(reference.size());
+  std::array<double, sets> volumes{};
+  for (int s = 0; s < sets; ++s) {
+    const Eigen::MatrixXd directions = hypervolume_directions(reference.size(), directions_of_set, combine(11, s));
+    for (Eigen::Index k = 0; k < directions.cols(); ++k)
+      volumes[std::size_t(s)] += unit / double(directions.cols()) *
+                                 std::pow(dominated_reach(y, reference, directions.col(k)), double(reference.size()));
+  }
+  HypervolumeEstimate estimate;
+  for (const double v : volumes) estimate.value += v / sets;
+  for (const double v : volumes) estimate.error += (v - estimate.value) * (v - estimate.value);
+  estimate.error = std::sqrt(estimate.error / (sets * (sets - 1)));
+  return estimate;
+}
+
+/// Expected hypervolume improvement of a point whose objectives are independent and normal, as a mean over directions:
+/// along each, P(ρ > t) is a product of normal probabilities, and m ∫ t^(m−1) P(ρ > t) dt beyond the reach of the front
+/// is done by Gauss–Legendre's rule. The cost grows with directions and objectives, not with the front.
+class DirectedHypervolume {
+ public:
+  /// `y`: objectives × points, maximised. Throws InvalidArgument for objectives that are not finite.
+  DirectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference, Eigen::MatrixXd directions)
+      : reference_(reference), directions_(std::move(directions)), reach_(directions_.cols()) {
+    detail::require_finite_objectives(y);
+    for (Eigen::Index k = 0; k < reach_.size(); ++k) reach_[k] = dominated_reach(y, reference, directions_.col(k));
+    unit_ = hypervolume_of_unit_reach(reference.size()) / double(directions_.cols());
+  }
+
+  template <class Mean, class Deviation> double value(const Mean& mean, const Deviation& deviation) const {
+    return std::exp(log_value(mean, deviation));
+  }
+  /// log of the expected improvement, finite for all `mean` and positive `deviation` within 1e100.
+  template <class Mean, class Deviation> double log_value(const Mean& mean, const Deviation& deviation) const {
+    std::vector<double> logs(static_cast<std::size_t>(reach_.size()));
+    for (Eigen::Index k = 0; k < reach_.size(); ++k) logs[std::size_t(k)] = log_along(k, mean, deviation);
+    return std::log(unit_) + log_sum_exp(logs.begin(), logs.end());
+  }
+
+ private:
+  static constexpr double sure = 7.0;    ///< deviations beyond which a normal number hardly ever lies
+  static constexpr double falls = 25.0;  ///< logarithms by which the integrand falls until it is left out
+  static constexpr std::array<double, 6> half_nodes{0.0092196828766403782, 0.047941371814762601, 0.11504866290284765,
+      0.20634102285669126, 0.31608425050090994, 0.43738329574426554};
+  static constexpr std::array<double, 6> half_weights{0.023587668193255917, 0.053469662997659088, 0.080039164271673166,
+      0.10158371336153292, 0.11674626826917739, 0.12457352290670144};
+
+  // log of m ∫ t^(m−1) P(ρ > t) dt from the front's reach on, in one direction.
+  template <class Mean, class Deviation>
+  double log_along(Eigen::Index k, const Mean& mean, const Deviation& deviation) const {
+    const Eigen::Index m = reference_.size();
+    const auto direction = directions_.col(k);
+    double certain = std::numeric_limits<double>::infinity(), possible = certain;
+    for (Eigen::Index j = 0; j < m; ++j) {
+      const double above = mean[j] - reference_[j];
+      certain = std::min(certain, (above - sure * deviation[j]) / direction[j]);
+      possible = std::min(possible, (above + sure * deviation[j]) / direction[j]);
+    }
+    const double from = std::max(reach_[k], certain);
+    std::array<double, 13> terms;
+    terms[12] = from > reach_[k] ? log_difference(double(m) * std::log(from), log_power(reach_[k], double(m)))
+                                 : -std::numeric_limits<double>::infinity();
+    // Beyond `possible` the integrand falls at least as fast as at the front's reach: it is log-concave.
+    double slope = 0.0;
+    for (Eigen::Index j = 0; j < m; ++j) {
+      const double z = (mean[j] - reference_[j] - from * direction[j]) / deviation[j];
+      slope += std::max(0.0, -z) * direction[j] / deviation[j];
+    }
+    const double length = possible > from
+                              ? std::min(possible - from,
+                                    slope > 0.0 ? std::max(falls / slope, 0.2 * (possible - from)) : possible - from)
+                              : falls / slope;
+    for (std::size_t q = 0; q < 12; ++q) {
+      const std::size_t h = std::min(q, 11 - q);
+      const double t = from + length * (q < 6 ? half_nodes[h] : 1.0 - half_nodes[h]);
+      double log = std::log(half_weights[h] * length * double(m)) + log_power(t, double(m) - 1.0);
+      for (Eigen::Index j = 0; j < m; ++j)
+        log += log_normal_probability((mean[j] - reference_[j] - t * direction[j]) / deviation[j]);
+      terms[q] = log;
+    }
+    return log_sum_exp(terms.begin(), terms.end());
+  }
+  static double log_power(double t, double exponent) {
+    return exponent == 0.0 ? 0.0 : t > 0.0 ? exponent * std::log(t) : -std::numeric_limits<double>::infinity();
+  }
+
+  Eigen::VectorXd reference_;
+  Eigen::MatrixXd directions_;
+  Eigen::VectorXd reach_;  ///< of the front, in each direction
+  double unit_ = 1.0;      ///< volume of unit reach in all directions, for each of them
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optimize/log_nehvi.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_LOG_NEHVI_HPP
 #define SINGLE_INCLUDE_LUMO_OPTIMIZE_LOG_NEHVI_HPP
@@ -19252,16 +19472,20 @@ namespace lumo {
 /// where a sampled candidate finds no improvement and is ranked by distance. Needs a reduction that is the identity.
 /// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with
 /// Expected Hypervolume Improvement", NeurIPS 2021.
+/// Boxes are exact for up to three objectives. Above, their number explodes, and the improvement is a mean over
+/// directions (DirectedHypervolume), with other directions in each draw.
 struct LogNehvi {
+  static constexpr Eigen::Index exact_objectives = 3;
   int draws = 16;
-  bool noisy = true;  ///< false: observed values stand as they are, and only pending designs are drawn
+  int directions = 8;  ///< of each draw, with more than `exact_objectives`
+  bool noisy = true;   ///< false: observed values stand as they are, and only pending designs are drawn
   /// Observed designs are not drawn if another still beats them in all objectives after so many deviations of both
   /// towards each other: they would hardly ever be in a front, and cost time.
   double hopeless = 3.0;
 
-  template <CovarianceKernel Kernel> class Prepared {
+  template <CovarianceKernel Kernel, class Improvement> class Over {
    public:
-    Prepared(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<ExpectedHypervolume> improvements)
+    Over(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<Improvement> improvements)
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
     Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
@@ -19297,7 +19521,20 @@ struct LogNehvi {
 
    private:
     std::vector<ConditionalPosterior<Kernel>> posteriors_;
-    std::vector<ExpectedHypervolume> improvements_;
+    std::vector<Improvement> improvements_;
+  };
+  template <CovarianceKernel Kernel> class Prepared {
+   public:
+    using Exact = Over<Kernel, ExpectedHypervolume>;
+    using Directed = Over<Kernel, DirectedHypervolume>;
+    explicit Prepared(std::variant<Exact, Directed> utility) : utility_(std::move(utility)) {}
+
+    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
+      return std::visit([&](const auto& utility) { return utility(x); }, utility_);
+    }
+
+   private:
+    std::variant<Exact, Directed> utility_;
   };
 
   /// Models are referred to, not copied: they must outlive the result. Throws InvalidArgument for a reduction other
@@ -19316,10 +19553,17 @@ struct LogNehvi {
       posteriors.emplace_back(models[j], base, base_normals(base.cols(), count, combine(seed, j)));
       drawn.push_back(posteriors.back().draws());
     }
-    std::vector<ExpectedHypervolume> improvements;
+    const auto standing = [&](Eigen::Index s) { return standing_objectives(drawn, s, reduction, evidence, noisy); };
+    if (evidence.reference.size() <= exact_objectives) {
+      std::vector<ExpectedHypervolume> improvements;
+      for (Eigen::Index s = 0; s < count; ++s) improvements.emplace_back(standing(s), evidence.reference);
+      return Prepared<Kernel>(typename Prepared<Kernel>::Exact{std::move(posteriors), std::move(improvements)});
+    }
+    std::vector<DirectedHypervolume> improvements;
     for (Eigen::Index s = 0; s < count; ++s)
-      improvements.emplace_back(standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
-    return {std::move(posteriors), std::move(improvements)};
+      improvements.emplace_back(standing(s), evidence.reference,
+          hypervolume_directions(evidence.reference.size(), directions * draws / count, combine(combine(seed, 97), s)));
+    return Prepared<Kernel>(typename Prepared<Kernel>::Directed{std::move(posteriors), std::move(improvements)});
   }
 
  private:
@@ -19473,13 +19717,32 @@ struct Objective {
   double signed_value(double y) const { return maximize ? y : -y; }  ///< larger is better
 };
 
+/// A result that was not asked for: of an earlier search, or measured. It may lie off the lattice and outside the
+/// space, and there may be several of one design.
+struct KnownResult {
+  Design x;
+  std::vector<double> outputs;  ///< in their own units and sense
+  std::vector<double> errors;   ///< standard errors of the outputs; empty: not known
+};
+
+/// Whether observations carry noise: then a front is of the models' means, not of the values that were reported.
+enum class Noise {
+  estimated,  ///< where a standard error was reported, or the models see noise beyond doubt
+  none,       ///< not even with standard errors
+  present
+};
+
 /// An optimisation problem, and how much of the search is fixed beforehand.
 struct Problem {
   DesignSpace space;
   std::vector<Objective> objectives;
-  std::vector<Design> initial;  ///< asked first
-  int sobol = 8;                ///< asked next: points spread over the space
-  int evaluations = 40;         ///< observed trials at which it ends, initial and Sobol ones included
+  std::vector<Design> initial;     ///< asked first
+  bool initial_anywhere = false;   ///< they may lie off the lattice and outside the bounds
+  std::vector<KnownResult> known;  ///< the models know them from the start; none is proposed
+  Noise noise = Noise::estimated;
+  int repeats = 1;       ///< evaluations of one design, at most; more only where there is noise
+  int sobol = 8;         ///< asked next: points spread over the space
+  int evaluations = 40;  ///< observed trials at which it ends, initial and Sobol ones included
   std::uint64_t seed = 0;
 
   /// Throws InvalidArgument or InfeasibleDesign naming the fault; DesignSampler checks variables and constraints.
@@ -19496,7 +19759,17 @@ struct Problem {
       throw InvalidArgument(message("number of Sobol points is ", sobol, ", must lie in [0, 100000]"));
     if (evaluations < 1 || evaluations > 100000)
       throw InvalidArgument(message("number of evaluations is ", evaluations, ", must lie in [1, 100000]"));
-    for (const Design& x : initial) space.check(x);
+    if (repeats < 1 || repeats > 1000)
+      throw InvalidArgument(message("number of evaluations of one design is ", repeats, ", must lie in [1, 1000]"));
+    if (repeats > 1 && noise == Noise::none)
+      throw InvalidArgument(message("designs are to be evaluated ", repeats, " times, but there is to be no noise"));
+    DesignSpace asked = space;
+    if (initial_anywhere) asked = asked.unbounded();
+    for (const Design& x : initial) {
+      space.check_result(x);
+      asked.check(x);
+    }
+    for (const KnownResult& k : known) space.check_result(k.x);
   }
 };
 
@@ -19507,14 +19780,16 @@ struct Trial {
   Design x;
   State state = State::pending;
   std::vector<double> outputs;  ///< observed ones, in their own units and sense
+  std::vector<double> errors;   ///< their standard errors; empty: not known
   bool retry = false;           ///< failed for a reason that does not lie in the design
   std::string why;
 };
 
-/// An observed trial's objectives, in their own units and sense.
+/// A design's objectives, in their own units and sense.
 struct Outcome {
-  int id = 0;
+  int id = 0;  ///< of its trial; −1 − k for the known result k
   std::vector<double> objectives;
+  std::vector<double> deviations = {};  ///< standard deviations of what the models believe; empty for reported values
 };
 
 /// Evaluations that ended, and how many of them failed.
@@ -20278,6 +20553,54 @@ class ValueBulk {
 
 #endif
 
+// ---- lumo/optimize/repeats.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_REPEATS_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_REPEATS_HPP
+
+namespace lumo {
+
+/// What one more evaluation of a design that was evaluated before is worth: the expected rise of the hypervolume of the
+/// models' means. A fresh design is worth its expected improvement, in the same units.
+struct Repeat {
+  Eigen::Index design = 0;  ///< column of the designs
+  double worth = 0.0;
+};
+
+/// The design in the front of the models' means that is best evaluated again; nullopt if none may be. One more
+/// observation of noise τ² moves the mean of a value whose standard deviation is s by s²/√(s² + τ²) (one step of the
+/// knowledge gradient; Frazier, Powell & Dayanik, SIAM J. Control Optim. 47 (2008)), here for each objective by itself.
+/// `x`: different designs, d × n; `may`: by design. Objectives have one model each, larger is better.
+template <CovarianceKernel Kernel> std::optional<Repeat> best_repeat(const std::vector<GaussianProcess<Kernel>>& models,
+    const Evidence& evidence, const Eigen::MatrixXd& x, const std::vector<bool>& may) {
+  const auto m = Eigen::Index(models.size()), n = x.cols();
+  Eigen::MatrixXd mean(m, n), moved(m, n);
+  for (Eigen::Index j = 0; j < m; ++j) {
+    const GaussianProcess<Kernel>& model = models[std::size_t(j)];
+    const auto at = model.predict(x);
+    double noise = model.output_scale() * model.output_scale() * model.hyperparameters().noise;
+    if (evidence.errors.cols() > 0) noise += evidence.errors.row(j).array().square().mean();
+    mean.row(j) = at.mean.transpose();
+    moved.row(j) = (at.variance.array() / (at.variance.array() + noise).sqrt()).cwiseMax(1e-12).matrix().transpose();
+  }
+  std::optional<Repeat> best;
+  const double whole = hypervolume(mean, evidence.reference);
+  for (const Eigen::Index i : pareto_front(mean)) {
+    if (!may[std::size_t(i)]) continue;
+    std::vector<Eigen::Index> others;
+    for (Eigen::Index k = 0; k < n; ++k)
+      if (k != i) others.push_back(k);
+    const Eigen::MatrixXd rest = mean(Eigen::all, others);
+    const double worth = ExpectedHypervolume(rest, evidence.reference).value(mean.col(i), moved.col(i)) -
+                         (whole - hypervolume(rest, evidence.reference));
+    if (!best || worth > best->worth) best = Repeat{i, worth};
+  }
+  return best;
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optimize/trials.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_TRIALS_HPP
 #define SINGLE_INCLUDE_LUMO_OPTIMIZE_TRIALS_HPP
@@ -20294,10 +20617,15 @@ class Trials {
   Trials(Problem problem, int outputs, int retries)
       : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
-    DesignSet known;
+    for (const KnownResult& k : problem_.known) {
+      check_outputs("known result", k.outputs, k.errors);
+      if (problem_.space.contains(k.x)) taken_.insert(sampler_.canonical(k.x));
+    }
+    known_ = taken_.size();
+    DesignSet planned = taken_;
     for (const Design& x : problem_.initial)
-      if (known.insert(sampler_.canonical(x)).second) starts_.push_back(sampler_.canonical(x));
-    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), known))
+      if (planned.insert(as_asked(x)).second) starts_.push_back(as_asked(x));
+    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), planned))
       starts_.push_back(std::move(x));
   }
 
@@ -20310,15 +20638,35 @@ class Trials {
   }
 
   int outputs() const { return outputs_; }
-  std::vector<int> observed_ids() const {
+  /// All results that there are, as columns: known ones (ids −1, −2, …), then the observed trials by id.
+  struct Results {
     std::vector<int> ids;
+    Eigen::MatrixXd x;        ///< d × n
+    Eigen::MatrixXd outputs;  ///< outputs × n, in their own units and sense
+    Eigen::MatrixXd
+        errors;  ///< outputs × n: standard errors, 0 where none was reported; empty where none was reported at all
+  };
+  Results results() const {
+    const auto d = Eigen::Index(sampler_.dimensions());
+    const Eigen::Index n = Eigen::Index(problem_.known.size()) + count(Trial::State::observed);
+    Results r{{}, Eigen::MatrixXd(d, n), Eigen::MatrixXd(outputs_, n), Eigen::MatrixXd::Zero(outputs_, n)};
+    const auto add = [&](int id, const Design& x, const std::vector<double>& outputs, const std::vector<double>& e) {
+      const auto i = Eigen::Index(r.ids.size());
+      r.ids.push_back(id);
+      r.x.col(i) = Eigen::Map<const Eigen::VectorXd>(x.data(), d);
+      r.outputs.col(i) = Eigen::Map<const Eigen::VectorXd>(outputs.data(), outputs_);
+      if (!e.empty()) r.errors.col(i) = Eigen::Map<const Eigen::VectorXd>(e.data(), outputs_);
+    };
+    for (std::size_t k = 0; k < problem_.known.size(); ++k)
+      add(-1 - int(k), problem_.known[k].x, problem_.known[k].outputs, problem_.known[k].errors);
     for (const Trial& t : trials_)
-      if (t.state == Trial::State::observed) ids.push_back(t.id);
-    return ids;
+      if (t.state == Trial::State::observed) add(t.id, t.x, t.outputs, t.errors);
+    if ((r.errors.array() == 0.0).all()) r.errors.resize(0, 0);
+    return r;
   }
-  /// Observed trials before the first that a model chose.
-  std::size_t observed_starts() const {
-    std::size_t count = 0;
+  /// Results before the first that a model chose.
+  std::size_t result_starts() const {
+    std::size_t count = problem_.known.size();
     for (const Trial& t : trials_) {
       if (std::find(starts_.begin(), starts_.end(), t.x) == starts_.end()) break;
       count += t.state == Trial::State::observed;
@@ -20331,7 +20679,7 @@ class Trials {
   std::optional<Design> scheduled() const {
     for (const Trial& t : trials_)
       if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
-    if (taken_.size() >= starts_.size()) return std::nullopt;
+    if (taken_.size() - known_ >= starts_.size()) return std::nullopt;
     for (const Design& x : starts_)
       if (!taken_.contains(x)) return x;
     return std::nullopt;
@@ -20341,25 +20689,29 @@ class Trials {
     if (id != int(trials_.size()))
       throw InvalidArgument(
           message("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
-    problem_.space.check(x);
-    x = sampler_.canonical(std::move(x));
-    if (taken_.contains(x))
-      for (const Trial& t : trials_)
-        if (t.x == x && !(t.state == Trial::State::failed && t.retry))
-          throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
+    x = as_asked(std::move(x));
+    int before = 0;
+    for (const Trial& t : trials_) {
+      if (t.x != x || (t.state == Trial::State::failed && t.retry)) continue;
+      if (++before >= problem_.repeats || t.state == Trial::State::failed)
+        throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
+    }
     taken_.insert(x);
-    trials_.push_back({id, std::move(x), Trial::State::pending, {}, false, {}});
+    trials_.push_back({id, std::move(x), Trial::State::pending, {}, {}, false, {}});
     return trials_.back();
   }
-  /// Throw InvalidArgument if the trial is not pending, or the outputs are too few, too many or not finite.
-  void tell(int id, std::vector<double> outputs) {
+  /// Trials of a design that were answered, or are pending; failures of the machine do not count.
+  int evaluations(const Design& x) const {
+    return int(std::count_if(trials_.begin(), trials_.end(),
+        [&](const Trial& t) { return t.x == x && !(t.state == Trial::State::failed && t.retry); }));
+  }
+  /// Throw InvalidArgument if the trial is not pending, or the outputs are too few, too many or not finite; so for
+  /// their standard errors, unless there are none.
+  void tell(int id, std::vector<double> outputs, std::vector<double> errors = {}) {
     Trial& trial = pending(id);
-    if (int(outputs.size()) != outputs_)
-      throw InvalidArgument(message("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
-    for (const double y : outputs)
-      if (!(std::abs(y) <= largest_output))
-        throw InvalidArgument(message("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
+    check_outputs(message("trial ", id), outputs, errors);
     trial.outputs = std::move(outputs);
+    trial.errors = std::move(errors);
     trial.state = Trial::State::observed;
   }
   void fail(int id, bool retry, std::string why) {
@@ -20378,17 +20730,28 @@ class Trials {
         x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
     return x.leftCols(column);
   }
-  /// Outputs of the observed trials (outputs × n) by id, in their own units and sense.
-  Eigen::MatrixXd observed_outputs() const {
-    Eigen::MatrixXd y(outputs_, count(Trial::State::observed));
-    Eigen::Index column = 0;
-    for (const Trial& t : trials_)
-      if (t.state == Trial::State::observed)
-        y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
-    return y;
-  }
 
  private:
+  void check_outputs(const std::string& whose, const std::vector<double>& y, const std::vector<double>& errors) const {
+    if (int(y.size()) != outputs_)
+      throw InvalidArgument(message(whose, " has ", y.size(), " values, must have ", outputs_));
+    if (!errors.empty() && int(errors.size()) != outputs_)
+      throw InvalidArgument(message(whose, " has ", errors.size(), " standard errors, must have ", outputs_));
+    for (const double v : y)
+      if (!(std::abs(v) <= largest_output))
+        throw InvalidArgument(message(whose, " has a value of ", v, ", must be a finite number within +-1e150"));
+    for (const double e : errors)
+      if (!(e >= 0.0 && e <= largest_output))
+        throw InvalidArgument(message(whose, " has a standard error of ", e, ", must lie in [0, 1e150]"));
+  }
+  /// An initial design may be wherever it was said to be; throws as DesignSpace::check() for all others.
+  Design as_asked(Design x) const {
+    if (problem_.initial_anywhere && !problem_.space.contains(x) &&
+        std::find(problem_.initial.begin(), problem_.initial.end(), x) != problem_.initial.end())
+      return x;
+    problem_.space.check(x);
+    return sampler_.canonical(std::move(x));
+  }
   Trial& pending(int id) {
     if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(message("trial ", id, " was never asked"));
     Trial& trial = trials_[std::size_t(id)];
@@ -20409,7 +20772,196 @@ class Trials {
   int outputs_, retries_;
   std::vector<Design> starts_;
   std::vector<Trial> trials_;
-  DesignSet taken_;
+  DesignSet taken_;        ///< asked, and known on the lattice
+  std::size_t known_ = 0;  ///< of them
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optimize/standing.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_STANDING_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_STANDING_HPP
+
+namespace lumo {
+
+/// Outputs, of `outputs`, that objective `j` is made of.
+template <Reduction R> std::vector<Eigen::Index> outputs_of(const R& reduction, int outputs, int j) {
+  std::vector<Eigen::Index> rows;
+  for (int k = 0; k < outputs; ++k)
+    if (reduction.objective(k) == j) rows.push_back(k);
+  return rows;
+}
+
+/// Objectives (objectives × n), larger is better, of outputs (outputs × n) in their own sense.
+template <Reduction R> Eigen::MatrixXd objectives_of(const R& reduction, const Problem& problem, Eigen::MatrixXd y) {
+  for (Eigen::Index k = 0; k < y.rows(); ++k)
+    y.row(k) *= problem.objectives[std::size_t(reduction.objective(int(k)))].signed_value(1.0);
+  return y.cols() ? Eigen::MatrixXd(reduction.objectives(y))
+                  : Eigen::MatrixXd(Eigen::Index(problem.objectives.size()), 0);
+}
+
+/// The designs that no other dominates, from the best in the first objective on, and what they are worth. Where there
+/// is noise (Problem::noise), values are the models' means; else they are those that were reported, as those of
+/// outliers always are. Known results inside the space count.
+struct Standing {
+  std::vector<Outcome> front;
+  double hypervolume = 0.0;                ///< that the front dominates above the reference point
+  double low = 0.0, high = 0.0;            ///< its central 90 % interval; equal to it where it is exact
+  std::vector<std::string> modelled = {};  ///< objectives whose values are the models' means
+};
+
+/// Designs inside the space with what is believed of their outputs.
+template <CovarianceKernel Kernel, Reduction R> class Beliefs {
+ public:
+  /// `models` and `evidence` as those of Optimizer, made of the results `inliers`; no models: reported values stand.
+  /// Trials and models are referred to.
+  Beliefs(const Trials& trials, R reduction, const std::vector<GaussianProcess<Kernel>>& models,
+      const Evidence& evidence, const std::vector<Eigen::Index>& inliers)
+      : trials_(&trials), reduction_(std::move(reduction)), models_(&models) {
+    const Trials::Results r = trials.results();
+    find_noise(r);
+    std::vector<Eigen::Index> kept;
+    std::set<Design> seen;
+    for (std::size_t i = 0; i < r.ids.size(); ++i) {
+      const auto column = r.x.col(Eigen::Index(i));
+      const Design x(column.data(), column.data() + column.size());
+      if (problem().space.encloses(x) && (!any_noise() || seen.insert(x).second)) kept.push_back(Eigen::Index(i));
+    }
+    for (const Eigen::Index i : kept) {
+      ids_.push_back(r.ids[std::size_t(i)]);
+      known_to_models_.push_back(std::binary_search(inliers.begin(), inliers.end(), i));
+    }
+    x_ = r.x(Eigen::all, kept);
+    outputs_ = r.outputs(Eigen::all, kept);
+    if (any_noise()) {
+      find_scale(r.outputs(Eigen::all, inliers), evidence.outputs);
+      believe_models();
+    }
+    objectives_ = objectives_of(reduction_, problem(), outputs_);
+  }
+
+  /// Of the designs: ids of their trials, −1 − k for the known result k. Several evaluations of a design with noise
+  /// count once.
+  const std::vector<int>& ids() const { return ids_; }
+  const Eigen::MatrixXd& designs() const { return x_; }
+  bool any_noise() const { return std::find(noisy_.begin(), noisy_.end(), true) != noisy_.end(); }
+  /// Do the models know the design? They do not know outliers.
+  bool modelled(std::size_t design) const { return known_to_models_[design]; }
+
+  Standing standing() const {
+    Standing out;
+    for (std::size_t j = 0; j < noisy_.size(); ++j)
+      if (noisy_[j]) out.modelled.push_back(problem().objectives[j].name);
+    const std::vector<Eigen::Index> front = pareto_front(objectives_);
+    for (const Eigen::Index i : front) {
+      out.front.push_back({ids_[std::size_t(i)], {}, {}});
+      for (Eigen::Index j = 0; j < objectives_.rows(); ++j)
+        out.front.back().objectives.push_back(objective(int(j)).signed_value(objectives_(j, i)));
+    }
+    const HypervolumeEstimate volume = volume_of(objectives_, 512);
+    constexpr double of_90_percent = 1.645;
+    out.hypervolume = volume.value;
+    out.low = volume.value - of_90_percent * volume.error;
+    out.high = volume.value + of_90_percent * volume.error;
+    if (any_noise() && !front.empty()) put_interval(out, front);
+    return out;
+  }
+
+ private:
+  const Problem& problem() const { return trials_->problem(); }
+  const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
+
+  // An objective is noisy if that was said of one of its outputs, or the data are e³ times likelier with noise: without
+  // any, Branin's and Currin's functions give e⁰, with that of a public tutorial (a fourth of their spread) e²⁰ at
+  // least.
+  void find_noise(const Trials::Results& r) {
+    constexpr double beyond_doubt = 3.0;
+    constexpr std::size_t enough = 8;
+    noisy_.assign(problem().objectives.size(), false);
+    for (std::size_t k = 0; k < models_->size(); ++k) {
+      const bool reported = r.errors.cols() > 0 && (r.errors.row(Eigen::Index(k)).array() > 0.0).any();
+      if (problem().noise == Noise::present || reported ||
+          (r.ids.size() >= enough && (*models_)[k].evidence_of_noise() > beyond_doubt))
+        noisy_[std::size_t(reduction_.objective(int(k)))] = true;
+    }
+  }
+  // Unit of the evidence by objective: from the value that lies furthest from its reference.
+  void find_scale(const Eigen::MatrixXd& raw, const Eigen::MatrixXd& scaled) {
+    scale_.setOnes(Eigen::Index(noisy_.size()));
+    Eigen::VectorXd furthest = Eigen::VectorXd::Zero(scale_.size());
+    for (Eigen::Index k = 0; k < raw.rows(); ++k)
+      for (Eigen::Index i = 0; i < raw.cols(); ++i) {
+        const int j = reduction_.objective(int(k));
+        if (!(std::abs(scaled(k, i)) > furthest[j])) continue;
+        furthest[j] = std::abs(scaled(k, i));
+        scale_[j] = std::abs(raw(k, i) - objective(j).reference) / furthest[j];
+      }
+  }
+  // A model's value in the unit and sense of its objective.
+  double in_units(double modelled, int j) const {
+    return objective(j).reference + objective(j).signed_value(modelled * scale_[j]);
+  }
+  void believe_models() {
+    for (Eigen::Index k = 0; k < outputs_.rows(); ++k) {
+      const int j = reduction_.objective(int(k));
+      if (!noisy_[std::size_t(j)]) continue;
+      const Eigen::VectorXd mean = (*models_)[std::size_t(k)].mean(x_);
+      for (Eigen::Index i = 0; i < x_.cols(); ++i)
+        if (modelled(std::size_t(i))) outputs_(k, i) = in_units(mean[i], j);
+    }
+  }
+  HypervolumeEstimate volume_of(const Eigen::MatrixXd& y, Eigen::Index directions) const {
+    Eigen::VectorXd reference(Eigen::Index(noisy_.size()));
+    for (Eigen::Index j = 0; j < reference.size(); ++j)
+      reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
+    if (reference.size() <= LogNehvi::exact_objectives) return {lumo::hypervolume(y, reference), 0.0};
+    return estimated_hypervolume(y, reference, directions);
+  }
+  // Joint draws of an output at the designs of a front: designs × draws.
+  Eigen::MatrixXd drawn(Eigen::Index k, const std::vector<Eigen::Index>& front, int draws) const {
+    Eigen::MatrixXd values = outputs_(k, front).transpose().replicate(1, draws);
+    const int j = reduction_.objective(int(k));
+    if (!noisy_[std::size_t(j)]) return values;
+    const Eigen::MatrixXd normals = base_normals(Eigen::Index(front.size()), draws, combine(23, std::uint64_t(k)));
+    const auto sample = (*models_)[std::size_t(k)].sample(x_(Eigen::all, front), normals);
+    for (std::size_t i = 0; i < front.size() && sample; ++i)
+      if (modelled(std::size_t(front[i])))
+        for (int s = 0; s < draws; ++s) values(Eigen::Index(i), s) = in_units((*sample)(Eigen::Index(i), s), j);
+    return values;
+  }
+  void put_interval(Standing& out, const std::vector<Eigen::Index>& front) const {
+    constexpr int draws = 256, tail = draws / 20;
+    constexpr Eigen::Index directions_of_draw = 32;
+    std::vector<Eigen::MatrixXd> outputs;
+    for (Eigen::Index k = 0; k < outputs_.rows(); ++k) outputs.push_back(drawn(k, front, draws));
+    Eigen::MatrixXd y(outputs_.rows(), Eigen::Index(front.size())),
+        squares = Eigen::MatrixXd::Zero(objectives_.rows(), y.cols());
+    std::vector<double> volumes;
+    for (int s = 0; s < draws; ++s) {
+      for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) = outputs[std::size_t(k)].col(s).transpose();
+      const Eigen::MatrixXd drawn_objectives = objectives_of(reduction_, problem(), y);
+      squares += (drawn_objectives - objectives_(Eigen::all, front)).cwiseAbs2() / draws;
+      volumes.push_back(volume_of(drawn_objectives, directions_of_draw).value);
+    }
+    std::sort(volumes.begin(), volumes.end());
+    out.low = std::min(out.hypervolume, volumes[tail]);
+    out.high = std::max(out.hypervolume, volumes[draws - 1 - tail]);
+    for (std::size_t i = 0; i < front.size(); ++i)
+      for (Eigen::Index j = 0; j < squares.rows(); ++j)
+        out.front[i].deviations.push_back(std::sqrt(squares(j, Eigen::Index(i))));
+  }
+
+  const Trials* trials_;
+  R reduction_;
+  const std::vector<GaussianProcess<Kernel>>* models_;
+  std::vector<bool> noisy_;  ///< by objective
+  std::vector<int> ids_;
+  std::vector<bool> known_to_models_;  ///< by design
+  Eigen::MatrixXd x_, outputs_;        ///< outputs in their own unit and sense
+  Eigen::MatrixXd objectives_;         ///< larger is better
+  Eigen::VectorXd scale_;              ///< by objective: unit of the evidence
 };
 
 }  // namespace lumo
@@ -20458,9 +21010,11 @@ class Optimizer {
     return trials_.open(int(trials().size()), std::move(*x));
   }
 
-  /// Outputs of a pending trial. Throws InvalidArgument if it is not pending, or the outputs are too few, too many or
-  /// not finite.
-  void tell(int id, std::vector<double> outputs) { trials_.tell(id, std::move(outputs)); }
+  /// Outputs of a pending trial, and their standard errors if they are known. Throws InvalidArgument if it is not
+  /// pending, or the numbers are too few, too many or not finite.
+  void tell(int id, std::vector<double> outputs, std::vector<double> errors = {}) {
+    trials_.tell(id, std::move(outputs), std::move(errors));
+  }
 
   /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument if it is
   /// not pending.
@@ -20485,19 +21039,10 @@ class Optimizer {
   int observed() const { return trials_.count(Trial::State::observed); }
   int pending() const { return trials_.count(Trial::State::pending); }
 
-  /// Observed trials that no other dominates, from the best in the first objective on. An outlier counts with its
-  /// own value.
-  std::vector<Outcome> front() const {
-    const std::vector<int> ids = trials_.observed_ids();
-    const Eigen::MatrixXd y = objectives();
-    std::vector<Outcome> out;
-    for (const Eigen::Index i : pareto_front(y)) {
-      out.push_back({ids[std::size_t(i)], {}});
-      for (Eigen::Index j = 0; j < y.rows(); ++j)
-        out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
-    }
-    return out;
-  }
+  /// The designs that no other dominates, and what they are worth.
+  Standing standing() const { return beliefs().standing(); }
+  std::vector<Outcome> front() const { return standing().front; }
+  double hypervolume() const { return standing().hypervolume; }
 
   /// A value that lies absurdly far from the others of its objective. The models of values do without its trial; to the
   /// model of success one that is worse than the others is a failure.
@@ -20509,18 +21054,17 @@ class Optimizer {
   };
   /// By trial. Whether a value is an outlier may change with those that follow.
   std::vector<Outlier> outliers() const {
-    const std::vector<int> ids = trials_.observed_ids();
-    const Eigen::MatrixXd outputs = trials_.observed_outputs();
+    const Trials::Results r = trials_.results();
     std::vector<Outlier> out;
     for (int j = 0; j < int(problem().objectives.size()); ++j) {
       const std::vector<Eigen::Index> rows = rows_of(j);
-      const Eigen::MatrixXd y = objective(j).signed_value(1.0) * outputs(rows, Eigen::all);
-      const ValueBulk bulk({y.data(), y.data() + y.size()}, trials_.observed_starts() * rows.size(), config_.outliers);
+      const Eigen::MatrixXd y = objective(j).signed_value(1.0) * r.outputs(rows, Eigen::all);
+      const ValueBulk bulk({y.data(), y.data() + y.size()}, trials_.result_starts() * rows.size(), config_.outliers);
       for (Eigen::Index i = 0; i < y.cols(); ++i)
         for (Eigen::Index k = 0; k < y.rows(); ++k) {
           if (!bulk.worse(y(k, i)) && !bulk.better(y(k, i))) continue;
           const double first = objective(j).signed_value(bulk.low()), last = objective(j).signed_value(bulk.high());
-          out.push_back({ids[std::size_t(i)], int(rows[std::size_t(k)]), objective(j).signed_value(y(k, i)),
+          out.push_back({r.ids[std::size_t(i)], int(rows[std::size_t(k)]), objective(j).signed_value(y(k, i)),
               bulk.better(y(k, i)), std::min(first, last), std::max(first, last)});
         }
     }
@@ -20528,43 +21072,42 @@ class Optimizer {
     return out;
   }
 
-  /// Volume that the front dominates above the reference point, in the product of the objectives' units.
-  double hypervolume() const {
-    Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
-    for (Eigen::Index j = 0; j < reference.size(); ++j)
-      reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
-    return lumo::hypervolume(objectives(), reference);
-  }
-
-  /// Models of the observed outputs as they are in evidence(). Empty before two trials are observed.
-  const std::vector<GaussianProcess<Kernel>>& models() {
-    if (observed() < 2 || modelled_ == observed()) return models_;
+  /// Models of the outputs as they are in evidence(). Empty before there are two results.
+  const std::vector<GaussianProcess<Kernel>>& models() const {
+    const int results = int(problem().known.size()) + observed();
+    if (results < 2 || modelled_ == results) return models_;
     const Evidence e = evidence();
     models_.clear();
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      models_.push_back(
-          GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
-    modelled_ = observed();
+      models_.push_back(GaussianProcess<Kernel>::fit(
+          {e.x, e.outputs.row(k).transpose(), e.lower, e.upper,
+              e.errors.cols() ? Eigen::VectorXd(e.errors.row(k).transpose()) : Eigen::VectorXd()},
+          config_.model));
+    modelled_ = results;
     return models_;
   }
 
-  /// Observed and pending trials as models and acquisition see them: without outliers, outputs less their reference,
-  /// larger is better, in units of the spread of their objective.
+  /// Results and pending trials as models see them: without outliers, outputs less their reference, larger is better,
+  /// in units of the spread of their objective.
   Evidence evidence() const {
     Evidence e;
+    const Trials::Results r = trials_.results();
     const std::vector<Eigen::Index> kept = inliers();
-    e.x = trials_.designs(Trial::State::observed)(Eigen::all, kept);
+    e.x = r.x(Eigen::all, kept);
     e.pending = trials_.designs(Trial::State::pending);
-    e.outputs = trials_.observed_outputs()(Eigen::all, kept);
+    e.outputs = r.outputs(Eigen::all, kept);
+    if (r.errors.cols() > 0 && problem().noise != Noise::none) e.errors = r.errors(Eigen::all, kept);
     for (int j = 0; j < int(problem().objectives.size()); ++j) {
       const std::vector<Eigen::Index> rows = rows_of(j);
       Eigen::ArrayXXd y =
           objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
       const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
+      double spread = 1.0;
       if (largest > 0.0) {
         y /= largest;
-        const double spread = std::sqrt((y - y.mean()).square().mean());
-        if (spread > 1e-14) y /= spread;
+        const double deviation = std::sqrt((y - y.mean()).square().mean());
+        if (deviation > 1e-14) y /= spread = deviation;
+        if (e.errors.cols() > 0) e.errors(rows, Eigen::all) *= 1.0 / largest / spread;
       }
       e.outputs(rows, Eigen::all) = y.matrix();
     }
@@ -20581,32 +21124,24 @@ class Optimizer {
 
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
-
-  /// Outputs that an objective is made of.
-  std::vector<Eigen::Index> rows_of(int j) const {
-    std::vector<Eigen::Index> rows;
-    for (int k = 0; k < trials_.outputs(); ++k)
-      if (config_.reduction.objective(k) == j) rows.push_back(k);
-    return rows;
-  }
-  /// Observed trials without outliers, as columns of the observed ones.
+  std::vector<Eigen::Index> rows_of(int j) const { return outputs_of(config_.reduction, trials_.outputs(), j); }
+  /// Results without outliers, as columns of Trials::results().
   std::vector<Eigen::Index> inliers() const {
     std::set<int> absurd;
     for (const Outlier& o : outliers()) absurd.insert(o.id);
-    const std::vector<int> ids = trials_.observed_ids();
+    const std::vector<int> ids = trials_.results().ids;
     std::vector<Eigen::Index> kept;
     for (std::size_t i = 0; i < ids.size(); ++i)
       if (!absurd.contains(ids[i])) kept.push_back(Eigen::Index(i));
     return kept;
   }
 
-  /// Objectives of the observed trials (objectives × n) in their units, larger is better.
-  Eigen::MatrixXd objectives() const {
-    Eigen::MatrixXd y = trials_.observed_outputs();
-    for (Eigen::Index k = 0; k < y.rows(); ++k)
-      y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-    return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
-                    : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  Beliefs<Kernel, R> beliefs() const {
+    return {trials_, config_.reduction, problem().noise == Noise::none ? no_models() : models(), evidence(), inliers()};
+  }
+  static const std::vector<GaussianProcess<Kernel>>& no_models() {
+    static const std::vector<GaussianProcess<Kernel>> none;
+    return none;
   }
 
   /// Model of the success of evaluations; nullopt if none has failed for a reason of its design, or given a value that
@@ -20616,9 +21151,11 @@ class Optimizer {
     std::set<int> absurd;
     for (const Outlier& o : outliers())
       if (!o.better) absurd.insert(o.id);
-    for (const int id : absurd) {
+    const Trials::Results r = trials_.results();
+    for (std::size_t i = 0; i < r.ids.size(); ++i) {
+      if (!absurd.contains(r.ids[i])) continue;
       failed.conservativeResize(Eigen::NoChange, failed.cols() + 1);
-      failed.rightCols(1) = Eigen::Map<const Eigen::VectorXd>(trials()[std::size_t(id)].x.data(), failed.rows());
+      failed.rightCols(1) = r.x.col(Eigen::Index(i));
     }
     if (failed.cols() == 0) return std::nullopt;
     return SuccessModel<Kernel>(e.x, failed, e.lower, e.upper, config_.model);
@@ -20631,25 +21168,59 @@ class Optimizer {
       auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
       return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
     }
-    const std::vector<int> ids = trials_.observed_ids();
-    const std::vector<Eigen::Index> kept = inliers();
+    const Trials::Results r = trials_.results();
+    std::vector<Eigen::Index> kept;
+    for (const Eigen::Index i : inliers())
+      if (problem().space.encloses(design(r, i))) kept.push_back(i);
     std::vector<Design> standing;
-    for (const Eigen::Index i : pareto_front(Eigen::MatrixXd(objectives()(Eigen::all, kept))))
-      standing.push_back(trials()[std::size_t(ids[std::size_t(kept[std::size_t(i)])])].x);
-    const Evidence e = evidence();
+    for (const Eigen::Index i : pareto_front(objectives_of(config_.reduction, problem(), r.outputs(Eigen::all, kept))))
+      if (const Design x = design(r, kept[std::size_t(i)]); problem().space.contains(x)) standing.push_back(x);
+    const Evidence known = evidence(), e = inside(known);
     const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
     const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};
-    const auto model = success(e);
-    if (!model) return config_.source.best(request, utility);
-    return config_.source.best(
-        request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
+    const auto model = success(known);
+    const auto score = [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd {
+      return model ? model->expected(utility(x), x) : utility(x);
+    };
+    std::optional<Design> fresh = config_.source.best(request, score);
+    if (problem().repeats == 1) return fresh;
+    return or_repeated(std::move(fresh), e, score);
+  }
+  /// The fresh design, or one that is better evaluated again.
+  std::optional<Design> or_repeated(std::optional<Design> fresh, const Evidence& e, const Score& score) const {
+    const auto b = beliefs();
+    if (!b.any_noise() || !config_.reduction.identity() || e.reference.size() > LogNehvi::exact_objectives)
+      return fresh;
+    std::vector<bool> may;
+    for (std::size_t i = 0; i < b.ids().size(); ++i)
+      may.push_back(b.modelled(i) && b.ids()[i] >= 0 &&
+                    trials_.evaluations(trials()[std::size_t(b.ids()[i])].x) < problem().repeats);
+    const auto again = best_repeat(models_, e, b.designs(), may);
+    if (!again) return fresh;
+    if (fresh && std::log(std::max(again->worth, 1e-300)) <= score(design_columns({*fresh}, fresh->size()))[0])
+      return fresh;
+    return trials()[std::size_t(b.ids()[std::size_t(again->design)])].x;
+  }
+  static Design design(const Trials::Results& r, Eigen::Index i) {
+    return {r.x.col(i).data(), r.x.col(i).data() + r.x.rows()};
+  }
+  /// Evidence of designs inside the space: results outside inform the models, but nothing has to be better than they.
+  Evidence inside(Evidence e) const {
+    std::vector<Eigen::Index> kept;
+    for (Eigen::Index i = 0; i < e.x.cols(); ++i)
+      if (problem().space.encloses(Design(e.x.col(i).data(), e.x.col(i).data() + e.x.rows()))) kept.push_back(i);
+    if (Eigen::Index(kept.size()) == e.x.cols()) return e;
+    e.x = Eigen::MatrixXd(e.x(Eigen::all, kept));
+    e.outputs = Eigen::MatrixXd(e.outputs(Eigen::all, kept));
+    if (e.errors.cols() > 0) e.errors = Eigen::MatrixXd(e.errors(Eigen::all, kept));
+    return e;
   }
 
   Config config_;
   Trials trials_;
   bool exhausted_ = false;
-  std::vector<GaussianProcess<Kernel>> models_;
-  int modelled_ = 0;  ///< observed trials that the models know
+  mutable std::vector<GaussianProcess<Kernel>> models_;  // fitted when they are first asked for
+  mutable int modelled_ = 0;                             ///< results that the models know
 };
 
 }  // namespace lumo
