@@ -3,13 +3,13 @@
 #include "lumo/support/postgres.hpp"
 #include "temporary_folder.hpp"
 
+#include <fcntl.h>
 #include <pwd.h>
 #include <signal.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -96,7 +96,8 @@ class PostgresServer {
     std::vector<char*> arguments;
     for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
     arguments.push_back(nullptr);
-    if (!std::freopen("/dev/null", "w", stdout) || !std::freopen("/dev/null", "w", stderr)) _exit(1);
+    const int nowhere = ::open("/dev/null", O_WRONLY);
+    if (::dup2(nowhere, STDOUT_FILENO) < 0 || ::dup2(nowhere, STDERR_FILENO) < 0) _exit(1);
     if (geteuid() == 0 && (setgid(user()->pw_gid) != 0 || setuid(user()->pw_uid) != 0)) _exit(1);
     if (::chdir("/") != 0 || ::prctl(PR_SET_PDEATHSIG, SIGQUIT) != 0) _exit(1);
     ::execv(arguments[0], arguments.data());

@@ -158,6 +158,27 @@ template <class Place> void several_processes_append_once(const Place& place) {
   store.verify();
 }
 
+/// Workers that look for work at once all find some while there is enough.
+template <class Place> void claims_do_not_fail_for_others(const Place& place) {
+  std::vector<std::int64_t> numbers;
+  {
+    auto store = place.open("crowd", "p");
+    fill(store, 12);
+    for (std::int64_t k = 1; k <= 12; ++k) numbers.push_back(k);
+  }
+  std::vector<pid_t> children;
+  for (int k = 0; k < 4; ++k)
+    children.push_back(start_child([&] {
+      auto store = place.open("crowd", "p");
+      for (int n = 0; n < 25; ++n) {
+        const auto number = store.claim_first(numbers);
+        if (!number) throw lumo::Error("no entry was free");
+        store.release(*number);
+      }
+    }));
+  for (const pid_t pid : children) wait_for_success(pid);
+}
+
 /// A worker in a process of its own, which takes a random time for each design.
 template <class Place>
 pid_t start_worker(const Place& place, const std::string& name, int evaluations, int pending, unsigned random) {

@@ -33,6 +33,7 @@ TEST_CASE("A store in a database obeys the laws of stores") {
   store_laws::refuses_another_problem(place);
   store_laws::keeps_deliveries(place);
   store_laws::claims_end_with_their_worker(place);
+  store_laws::claims_do_not_fail_for_others(place);
   store_laws::several_processes_append_once(place);
 }
 

@@ -18,6 +18,7 @@ TEST_CASE("A store in a file obeys the laws of stores") {
   SECTION("problem") { store_laws::refuses_another_problem(place); }
   SECTION("answers that wait") { store_laws::keeps_deliveries(place); }
   SECTION("claims") { store_laws::claims_end_with_their_worker(place); }
+  SECTION("a crowd") { store_laws::claims_do_not_fail_for_others(place); }
   SECTION("several processes") { store_laws::several_processes_append_once(place); }
 }
 

@@ -57,6 +57,9 @@ struct CampaignRun : Configured {
     config.pending = asked().search.pending;
     Pace pace;
     const OptimizerStatus end = with_store(store, problem_text(problem), [&](auto& log) {
+      if (const int taken = int(log.claims().size()); taken >= *config.pending)
+        progress.note(lumo::message("other workers have the ", taken,
+            " designs that --pending lets be under way: this one waits until a design is free"));
       return with_optimizer(problem, asked().search.evaluations, [&](const auto& optimizer) {
         return run_campaign(
             log, optimizer, evaluate,

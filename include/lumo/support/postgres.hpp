@@ -361,19 +361,23 @@ inline std::optional<std::int64_t> PostgresStore::claim_first(const std::vector<
   char node[256] = "unknown";
   gethostname(node, sizeof node - 1);
   return attempt([&]() -> std::optional<std::int64_t> {
-    // Two workers at once get two rows, since each skips the one that the other has locked; the second sees the first
-    // one's advisory lock once its row is free again.
-    const auto rows = link_->run(
-        "WITH free AS MATERIALIZED (SELECT number FROM task WHERE number = ANY($1::bigint[]) AND NOT EXISTS (SELECT "
-        "FROM pg_locks WHERE locktype = 'advisory' AND database = (SELECT oid FROM pg_database WHERE datname = "
-        "current_database()) AND classid::bigint = $2::bigint AND objid::bigint = task.number AND objsubid = 2 AND "
-        "granted) ORDER BY number LIMIT 1 FOR UPDATE SKIP LOCKED) UPDATE task SET node = $3, process = $4, since = "
-        "clock_timestamp() FROM free WHERE task.number = free.number AND pg_try_advisory_lock($2::int, "
-        "free.number::int) RETURNING task.number",
-        {list + '}', key(), node, std::to_string(getpid())});
-    if (rows.size() == 0) return std::nullopt;
-    claimed_.insert(rows.number(0, 0));
-    return rows.number(0, 0);
+    while (true) {
+      // Two workers at once get two rows, since each skips the one that the other has locked. One that comes just
+      // after the other has let its row go fails to get the advisory lock, and looks again.
+      const auto rows = link_->run(
+          "WITH free AS MATERIALIZED (SELECT number FROM task WHERE number = ANY($1::bigint[]) AND NOT EXISTS (SELECT "
+          "FROM pg_locks WHERE locktype = 'advisory' AND database = (SELECT oid FROM pg_database WHERE datname = "
+          "current_database()) AND classid::bigint = $2::bigint AND objid::bigint = task.number AND objsubid = 2 AND "
+          "granted) ORDER BY number LIMIT 1 FOR UPDATE SKIP LOCKED), tried AS MATERIALIZED (SELECT number, "
+          "pg_try_advisory_lock($2::int, number::int) AS mine FROM free), noted AS (UPDATE task SET node = $3, process "
+          "= $4, since = clock_timestamp() FROM tried WHERE task.number = tried.number AND mine) SELECT number, mine "
+          "FROM tried",
+          {list + '}', key(), node, std::to_string(getpid())});
+      if (rows.size() == 0) return std::nullopt;
+      if (!rows.flag(0, 1)) continue;
+      claimed_.insert(rows.number(0, 0));
+      return rows.number(0, 0);
+    }
   });
 }
 
