@@ -58,6 +58,7 @@ enum class References { built, plain };
 /// The search for the best design.
 struct Search {
   int evaluations = 160, seed = 1;
+  int pending = 1;                            ///< designs under way at once
   std::string source = "default";             ///< of candidates: "default" or "paper"
   References references = References::built;  ///< the designs that it starts with
 

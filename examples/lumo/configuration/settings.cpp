@@ -473,6 +473,10 @@ Settings efforts() {
           [](auto& c) -> auto& { return c.search.evaluations; }),
       whole(
           "search.seed", lumo, any_seed, "Of the optimiser", [](auto& c) -> auto& { return c.search.seed; }),
+      whole(
+          "search.pending", lumo, {1, 1000},
+          "Designs under way at once: part of the problem, so that results do not depend on the number of workers",
+          [](auto& c) -> auto& { return c.search.pending; }),
       choice(
           "search.source", lumo, Names<std::string>{{"default", "default"}, {"paper", "paper"}},
           "Candidates: default (with neighbours of the front) or paper (256 fresh ones)",
