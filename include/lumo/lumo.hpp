@@ -48,10 +48,12 @@
 #include "lumo/mechanics/press_svg.hpp"
 #include "lumo/mechanics/simulator.hpp"
 
+#include "lumo/optics/camera_cone.hpp"
 #include "lumo/optics/photodiode.hpp"
 #include "lumo/optics/pinhole_camera.hpp"
 #include "lumo/optics/scattering_medium.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/optics/view.hpp"
 
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"

@@ -44,6 +44,8 @@ struct MeasuredLobe {
     return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
   }
   double intensity(double cosine) const { return power_W * lobe.density(cosine); }
+  double area_m2() const { return pi * radius_m * radius_m; }
+  bool covers(const Vec3d& p) const { return (p - center).squaredNorm() <= radius_m * radius_m; }
   MeasuredLobe mirrored(const Vec3d& m) const {
     return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel};
   }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
+#include "lumo/core/units.hpp"
 #include "lumo/morphology/body.hpp"
 #include "lumo/morphology/region_images.hpp"
 
@@ -36,6 +37,14 @@ struct Connection {
   double solid_angle_sr = 0.0;
 };
 
+/// From a point to a place of a camera's round opening of `radius_m` about `center`; `at`: the place, in radii.
+inline Connection to_disc(const Vec3d& center, const Vec3d& view, double radius_m, const Vec3d& from, const Vec3d& at) {
+  const Vec3d way = center + radius_m * at - from;
+  const double length = way.norm(), toward = -way.dot(view);
+  if (!(toward > 0.0)) return {};
+  return {way / length, toward / length * pi * radius_m * radius_m / (length * length)};
+}
+
 /// A readout behind openings that are small seen from the body: few paths come there by themselves. Light that
 /// Lambertian faces send is gathered from ways that start at an opening (next-event estimation: Coveyou, Cain & Yost
 /// 1967); light that never met such a face is traced forward, as for others. Laws: connect(k, p, u, v) leads from the
@@ -46,6 +55,13 @@ template <class R>
 concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3d& p, int k, double u) {
   { readout.openings() } -> std::convertible_to<int>;
   { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
+};
+
+/// A connected readout whose openings are so small, or so far, that paths from emitters hardly ever come there: their
+/// light is gathered, too, as ways from the opening meet them. The member says so.
+template <class R>
+concept WholeReadout = ConnectedReadout<R> && requires {
+  requires R::gathers_emitters;
 };
 
 /// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).

@@ -6,8 +6,11 @@
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/exit_power.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -69,8 +72,27 @@ class Photodiodes {
     if (!(direction.dot(d.normal()) < 0.0) || !accepts(d, direction)) return {};
     return {direction, -direction.dot(d.normal()) * d.area_m2() / (length * length)};
   }
+  /// Photodiode → its mirror image; nullopt if one has none.
+  std::optional<std::vector<int>> image_channels(const Body&, int axis) const {
+    Vec3d mirror = Vec3d::Ones();
+    mirror[axis] = -1.0;
+    std::vector<int> images;
+    for (const Photodiode& d : diodes_) {
+      const auto image = std::find_if(diodes_.begin(), diodes_.end(), [&](const Photodiode& o) {
+        return o.center == mirror.cwiseProduct(d.center) && o.normal() == mirror.cwiseProduct(d.normal()) &&
+               o.acceptance_rad == d.acceptance_rad && o.round == d.round &&
+               same_edges(o, mirror.cwiseProduct(d.half_u), mirror.cwiseProduct(d.half_v));
+      });
+      if (image == diodes_.end()) return std::nullopt;
+      images.push_back(int(image - diodes_.begin()));
+    }
+    return images;
+  }
 
  private:
+  static bool same_edges(const Photodiode& d, const Vec3d& u, const Vec3d& v) {
+    return (d.half_u == u || d.half_u == -u) && (d.half_v == v || d.half_v == -v);
+  }
   static bool accepts(const Photodiode& d, const Vec3d& direction) {
     return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12;
   }

@@ -4,7 +4,9 @@
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/exit_power.hpp"
+#include "lumo/optics/view.hpp"
 
+#include <array>
 #include <cmath>
 
 namespace lumo {
@@ -54,16 +56,29 @@ class PinholeCamera {
   }
   int openings() const { return 1; }
   Connection connect(int, const Vec3d& from, double u, double v) const {
-    const Vec3d way = config_.position + config_.aperture_m * on_unit_disc(u, v, right_, up_) - from;
-    const double length = way.norm(), toward = -way.dot(view_);
-    if (!(toward > 0.0)) return {};
-    return {way / length, toward / length * pi * config_.aperture_m * config_.aperture_m / (length * length)};
+    return to_disc(config_.position, view_, config_.aperture_m, from, on_unit_disc(u, v, right_, up_));
   }
   /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
   int pixel(const Vec3d& p) const {
     const Vec3d way = p - config_.position;
     const double z = way.dot(view_);
     return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
+  }
+  int pixels() const { return config_.columns * config_.rows; }
+  /// Through a place of the pixel, by the first two numbers, and a place of the opening, by the other two. The mean of
+  /// a pixel's lines times etendue_m2_sr() is the power that passes the opening into it: they count cos⁴ of their angle
+  /// to the axis, as light does behind a real lens (natural vignetting).
+  SightLine line(int pixel, const std::array<double, 4>& u) const {
+    const double column = pixel % config_.columns + u[0], row = pixel / config_.columns + u[1];
+    const Vec3d way = view_ + (2.0 * column / config_.columns - 1.0) * half_width_ * right_ +
+                      (1.0 - 2.0 * row / config_.rows) * half_height_ * up_,
+                at = config_.aperture_m * on_unit_disc(u[2], u[3], right_, up_);
+    const Vec3d d = (config_.focus_m * way - at).normalized();
+    return {config_.position + at, d, std::pow(d.dot(view_), 4)};
+  }
+  /// Area of the opening × solid angle of a pixel on the axis.
+  double etendue_m2_sr() const {
+    return pi * config_.aperture_m * config_.aperture_m * 4.0 * half_width_ * half_height_ / pixels();
   }
 
  private:
@@ -79,6 +94,6 @@ class PinholeCamera {
   double half_width_, half_height_;  ///< of the image at distance 1
 };
 
-static_assert(ConnectedReadout<PinholeCamera>);
+static_assert(ConnectedReadout<PinholeCamera> && View<PinholeCamera>);
 
 }  // namespace lumo

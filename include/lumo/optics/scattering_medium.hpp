@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/units.hpp"
 #include "lumo/morphology/silicone.hpp"
 #include "lumo/optics/beer_lambert.hpp"
 
@@ -19,6 +20,12 @@ concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double 
   { medium.albedo() } -> std::convertible_to<double>;
   { medium.free_path_m(x, x) } -> std::convertible_to<double>;
   { medium.scattering_cosine(x) } -> std::convertible_to<double>;
+};
+
+/// A turbid medium whose phase function is known as a density, too [1/sr], which scattering_cosine() draws from.
+template <class M>
+concept PhaseMedium = TurbidMedium<M> && requires(const M& medium, double cosine) {
+  { medium.phase(cosine) } -> std::convertible_to<double>;
 };
 
 /// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
@@ -48,13 +55,17 @@ class ScatteringMedium {
     const double q = (1.0 - g * g) / (1.0 + g * s);
     return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
   }
+  double phase(double cosine) const {
+    const double g = medium_.anisotropy, q = 1.0 + g * g - 2.0 * g * std::clamp(cosine, -1.0, 1.0);
+    return (1.0 - g * g) / (4.0 * pi * q * std::sqrt(q));
+  }
 
  private:
   BeerLambert straight_;
   Medium medium_;
 };
 
-static_assert(TurbidMedium<ScatteringMedium>);
+static_assert(PhaseMedium<ScatteringMedium>);
 static_assert(!TurbidMedium<BeerLambert>);
 
 }  // namespace lumo

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/executor.hpp"
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/mechanics/contact/state.hpp"
@@ -21,6 +22,8 @@
 #include "lumo/optics/transport/ray_guide.hpp"
 #include "lumo/optics/transport/ray_pattern.hpp"
 #include "lumo/optics/transport/splatting.hpp"
+#include "lumo/optics/transport/view_gather.hpp"
+#include "lumo/optics/view.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -28,6 +31,7 @@
 #include <concepts>
 #include <cstdint>
 #include <iterator>
+#include <numeric>
 #include <optional>
 #include <type_traits>
 #include <utility>
@@ -203,7 +207,7 @@ class Tracer {
     for (int c = 0; c < colors; ++c) {
       const std::vector<Emitter> emitters = emitters_of(body, c);
       const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
-      light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
+      light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path, body.film_closes_m}});
     }
 
     const int count = count_ > 0 ? count_ : config_.replicates;
@@ -234,6 +238,53 @@ class Tracer {
     response = averaged(std::move(response));
     if (count_ == 0) require_closed(response.ledger, lost_admitted(body));
     return response;
+  }
+
+  /// Light on the lines of a view, of a body in one state: what its Lambertian faces send is found as for a response,
+  /// and the lines' paths run backwards to them and to the emitters. Nothing else shines, and the tool is seen as the
+  /// contact set only, black. Bit-identical for every executor. Throws as trace() does, and InvalidArgument for broken
+  /// settings of the view and for emitters that cannot be seen.
+  template <View V, Executor E> ViewLight look(const Body& body, const TetMesh& mesh, const SeenState& state,
+      const V& view, const ViewEffort& effort, const E& executor) const {
+    const Symmetry symmetry = state.symmetry;
+    check(body, symmetry, {});
+    const int replicates = check(body, view.pixels(), effort), samples = effort.samples / replicates;
+    const Medium medium{body.medium};
+    const OpticalScene surface(body, mesh, state.surface, symmetry, config_.scene);
+    const auto scene = backend_.build(surface.triangles());
+    using Scene = std::remove_const_t<decltype(scene)>;
+    check(body, surface, scene, {});
+    const LightNodes nodes(surface, symmetry);
+    const FaceSet exits(surface, symmetry, {.whole = true}, [](int) { return false; });
+    const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
+        readout_, readout_.channels(body), nodes, exits, symmetry};
+    using Gather = ViewGather<Scene, Medium, Readout>;
+    std::vector<typename Gather::Color> colors;
+    for (int c = 0; c < color_count(body.emitters); ++c)
+      colors.push_back({std::vector<std::vector<double>>(std::size_t(replicates)),
+          emitter_faces(emitters_of(body, c), lit, body.film_closes_m)});
+    ViewLight seen;
+    seen.ledger = sent_light(body, lit, executor, colors);
+    require_closed(seen.ledger, lost_admitted(body));
+    const std::size_t pixels = std::size_t(view.pixels()), tasks = (pixels + pixels_together - 1) / pixels_together;
+    seen.replicates.resize(replicates, Eigen::Index(pixels * colors.size()));
+    std::vector<double> lines(tasks, 0.0), lost(tasks, 0.0);
+    executor.for_each(tasks, [&](std::size_t task) {
+      Gather gather(lit, {effort.roulette_below, config_.scattered_below, config_.max_events}, colors,
+          combine(config_.seed, view_key));
+      for (std::size_t k = task * pixels_together; k < std::min(pixels, (task + 1) * pixels_together); ++k) {
+        const auto found = gather(view, int(k), replicates, samples);
+        for (std::size_t c = 0; c < colors.size(); ++c)
+          for (int r = 0; r < replicates; ++r)
+            seen.replicates(r, Eigen::Index(c * pixels + k)) =
+                found.light[c * std::size_t(replicates) + std::size_t(r)];
+        lines[task] += found.lines;
+        lost[task] += found.lost;
+      }
+    });
+    require_lines_kept(lines, lost, pixels * std::size_t(effort.samples));
+    if (!seen.replicates.allFinite()) throw NumericalError("light: a pixel of the view is not finite");
+    return seen;
   }
 
   /// Learns how these states' light differs from that of the undeformed body, all on one mesh: empty unless emitters
@@ -280,6 +331,8 @@ class Tracer {
  private:
   static constexpr std::uint32_t guide_rays = 1 << 16;  ///< of each emitter; far fewer learn chance
   static constexpr double sent_per_emitted = 4.0;       ///< rays a watt that bright faces send
+  static constexpr std::uint64_t view_key = 5;          ///< of the lines' sequence
+  static constexpr std::size_t pixels_together = 64;    ///< in one task
 
   static SurfaceState surface_of(const MechanicalState& state) {
     return {state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes};
@@ -339,6 +392,57 @@ class Tracer {
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
   }
+  /// Replicates that lines of a view are divided by. Throws InvalidArgument.
+  int check(const Body& body, int pixels, const ViewEffort& effort) const {
+    require_in_range("pixels of a view", pixels, 1, 1 << 26, "");
+    require_in_range("samples per pixel", effort.samples, 1, 1 << 20, "");
+    require_in_range("roulette_below of a view", effort.roulette_below, 0.0, 1.0, "");
+    const int replicates = std::min(config_.replicates, effort.samples);
+    if (effort.samples % replicates != 0 || config_.replicates % replicates != 0)
+      throw InvalidArgument(message("samples per pixel are ", effort.samples, ", must be a multiple of ",
+          config_.replicates, ", or a power of two below"));
+    for (const Emitter& e : body.emitters)
+      if (!e.can_be_seen())
+        throw InvalidArgument("view: an emitter has no area or no known shape, so that no line of sight meets it");
+    return replicates;
+  }
+  /// Throws NumericalError if more light than admitted is lost on lines of sight.
+  void require_lines_kept(const std::vector<double>& lines, const std::vector<double>& lost, std::size_t count) const {
+    constexpr double few = 10.0;
+    const double all = std::accumulate(lines.begin(), lines.end(), 0.0),
+                 gone = std::accumulate(lost.begin(), lost.end(), 0.0),
+                 admitted = std::max(config_.largest_lost, few / double(count));
+    if (!(gone <= admitted * all))
+      throw NumericalError(message("light: ", gone / all, " of the lines of sight are lost, at most ", admitted,
+          ": the surface is open, or max_events is too small"));
+  }
+  /// Finds what Lambertian faces send in each replicate, colour by colour. Returns the mean ledger.
+  template <class Scene, Executor E, class Color> EnergyLedger sent_light(const Body& body,
+      const LitBody<Scene, Medium, Readout>& lit, const E& executor, std::vector<Color>& colors) const {
+    const FaceSet lambertian = sending_faces(body, lit.surface, lit.nodes, lit.symmetry, {});
+    std::vector<RayPattern> patterns;
+    for (std::size_t c = 0; c < colors.size(); ++c)
+      patterns.emplace_back(
+          emitters_of(body, int(c)), std::uint32_t(config_.rays_per_emitter / config_.replicates), lit.symmetry);
+    std::vector<EnergyLedger> ledgers(colors.front().sent.size());
+    executor.for_each(ledgers.size(), [&](std::size_t r) {
+      const auto sequence = [&](std::uint64_t use) { return OwenSobol{combine(config_.seed, 3 * r + use)}; };
+      PathTracer<Scene, Medium, Readout> path(
+          lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
+      const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
+      for (std::size_t c = 0; c < colors.size(); ++c) {
+        trace_emitters(lit, patterns[c], body.film_closes_m, sequence(0), path, nullptr);
+        Tally total = path.accounts().take();
+        colors[c].sent[r] = solve_radiosity(lit.nodes, transport, total);
+        for (const double w : total.ledger.channels) total.ledger.elsewhere += w;
+        total.ledger.channels.clear();
+        add_scaled(ledgers[r], total.ledger, 1.0);
+      }
+    });
+    EnergyLedger mean;
+    for (const EnergyLedger& one : ledgers) add_scaled(mean, one, 1.0 / double(ledgers.size()));
+    return mean;
+  }
   /// Throws InvalidArgument unless lamps and guide fit the scene.
   template <class Scene>
   static void check(const Body& body, const OpticalScene& surface, const Scene& scene, const RayGuide& guide) {
@@ -360,14 +464,16 @@ class Tracer {
         continue;
       }
       // Few ways from a face and an emitter lead through an opening.
-      const bool direct = !connected && beam.source.has_intensity() && !air;
+      const bool all = WholeReadout<Readout> && config_.exit_rays > 0 && beam.source.can_be_seen(),
+                 direct = all || (!connected && beam.source.has_intensity() && !air);
       double worth = 1.0;  // of the ray at hand, in those that are sent evenly
       const auto start = [&](const PrimaryRay& ray, double share, bool inside) {
         path.run({.ray = ray,
             .mirror = beam.mirror,
             .power_W = share * worth * beam.power_W,
             .inside = inside,
-            .gathers_direct = direct});
+            .gathers_direct = direct,
+            .gathers_all = all});
       };
       for (std::uint32_t i = 0; i < beam.rays; ++i) {
         std::array<double, 4> u = RayPattern::numbers(sequence, i);

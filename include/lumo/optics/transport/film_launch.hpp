@@ -19,13 +19,25 @@ template <RayScene Scene> class FilmLaunch {
   /// nullopt: never, however hard the body is pressed there.
   FilmLaunch(const Scene& scene, std::optional<double> closes_m) : scene_(scene), closes_m_(closes_m) {}
 
-  /// Calls start(ray, share of its power, inside the body?) for the one or two ways on which a ray starts. `axis`: of
-  /// its emitter.
-  template <class Start> void operator()(const PrimaryRay& ray, const Vec3d& axis, Start&& start) const {
-    const RayHit in = scene_.first_hit(ray.origin, axis, true), out = scene_.first_hit(ray.origin, axis, false);
+  /// The film over a point of an emitter.
+  struct Film {
+    double height_m;  ///< to the body; 0: the body covers the point, or there is none over it
+    bool covered;     ///< the body overlaps the emitter there
+    double wet;       ///< share of the light that enters the body at once
+  };
+  Film at(const Vec3d& point, const Vec3d& axis) const {
+    const RayHit in = scene_.first_hit(point, axis, true), out = scene_.first_hit(point, axis, false);
     const bool covered = in && (!out || in.t < out.t);
     const double height = covered || !out ? 0.0 : out.t;
     const double wet = !closes_m_ ? 0.0 : covered ? 1.0 : out ? wetted(height) : 0.0;
+    return {height, covered, wet};
+  }
+  bool may_close() const { return closes_m_.has_value(); }
+
+  /// Calls start(ray, share of its power, inside the body?) for the one or two ways on which a ray starts. `axis`: of
+  /// its emitter.
+  template <class Start> void operator()(const PrimaryRay& ray, const Vec3d& axis, Start&& start) const {
+    const auto [height, covered, wet] = at(ray.origin, axis);
     if (wet > 0.0) {
       PrimaryRay entered = ray;
       entered.origin += height * axis;

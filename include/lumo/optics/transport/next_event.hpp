@@ -5,27 +5,54 @@
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/surface_optics.hpp"
+#include "lumo/optics/transport/emitter_faces.hpp"
 #include "lumo/optics/transport/face_set.hpp"
 #include "lumo/optics/transport/path_tracer.hpp"
 #include "lumo/optics/transport/ray_pattern.hpp"
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 namespace lumo {
 
+/// Emitters as paths of this body meet them.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+EmitterFaces<Scene> emitter_faces(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
+    std::optional<double> film_closes_m) {
+  const double ratio = body.index_ratio();
+  return {emitters, body.scene, film_closes_m, ratio * ratio, body.surface.precision_m()};
+}
+
+/// Light that Lambertian faces, which sent `sent` W from their nodes, and `emitters`, if given, send along a path that
+/// runs backwards: π times its radiance [W/m²], times n² if the path starts in the air (by Helmholtz's reciprocity
+/// L/n² is kept but for Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), per power of the path.
+/// `counts(node)`: which nodes count.
+template <class Path, RayScene Scene, TransparentMedium Medium, ExitReadout Readout, class Counts>
+double gathered_light(const PathStart& start, const LitBody<Scene, Medium, Readout>& body, Path& path,
+    const std::vector<double>& sent, const EmitterFaces<Scene>* emitters, Counts&& counts) {
+  path.run(start, emitters);
+  const double ratio = body.index_ratio();
+  // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
+  const double light = path.accounts().collect([&](std::size_t k) {
+    return counts(k) ? (body.nodes.in_air(k) ? ratio * ratio : 1.0) * sent[k] / body.nodes.area(k) : 0.0;
+  });
+  return emitters == nullptr ? light : light + path.take_emitted();
+}
+
 /// Finds the light that leaves through faces with regions from those faces (next-event estimation), as few paths come
 /// there. Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the
-/// body ends on Lambertian faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for
-/// Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind
-/// openings is gathered from ways through them; then direct light is not. Points lie fixed in the undeformed body: no
-/// sample crosses the border of a region that moves with it, so states differ smoothly.
+/// body ends on Lambertian faces, whose light takes it backwards (gathered_light), scattered in the medium or not. A
+/// readout behind openings is gathered from ways through them; then direct light is not, but a WholeReadout has all
+/// light from emitters gathered, as its paths meet them. Points lie fixed in the undeformed body: no sample crosses the
+/// border of a region that moves with it, so states differ smoothly.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
  public:
   NextEventGather(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
-      PathTracer<Scene, Medium, Readout>& path)
+      PathTracer<Scene, Medium, Readout>& path, std::optional<double> film_closes_m)
       : body_(body), ratio_(body.index_ratio()), path_(path) {
+    if (WholeReadout<Readout>) seen_.emplace(emitter_faces(emitters, body, film_closes_m));
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !body.symmetry.x) && !((image & 2u) && !body.symmetry.y)) images_.push_back(image);
       const Vec3d m = sign(image);
@@ -155,17 +182,15 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
-    path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
-    // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
-    return path_.accounts().collect([&](std::size_t k) {
-      return body_.nodes.is_bright(k) ? 0.0
-                                      : (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k);
-    });
+    return gathered_light(
+        {.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false}, body_, path_,
+        sent, seen_ ? &*seen_ : nullptr, [&](std::size_t k) { return !body_.nodes.is_bright(k); });
   }
 
   const LitBody<Scene, Medium, Readout> body_;
   double ratio_;  ///< index inside / outside
   PathTracer<Scene, Medium, Readout>& path_;
+  std::optional<EmitterFaces<Scene>> seen_;  ///< that paths meet
   std::vector<unsigned> images_;
   std::array<std::vector<Source>, 4> emitters_;
   std::vector<double> direct_, diffuse_;

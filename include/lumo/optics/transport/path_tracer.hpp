@@ -10,6 +10,7 @@
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/scattering_medium.hpp"
 #include "lumo/optics/surface_optics.hpp"
+#include "lumo/optics/transport/emitter_faces.hpp"
 #include "lumo/optics/transport/face_set.hpp"
 #include "lumo/optics/transport/light_accounts.hpp"
 #include "lumo/optics/transport/radiosity.hpp"
@@ -19,6 +20,8 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -53,6 +56,7 @@ struct PathStart {
   bool from_emitter = true;    ///< else from a Lambertian face
   bool inside = true;          ///< starts in the body, else in the air
   bool gathers_direct = true;  ///< NextEventGather finds the emitter's direct light
+  bool gathers_all = false;    ///< NextEventGather finds all of the emitter's light
   /// Takes the exits of light from emitters that no gathering finds, instead of the channels, if given.
   std::vector<Exit>* exits = nullptr;
 };
@@ -66,9 +70,11 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
         limits_(limits),
         accounts_(body.surface, body.readout, body.channels, body.nodes.size(), body.symmetry) {}
 
-  void run(const PathStart& start) {
+  /// `emitters`: those that a path meets which runs backwards.
+  void run(const PathStart& start, const EmitterFaces<Scene>* emitters = nullptr) {
     ++rays;
     start_ = &start;
+    emitters_ = emitters;
     accounts_.book(accounts_.ledger.emitted, start.power_W);
     Branch first;
     first.origin = start.ray.origin;
@@ -85,6 +91,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       follow(b);
     }
   }
+
+  /// Power per path × π × radiance of emitters that backward paths met since the last call [W/m² for paths of 1].
+  double take_emitted() { return std::exchange(emitted_, 0.0); }
 
   /// Accounts of the power.
   LightAccounts<Readout>& accounts() { return accounts_; }
@@ -107,6 +116,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
     bool scattered = false;     ///< in the medium, once at least
     bool spread = false;        ///< by a tool that wets the body: like a scattered one it has no neighbours
+    double density = 0.0;       ///< of its direction [1/sr], if it was scattered and met no surface since
   };
 
   /// Light at a smooth interface.
@@ -138,8 +148,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   void escape(const Branch& b) {
     EnergyLedger& ledger = accounts_.ledger;
     if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
-    const bool gathered =
-        body_.exits.has(b.exit) && !b.carrier_last && (b.direct ? start_->gathers_direct : !start_->from_emitter);
+    const bool gathered = body_.exits.has(b.exit) && !b.carrier_last &&
+                          (b.direct ? start_->gathers_direct : !start_->from_emitter || start_->gathers_all);
     // It has no neighbour to share with, or counts as direct light.
     const bool lone = b.scattered || b.spread || (b.direct && !start_->gathers_direct);
     const Escape light{body_.surface.reference(b.exit), b.exit_position, b.direction, -1};
@@ -155,7 +165,10 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       if (++b.events <= limits_.max_events && b.direction.allFinite() && b.origin.allFinite()) {
         ++segments;
         hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
-        if (!hit && !b.inside) return escape(b);
+        if (!hit && !b.inside) {
+          meet_emitters(b, std::numeric_limits<double>::infinity());
+          return escape(b);
+        }
         if (!hit && b.triangle >= 0) {  // slipped out at an edge by rounding: once more from a point inside
           b.origin = body_.surface.pulled_inward(b.triangle, b.origin);
           hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
@@ -167,6 +180,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       // Scenes may be in single precision: the distance again, in double.
       const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));
       const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
+      meet_emitters(b, path_m);
       if (b.inside) {
         const double left = b.power * body_.medium.transmittance(path_m);
         double absorbed = b.power - left;
@@ -181,6 +195,12 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       b.origin += path_m * b.direction;
       if (!meet(b, hit.triangle)) return;
     }
+  }
+
+  void meet_emitters(const Branch& b, double path_m) {
+    if (emitters_ == nullptr) return;
+    accounts_.book(emitted_, b.power * emitters_->exitance({b.origin, b.direction, path_m, b.inside, b.density},
+                                           [&](double s) { return body_.medium.transmittance(s); }));
   }
 
   // Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a
@@ -203,6 +223,12 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       c.origin += body_.medium.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
       c.direction = start_->mirror.cwiseProduct(
           (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
+      if constexpr (PhaseMedium<Medium>)
+        if (emitters_ != nullptr) {
+          const double u = uniform(combine(c.key, 7)), v = uniform(combine(c.key, 8));
+          accounts_.book(emitted_, c.power * emitters_->scattered(c.origin, b.direction, body_.medium, u, v));
+          c.density = body_.medium.phase(cosine);
+        }
       stack_.push_back(c);
     }
   }
@@ -211,6 +237,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   bool meet(Branch& b, int triangle) {
     const ScenePoint at = body_.surface.locate(triangle, b.origin);
     b.triangle = triangle;
+    b.density = 0.0;
     const SurfaceOptics& optics = body_.surface.optics(triangle);
     if (is_dielectric(optics)) {
       if (at.face >= 0) return meet_dielectric(b, triangle, at);
@@ -320,7 +347,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   PathLimits limits_;
   LightAccounts<Readout> accounts_;
   std::vector<Branch> stack_;
-  const PathStart* start_ = nullptr;  ///< of the path at hand
+  const PathStart* start_ = nullptr;               ///< of the path at hand
+  const EmitterFaces<Scene>* emitters_ = nullptr;  ///< likewise
+  double emitted_ = 0.0;
 };
 
 }  // namespace lumo
