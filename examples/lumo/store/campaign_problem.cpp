@@ -35,8 +35,8 @@ Json problem_json(const CampaignProblem& p) {
   j["initial"] = problem.initial;
   j["sobol"] = problem.sobol;
   j["source"] = p.asked.search.source;
-  j["seed"] = p.asked.search.seed;
   if (p.asked.search.pending != 1) j["pending"] = p.asked.search.pending;  // stores from before it have none
+  j["seed"] = p.asked.search.seed;
   return j;
 }
 

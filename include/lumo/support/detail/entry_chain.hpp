@@ -79,7 +79,7 @@ inline void require_problem(const std::string& store, const std::string& stored,
     const std::size_t from = at == 0 ? 0 : s.rfind('\n', at - 1) + 1;
     std::string line = s.substr(from, s.find('\n', from) - from);
     line.erase(0, line.find_first_not_of(' '));
-    if (line.ends_with(',')) line.pop_back();
+    if (line.ends_with(',') || (line.ends_with('}') && line.find('{') == std::string::npos)) line.pop_back();
     return line;
   };
   throw StoreError(StoreError::Reason::different,
