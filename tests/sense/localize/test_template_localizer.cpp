@@ -30,7 +30,7 @@ struct MadePad {
   }
 };
 
-constexpr MadePad bright{0.6, 0.3, 4e-3}, dark{-0.5, 0.35, 4e-3};
+constexpr MadePad brightens{0.6, 0.3, 4e-3}, dims{-0.5, 0.35, 4e-3};
 
 ResponseTemplates templates_of_pad(const MadePad& pad, double spacing_m = 2e-3) {
   ResponseTemplates t;
@@ -93,19 +93,19 @@ struct Assembly {
   }
 };
 
-struct Count {
+struct PadCount {
   int all = 0, located = 0, unknown = 0, held = 0, false_places = 0;
   double off_m = 0.0;
 };
 
 /// Over pads built anew for each contact; `altered` changes the response before it is judged.
-Count count(
+PadCount count_contacts(
     const MadePad& pad, const MadePad& known, double load_N, int contacts,
     const std::function<void(Eigen::VectorXd&)>& altered = [](Eigen::VectorXd&) {}) {
   const TemplateLocalizer::Config c = knowing(known);
   TemplateLocalizer localizer(c);
   synthetic::Normal normal(17);
-  Count n;
+  PadCount n;
   for (int k = 0; k < contacts; ++k) {
     const Assembly built(normal, c);
     const double y = 24e-3 * (2.0 * (k + 0.5) / contacts - 1.0), origin = c.origin_sigma_m * normal();
@@ -139,7 +139,7 @@ TEST_CASE("chi squared is below its tabulated quantiles as often as it should be
 
 TEST_CASE("the template localiser's chi squared is that of the whole covariance", "[localizer]") {
   // 20 positions: no component is left out
-  TemplateLocalizer::Config c = knowing(dark);
+  TemplateLocalizer::Config c = knowing(dims);
   c.position_m = Eigen::VectorXd::LinSpaced(20, -27e-3, 27e-3);
   c.noise = Eigen::VectorXd::LinSpaced(20, 0.2, 0.4);
   c.unloaded = Eigen::VectorXd::LinSpaced(20, 60.0, 80.0);
@@ -190,9 +190,9 @@ TEST_CASE("the template localiser's chi squared is that of the whole covariance"
 }
 
 TEST_CASE("a localiser that knows its pad finds contacts that darken it, and its intervals hold them", "[localizer]") {
-  for (const MadePad& pad : {bright, dark}) {
+  for (const MadePad& pad : {brightens, dims}) {
     for (const double load : {2.0, 5.0, 12.0}) {
-      const Count n = count(pad, pad, load, 600);
+      const PadCount n = count_contacts(pad, pad, load, 600);
       INFO("contact " << pad.contact_DN_per_N << " DN/N at " << load << " N: located " << n.located << ", unknown "
                       << n.unknown << ", held " << n.held << ", false " << n.false_places << ", mean off "
                       << 1e3 * n.off_m / n.located << " mm");
@@ -209,7 +209,7 @@ TEST_CASE("a localiser that knows its pad finds contacts that darken it, and its
 }
 
 TEST_CASE("without a contact none is reported, lamps that drift included", "[localizer]") {
-  const Count n = count(dark, dark, 0.0, 2000);
+  const PadCount n = count_contacts(dims, dims, 0.0, 2000);
   INFO("reported " << n.located << ", unknown " << n.unknown);
   CHECK(n.located <= 20);
   CHECK(n.unknown >= 4);  // 1 % asked for: 20 ± 4.4
@@ -219,11 +219,11 @@ TEST_CASE("without a contact none is reported, lamps that drift included", "[loc
 TEST_CASE("responses that are not the pad's get no place", "[localizer]") {
   const double load = 10.0;
   for (const double factor : {-1.0, -0.3}) {
-    const Count n = count(dark, dark, load, 300, [&](Eigen::VectorXd& v) { v *= factor; });
+    const PadCount n = count_contacts(dims, dims, load, 300, [&](Eigen::VectorXd& v) { v *= factor; });
     INFO("times " << factor << ": located " << n.located << ", unknown " << n.unknown);
     CHECK(n.located <= 0.05 * n.all);
   }
-  const Count other = count(bright, dark, load, 300), back = count(dark, bright, load, 300);
+  const PadCount other = count_contacts(brightens, dims, load, 300), back = count_contacts(dims, brightens, load, 300);
   INFO("other pads': located " << other.located << " and " << back.located);
   CHECK(other.located <= 0.05 * other.all);
   CHECK(back.located <= 0.05 * back.all);
@@ -233,7 +233,7 @@ TEST_CASE("a recorded contact log gives templates: means by place and load, in b
   std::vector<PressedResponse> pressed;
   const auto add = [&](double y, double load, double factor) {
     Eigen::VectorXd v(pad_positions.size());
-    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = factor * dark(pad_positions[i], y, load);
+    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = factor * dims(pad_positions[i], y, load);
     pressed.push_back({y, load, v});
   };
   for (const double y : {-20e-3, -10e-3, 0.0, 10e-3, 20e-3})
@@ -245,7 +245,7 @@ TEST_CASE("a recorded contact log gives templates: means by place and load, in b
   const ResponseTemplates t = recorded_templates(pad_positions, pressed);
   CHECK(t.load_N == Eigen::Vector2d(2.0, 10.0));
   REQUIRE(t.value.size() == 5);
-  CHECK(t.value[1](20, 1) == Approx(dark(pad_positions[20], -10e-3, 10.0)));
+  CHECK(t.value[1](20, 1) == Approx(dims(pad_positions[20], -10e-3, 10.0)));
   const TemplateField field(t);
   // half way the contact's own bump lies between the two ways' answers, which differ
   const TemplateResponse half = field.at(pad_positions, 5e-3, 10.0);
@@ -260,7 +260,7 @@ TEST_CASE("a recorded contact log gives templates: means by place and load, in b
 }
 
 TEST_CASE("templates take the size that the unloaded picture shows, past LEDs and room light", "[localizer]") {
-  ResponseTemplates t = templates_of_pad(dark);
+  ResponseTemplates t = templates_of_pad(dims);
   t.unloaded = 1e-4 * (5.0 + 20.0 * pad_positions.array()).matrix();
   for (auto& m : t.value) m *= 1e-5;
   const double scale = 1.4e5;
@@ -276,7 +276,7 @@ TEST_CASE("templates take the size that the unloaded picture shows, past LEDs an
 
 TEST_CASE("the template localiser refuses numbers out of range", "[localizer]") {
   const auto refused = [](auto change) {
-    TemplateLocalizer::Config c = knowing(bright);
+    TemplateLocalizer::Config c = knowing(brightens);
     change(c);
     CHECK_THROWS_AS(TemplateLocalizer(c), InvalidArgument);
   };
