@@ -230,9 +230,9 @@ std::optional<TorqueScale> Force::fitted(const ForceScore& score) const {
 constexpr double judged_m = 25.0_mm;
 
 Result Force::on_log(Output& files, Progress& progress) const {
+  const std::optional<KnownPad> known = known_pad(progress);
   progress.stage("reading the log");
   const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics, unloaded);
-  const std::optional<KnownPad> known = known_pad(progress);
   if (known) tell_other_pad(*known, s.log.session, log, progress);
   FingerModel<> finger = finger_model(s.log.session);
   finger.optics = optics_of(s, log, progress);
