@@ -1,13 +1,14 @@
 # Defines lumo::<component> for each foreign library that is found. Used by the build and by the installed package
 # alike.
 # LUMO_PACKAGE_<component> names the Debian package, LUMO_VERSION_<component> the version where a header tells it.
-set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite json zip lz4 zstd)
+set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite postgres json zip lz4 zstd)
 set(LUMO_PACKAGE_tetgen libtet1.5-dev)
 set(LUMO_PACKAGE_embree libembree-dev)
 set(LUMO_PACKAGE_cholmod libsuitesparse-dev)
 set(LUMO_PACKAGE_tbb libtbb-dev)
 set(LUMO_PACKAGE_opencv libopencv-dev)
 set(LUMO_PACKAGE_sqlite "libsqlite3-dev libxxhash-dev")
+set(LUMO_PACKAGE_postgres "libpq-dev libxxhash-dev")
 set(LUMO_PACKAGE_json nlohmann-json3-dev)
 set(LUMO_PACKAGE_zip libzip-dev)
 set(LUMO_PACKAGE_lz4 liblz4-dev)
@@ -83,6 +84,17 @@ find_path(LUMO_XXHASH_INCLUDE xxhash.h)
 mark_as_advanced(LUMO_XXHASH_INCLUDE)
 if(TARGET SQLite::SQLite3 AND LUMO_XXHASH_INCLUDE)
   lumo_component(sqlite "${LUMO_XXHASH_INCLUDE}" SQLite::SQLite3)
+endif()
+
+# Its header lies in a folder of its own, which the adapter names.
+find_path(LUMO_POSTGRES_INCLUDE NAMES postgresql/libpq-fe.h libpq-fe.h)
+find_library(LUMO_POSTGRES_LIBRARY pq)
+mark_as_advanced(LUMO_POSTGRES_INCLUDE LUMO_POSTGRES_LIBRARY)
+if(LUMO_POSTGRES_INCLUDE AND LUMO_POSTGRES_LIBRARY AND LUMO_XXHASH_INCLUDE)
+  set(lumo_folders ${LUMO_POSTGRES_INCLUDE} ${LUMO_XXHASH_INCLUDE})
+  list(REMOVE_DUPLICATES lumo_folders)
+  lumo_component(postgres "${lumo_folders}" "${LUMO_POSTGRES_LIBRARY}")
+  unset(lumo_folders)
 endif()
 
 find_path(LUMO_JSON_INCLUDE nlohmann/json.hpp)

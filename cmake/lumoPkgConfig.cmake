@@ -80,6 +80,11 @@ if(TARGET lumo::sqlite)
   lumo_pkg_config(lumo-sqlite "lumo with SQLite (public domain) and xxHash (BSD-2-Clause): stores"
     "Requires: lumo = ${PROJECT_VERSION}, sqlite3\n${cflags}")
 endif()
+if(TARGET lumo::postgres)
+  lumo_flags_of(cflags libs "${LUMO_POSTGRES_INCLUDE};${LUMO_XXHASH_INCLUDE}" ${LUMO_POSTGRES_LIBRARY})
+  lumo_pkg_config(lumo-postgres "lumo with libpq (PostgreSQL) and xxHash (BSD-2-Clause): stores in a database"
+    "Requires: lumo = ${PROJECT_VERSION}\n${cflags}\n${libs}")
+endif()
 lumo_pkg_config_of(zip "libzip (BSD-3-Clause): archives of printed parts")
 lumo_pkg_config_of(lz4 "LZ4 (BSD-2-Clause): chunks of MCAP files")
 lumo_pkg_config_of(zstd "Zstandard (BSD-3-Clause or GPL-2): chunks of MCAP files")

@@ -28,7 +28,7 @@ int main(int argc, char** argv) {
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
 
-  SqliteJournal log(file,
+  SqliteStore log(file,
       "example 05: DS, 20 mm at y = 0 and 11 mm, coarse");  // refuses a file that was made for something else
   const auto evaluate_design = [&](const Design& x) {
     return trial_result(evaluate({FingerDesign::from(x), card, coarse}, contacts, pipeline, TbbExecutor{2}));

@@ -298,6 +298,24 @@ struct DesignSpace {
 
   /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
   bool contains(std::span<const double> x) const;
+
+  /// Throws InvalidArgument when the number of values is wrong, or one lies more than a million widths off the bounds:
+  /// all else can be a result, if not a design to try.
+  void check_result(std::span<const double> x) const;
+
+  /// The same constraints without bounds and lattices.
+  DesignSpace unbounded() const {
+    DesignSpace wide = *this;
+    for (Variable& v : wide.variables) {
+      v.upper = std::numeric_limits<double>::max();
+      v.lower = -v.upper;
+      v.step = 0.0;
+    }
+    return wide;
+  }
+
+  /// Whether bounds and linear constraints hold, on the lattice or not. Throws as check_result().
+  bool encloses(std::span<const double> x) const;
 };
 
 inline void DesignSpace::check(std::span<const double> x) const {
@@ -349,6 +367,29 @@ inline bool DesignSpace::contains(std::span<const double> x) const {
     if (sum > c.upper + rounding || sum < c.lower - rounding) return false;
   }
   return std::all_of(rules.begin(), rules.end(), [&](const DesignRule& r) { return r.holds(x); });
+}
+
+inline void DesignSpace::check_result(std::span<const double> x) const {
+  constexpr double widths = 1e6;
+  if (x.size() != variables.size())
+    throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Variable& v = variables[i];
+    const double reach = widths * std::max(v.upper - v.lower, std::numeric_limits<double>::min());
+    if (!(x[i] >= v.lower - reach && x[i] <= v.upper + reach))
+      throw InvalidArgument(message("design has ", v.name, " = ", exact(x[i]), ", more than a million widths off [",
+          v.lower, ", ", v.upper, "]"));
+  }
+}
+
+inline bool DesignSpace::encloses(std::span<const double> x) const {
+  check_result(x);
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (!(x[i] >= variables[i].lower && x[i] <= variables[i].upper)) return false;
+  return std::all_of(constraints.begin(), constraints.end(), [&](const LinearConstraint& c) {
+    const double sum = c.sum(x), rounding = c.rounding(x);
+    return sum <= c.upper + rounding && sum >= c.lower - rounding;
+  });
 }
 
 }  // namespace lumo
@@ -2678,10 +2719,12 @@ struct Polar {
 /// ways, evenly round an axis. Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of
 /// the directions that polar() draws; with it direct light is gathered backwards, which has less noise, without it (a
 /// collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the air beside the body,
-/// not into the body; its light is traced forward. Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)²
-/// (there is less noise where point(1−u, 1−v) lies opposite it about `center`); polar(u) is monotone; mirrored(m), m =
-/// (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same
-/// source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+/// not into the body; its light is traced forward. `double area_m2() const` and `bool covers(const Vec3d& p) const`
+/// (does it cover a point of its plane [m]?): with them and the intensity, a camera's paths see it. Laws: |axis| = 1;
+/// point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about
+/// `center`); polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points
+/// do not depend on which of several ways the same source is described; power_W is all that it radiates [W]; `channel`
+/// ≥ 0 is its colour.
 template <class E>
 concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
   { e.center } -> std::convertible_to<Vec3d>;
@@ -2712,6 +2755,12 @@ struct RectangleEmitter {
   }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  double area_m2() const { return 4.0 * half_u.cross(half_v).norm(); }
+  bool covers(const Vec3d& p) const {
+    const Vec3d from = p - center, n = half_u.cross(half_v);
+    const double of_one = n.squaredNorm();
+    return std::abs(from.cross(half_v).dot(n)) <= of_one && std::abs(half_u.cross(from).dot(n)) <= of_one;
+  }
   RectangleEmitter mirrored(const Vec3d& m) const;
 };
 
@@ -2720,7 +2769,7 @@ static_assert(EmitterModel<RectangleEmitter>);
 /// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
 inline void validate(const RectangleEmitter& e) {
   if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
-  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
+  require_positive("emitter area", e.area_m2(), "m2");
 }
 
 /// Any model of EmitterModel: a value, cheap to copy.
@@ -2740,6 +2789,11 @@ class Emitter {
   bool in_air() const { return calls_->in_air(model_.get()); }
   /// [W/sr]; only where has_intensity().
   double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
+  /// Has it a brightness, and a shape that is known?
+  bool can_be_seen() const { return has_intensity() && calls_->area != nullptr && area_m2() > 0.0; }
+  /// [m²]; this and covers() only where can_be_seen().
+  double area_m2() const { return calls_->area(model_.get()); }
+  bool covers(const Vec3d& p) const { return calls_->covers(model_.get(), p); }
   Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
   /// Its model, if it is an E.
   template <EmitterModel E> const E* as() const {
@@ -2758,7 +2812,9 @@ class Emitter {
     Vec3d (*axis)(const void*);
     Vec3d (*point)(const void*, double, double);
     Polar (*polar)(const void*, double);
-    double (*intensity)(const void*, double);  ///< or null
+    double (*intensity)(const void*, double);   ///< or null
+    double (*area)(const void*);                ///< or null
+    bool (*covers)(const void*, const Vec3d&);  ///< or null
     bool (*in_air)(const void*);
     Emitter (*mirrored)(const void*, const Vec3d&);
     void (*validate)(const void*);
@@ -2769,6 +2825,18 @@ class Emitter {
                     { e.intensity(0.5) } -> std::convertible_to<double>;
                   })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
+    else return nullptr;
+  }
+  template <class E> static constexpr bool has_shape = requires(const E& e, const Vec3d& p) {
+    { e.area_m2() } -> std::convertible_to<double>;
+    { e.covers(p) } -> std::convertible_to<bool>;
+  };
+  template <class E> static constexpr auto area_of() -> double (*)(const void*) {
+    if constexpr (has_shape<E>) return [](const void* e) -> double { return model<E>(e).area_m2(); };
+    else return nullptr;
+  }
+  template <class E> static constexpr auto covers_of() -> bool (*)(const void*, const Vec3d&) {
+    if constexpr (has_shape<E>) return [](const void* e, const Vec3d& p) -> bool { return model<E>(e).covers(p); };
     else return nullptr;
   }
   template <class E> static const Calls calls;
@@ -2816,7 +2884,8 @@ template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> V
     [](const void* e) -> double { return model<E>(e).power_W; },
     [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
     [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(), area_of<E>(),
+    covers_of<E>(),
     [](const void* e) -> bool {
       if constexpr (requires {
                       { model<E>(e).in_air } -> std::convertible_to<bool>;
@@ -2874,6 +2943,8 @@ struct DiscEmitter {
   Vec3d point(double u, double v) const { return on_disc(center, normal, radius_m, u, v); }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  double area_m2() const { return pi * radius_m * radius_m; }
+  bool covers(const Vec3d& p) const { return (p - center).squaredNorm() <= radius_m * radius_m; }
   DiscEmitter mirrored(const Vec3d& m) const {
     return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel};
   }
@@ -3498,12 +3569,12 @@ struct FingerOptions {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
           factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
-    /// For a look in a fifth of the time. About a stem's edges, where equilibria are lost first, they stay finer.
-    static constexpr double quick_edges = 1.8, quick_stem_edges = 1.25;
-    constexpr Mesh quick() const {
-      Mesh mesh = scaled(quick_edges);
-      mesh.shortest_chord = quick_stem_edges * shortest_chord;
-      mesh.stem_edge = quick_stem_edges * stem_edge;
+    static constexpr double quick_edges = 1.8;  ///< for a look in a fifth of the time
+    /// The same, but for a stem's rounded edges: elements that are longer than the rounding lose equilibria there.
+    constexpr Mesh coarser(double factor) const {
+      Mesh mesh = scaled(factor);
+      mesh.shortest_chord = shortest_chord;
+      mesh.stem_edge = stem_edge;
       return mesh;
     }
     bool operator==(const Mesh&) const = default;
@@ -4241,6 +4312,8 @@ struct MeasuredLobe {
     return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
   }
   double intensity(double cosine) const { return power_W * lobe.density(cosine); }
+  double area_m2() const { return pi * radius_m * radius_m; }
+  bool covers(const Vec3d& p) const { return (p - center).squaredNorm() <= radius_m * radius_m; }
   MeasuredLobe mirrored(const Vec3d& m) const {
     return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel};
   }
@@ -13087,6 +13160,14 @@ struct Connection {
   double solid_angle_sr = 0.0;
 };
 
+/// From a point to a place of a camera's round opening of `radius_m` about `center`; `at`: the place, in radii.
+inline Connection to_disc(const Vec3d& center, const Vec3d& view, double radius_m, const Vec3d& from, const Vec3d& at) {
+  const Vec3d way = center + radius_m * at - from;
+  const double length = way.norm(), toward = -way.dot(view);
+  if (!(toward > 0.0)) return {};
+  return {way / length, toward / length * pi * radius_m * radius_m / (length * length)};
+}
+
 /// A readout behind openings that are small seen from the body: few paths come there by themselves. Light that
 /// Lambertian faces send is gathered from ways that start at an opening (next-event estimation: Coveyou, Cain & Yost
 /// 1967); light that never met such a face is traced forward, as for others. Laws: connect(k, p, u, v) leads from the
@@ -13097,6 +13178,13 @@ template <class R>
 concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3d& p, int k, double u) {
   { readout.openings() } -> std::convertible_to<int>;
   { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
+};
+
+/// A connected readout whose openings are so small, or so far, that paths from emitters hardly ever come there: their
+/// light is gathered, too, as ways from the opening meet them. The member says so.
+template <class R>
+concept WholeReadout = ConnectedReadout<R> && requires {
+  requires R::gathers_emitters;
 };
 
 /// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).
@@ -13113,6 +13201,62 @@ struct ExitPower {
 
 static_assert(ExitReadout<ExitPower>);
 static_assert(!ExitReadout<int> && !ConnectedReadout<ExitPower>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/camera_cone.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_CAMERA_CONE_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_CAMERA_CONE_HPP
+
+namespace lumo {
+
+/// Light that leaves through each region of the body into the narrow cone that ends in a camera's lens [W]: what
+/// ExitPower counts, of one direction only. PinholeCamera has its picture.
+class CameraCone {
+ public:
+  static constexpr bool gathers_emitters = true;  ///< see WholeReadout
+
+  struct Config {
+    Vec3d position{0.0, 0.0, 0.0};  ///< of the lens [m]
+    Vec3d view{0.0, 0.0, 1.0};      ///< the way that it looks
+    double aperture_m = 0.48e-3;    ///< radius of its opening
+  };
+
+  CameraCone() : CameraCone(Config{}) {}
+  /// Throws InvalidArgument for numbers out of range.
+  explicit CameraCone(const Config& config) : config_(config), view_(config.view.normalized()) {
+    require_in_range("radius of the camera's opening", config.aperture_m * 1e3, 1e-6, 1e3, "mm");
+    if (!config.position.allFinite()) throw InvalidArgument("camera: its position is not finite");
+    if (!(std::abs(view_.norm() - 1.0) < 1e-9)) throw InvalidArgument("camera: its direction of view is none");
+    tangents(view_, right_, up_);
+  }
+
+  int channels(const Body& body) const { return body.regions; }
+  int channel(const Escape& escape) const {
+    const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
+    if (escape.region < 0 || !(toward > 0.0 && z > 0.0)) return -1;
+    const Vec3d hit = escape.position + (z / toward) * escape.direction;
+    return (hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m ? escape.region : -1;
+  }
+  int openings() const { return 1; }
+  Connection connect(int, const Vec3d& from, double u, double v) const {
+    return to_disc(config_.position, view_, config_.aperture_m, from, on_unit_disc(u, v, right_, up_));
+  }
+  /// nullopt unless the images of all regions are regions, and the camera stands in the plane. Throws as
+  /// region_images() does.
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
+    if (config_.position[axis] != 0.0 || view_[axis] != 0.0) return std::nullopt;
+    return ExitPower{}.image_channels(body, axis);
+  }
+
+ private:
+  Config config_;
+  Vec3d view_, right_, up_;
+};
+
+static_assert(WholeReadout<CameraCone>);
 
 }  // namespace lumo
 
@@ -13181,8 +13325,27 @@ class Photodiodes {
     if (!(direction.dot(d.normal()) < 0.0) || !accepts(d, direction)) return {};
     return {direction, -direction.dot(d.normal()) * d.area_m2() / (length * length)};
   }
+  /// Photodiode → its mirror image; nullopt if one has none.
+  std::optional<std::vector<int>> image_channels(const Body&, int axis) const {
+    Vec3d mirror = Vec3d::Ones();
+    mirror[axis] = -1.0;
+    std::vector<int> images;
+    for (const Photodiode& d : diodes_) {
+      const auto image = std::find_if(diodes_.begin(), diodes_.end(), [&](const Photodiode& o) {
+        return o.center == mirror.cwiseProduct(d.center) && o.normal() == mirror.cwiseProduct(d.normal()) &&
+               o.acceptance_rad == d.acceptance_rad && o.round == d.round &&
+               same_edges(o, mirror.cwiseProduct(d.half_u), mirror.cwiseProduct(d.half_v));
+      });
+      if (image == diodes_.end()) return std::nullopt;
+      images.push_back(int(image - diodes_.begin()));
+    }
+    return images;
+  }
 
  private:
+  static bool same_edges(const Photodiode& d, const Vec3d& u, const Vec3d& v) {
+    return (d.half_u == u || d.half_u == -u) && (d.half_v == v || d.half_v == -v);
+  }
   static bool accepts(const Photodiode& d, const Vec3d& direction) {
     return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12;
   }
@@ -13191,336 +13354,6 @@ class Photodiodes {
 };
 
 static_assert(ConnectedReadout<Photodiodes>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/pinhole_camera.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_PINHOLE_CAMERA_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_PINHOLE_CAMERA_HPP
-
-namespace lumo {
-
-/// A camera with one small round opening. Channel row·columns + column holds the power [W] that passes the opening into
-/// that pixel; pixels are numbered from the upper left corner of the upright image. The opening holds an ideal thin
-/// lens focused at `focus_m`: what lies at another distance z is blurred to a disc of about 2 aperture_m |z/focus_m −
-/// 1| there. There is no other approximation.
-class PinholeCamera {
- public:
-  struct Config {
-    Vec3d position{0.0, 0.0, 0.0};                 ///< of the opening [m]
-    Vec3d view{0.0, 0.0, 1.0};                     ///< the way that the camera looks
-    Vec3d up{0.0, 1.0, 0.0};                       ///< upwards in the image; not along `view`
-    double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
-    int columns = 32;
-    int rows = 32;
-    double aperture_m = 0.25e-3;  ///< radius of the opening
-    double focus_m = 20e-3;       ///< distance along `view` that is sharp
-  };
-
-  /// Throws InvalidArgument for numbers out of range.
-  explicit PinholeCamera(const Config& config) : config_(config) {
-    require_in_range("columns of the camera", config.columns, 1, 4096, "");
-    require_in_range("rows of the camera", config.rows, 1, 4096, "");
-    require_in_range("field of view", config.field_of_view_rad * 180.0 / pi, 0.1, 170.0, "deg");
-    require_in_range("radius of the camera's opening", config.aperture_m * 1e3, 1e-6, 1e3, "mm");
-    require_positive("focus distance of the camera", config.focus_m, "m");
-    if (!config.position.allFinite()) throw InvalidArgument("camera: its position is not finite");
-    view_ = config.view.normalized();
-    right_ = view_.cross(config.up).normalized();
-    up_ = right_.cross(view_);
-    if (!(std::abs(up_.norm() - 1.0) < 1e-9))
-      throw InvalidArgument("camera: the directions of view and up are not finite, or are parallel");
-    half_width_ = std::tan(0.5 * config.field_of_view_rad);
-    half_height_ = half_width_ * config.rows / config.columns;
-  }
-
-  const Config& config() const { return config_; }
-  int channels(const Body&) const { return config_.columns * config_.rows; }
-  int channel(const Escape& escape) const {
-    const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
-    if (!(toward > 0.0 && z > 0.0)) return -1;
-    const Vec3d hit = escape.position + (z / toward) * escape.direction;
-    if (!((hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m)) return -1;
-    return pixel(hit - (config_.focus_m / toward) * escape.direction);
-  }
-  int openings() const { return 1; }
-  Connection connect(int, const Vec3d& from, double u, double v) const {
-    const Vec3d way = config_.position + config_.aperture_m * on_unit_disc(u, v, right_, up_) - from;
-    const double length = way.norm(), toward = -way.dot(view_);
-    if (!(toward > 0.0)) return {};
-    return {way / length, toward / length * pi * config_.aperture_m * config_.aperture_m / (length * length)};
-  }
-  /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
-  int pixel(const Vec3d& p) const {
-    const Vec3d way = p - config_.position;
-    const double z = way.dot(view_);
-    return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
-  }
-
- private:
-  int pixel_of(double right, double up) const {
-    const double column = 0.5 * (right / half_width_ + 1.0) * config_.columns,
-                 row = 0.5 * (1.0 - up / half_height_) * config_.rows;
-    if (!(column >= 0.0 && column < config_.columns && row >= 0.0 && row < config_.rows)) return -1;
-    return int(row) * config_.columns + int(column);
-  }
-
-  Config config_;
-  Vec3d view_, right_, up_;
-  double half_width_, half_height_;  ///< of the image at distance 1
-};
-
-static_assert(ConnectedReadout<PinholeCamera>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/beer_lambert.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_BEER_LAMBERT_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_BEER_LAMBERT_HPP
-
-namespace lumo {
-
-/// The filling of a body, for light that runs straight through it. Made from the Medium data of a body.
-/// Laws: transmittance(0) = 1, T(a + b) = T(a)·T(b), not increasing. The rest is booked as absorbed.
-template <class M>
-concept TransparentMedium = std::constructible_from<M, Medium> && requires(const M& medium, double path_m) {
-  { medium.refractive_index() } -> std::convertible_to<double>;
-  { medium.transmittance(path_m) } -> std::convertible_to<double>;
-};
-
-/// Exponential extinction along a path. Source: Bouguer 1729, Lambert 1760, Beer 1852; paper §III (μ_ext acts as
-/// absorption).
-class BeerLambert {
- public:
-  /// Throws InvalidArgument unless the index lies in [1, 5] and the extinction in [0, 1e6] 1/m.
-  explicit BeerLambert(const Medium& medium) : medium_(medium) {
-    require_in_range("refractive index", medium.refractive_index, 1.0, 5.0, "");
-    require_in_range("extinction", medium.extinction_per_m, 0.0, 1e6, "1/m");
-  }
-
-  double refractive_index() const { return medium_.refractive_index; }
-  /// Share of the power left after `path_m` metres.
-  template <class S> auto transmittance(const S& path_m) const {
-    using std::exp;
-    return exp(-medium_.extinction_per_m * path_m);
-  }
-
- private:
-  Medium medium_;
-};
-
-static_assert(TransparentMedium<BeerLambert>);
-static_assert(!TransparentMedium<int>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/scattering_medium.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SCATTERING_MEDIUM_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_SCATTERING_MEDIUM_HPP
-
-namespace lumo {
-
-/// A medium that also scatters light. transmittance() is the share that runs straight on; albedo() is the share of the
-/// rest that is scattered. Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not pass `path_m`
-/// ends, drawn with the density −dT/ds on [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is
-/// the same forwards and backwards (reciprocity).
-template <class M>
-concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double x) {
-  { medium.albedo() } -> std::convertible_to<double>;
-  { medium.free_path_m(x, x) } -> std::convertible_to<double>;
-  { medium.scattering_cosine(x) } -> std::convertible_to<double>;
-};
-
-/// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
-/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. It is BeerLambert for albedo 0, to the last
-/// bit. Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
-class ScatteringMedium {
- public:
-  /// Throws InvalidArgument unless index and extinction are BeerLambert's, the albedo lies in [0, 1] and the anisotropy
-  /// in [−0.999, 0.999].
-  explicit ScatteringMedium(const Medium& medium) : straight_(medium), medium_(medium) {
-    require_in_range("scattering albedo", medium.scattering_albedo, 0.0, 1.0, "");
-    require_in_range("anisotropy of scattering", medium.anisotropy, -0.999, 0.999, "");
-  }
-
-  double refractive_index() const { return straight_.refractive_index(); }
-  template <class S> auto transmittance(const S& path_m) const { return straight_.transmittance(path_m); }
-  double albedo() const { return medium_.scattering_albedo; }
-  double free_path_m(double path_m, double u) const {
-    const double depth = medium_.extinction_per_m * path_m;
-    return depth > 0.0 ? std::clamp(-std::log1p(u * std::expm1(-depth)) / medium_.extinction_per_m, 0.0, path_m)
-                       : u * path_m;
-  }
-  double scattering_cosine(double u) const {
-    const double g = medium_.anisotropy, s = 2.0 * u - 1.0;
-    constexpr double nearly_isotropic = 1e-4;  // below it the formula cancels: take its limit
-    if (std::abs(g) < nearly_isotropic) return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);
-    const double q = (1.0 - g * g) / (1.0 + g * s);
-    return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
-  }
-
- private:
-  BeerLambert straight_;
-  Medium medium_;
-};
-
-static_assert(TurbidMedium<ScatteringMedium>);
-static_assert(!TurbidMedium<BeerLambert>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/sobol.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
-
-namespace lumo {
-
-/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
-constexpr std::uint64_t mix64(std::uint64_t x) {
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
-  return x ^ (x >> 31);
-}
-
-/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
-constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
-  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
-}
-
-/// A number in (0, 1) from a key.
-constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
-
-/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
-inline std::uint32_t nearest_power_of_two(double wish) {
-  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
-}
-
-constexpr std::uint32_t reverse_bits(std::uint32_t x) {
-  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
-  return (x >> 16) | (x << 16);
-}
-
-/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
-/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
-/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
-constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
-  x = reverse_bits(x);
-  x ^= x * 0x3d20adeau;
-  x += seed;
-  x *= (seed >> 16) | 1u;
-  x ^= x * 0x05526c56u;
-  x ^= x * 0x53a22864u;
-  return reverse_bits(x);
-}
-
-/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
-struct SobolSeed {
-  int degree;
-  std::uint32_t polynomial;
-  std::array<std::uint32_t, 7> m;
-};
-
-/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
-/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
-inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
-    {1, 0, {1}},
-    {2, 1, {1, 3}},
-    {3, 1, {1, 3, 1}},
-    {3, 2, {1, 1, 1}},
-    {4, 1, {1, 1, 3, 3}},
-    {4, 4, {1, 3, 5, 13}},
-    {5, 2, {1, 1, 5, 5, 17}},
-    {5, 4, {1, 1, 5, 5, 5}},
-    {5, 7, {1, 1, 7, 11, 19}},
-    {5, 11, {1, 1, 5, 1, 1}},
-    {5, 13, {1, 1, 1, 3, 11}},
-    {5, 14, {1, 3, 5, 5, 31}},
-    {6, 1, {1, 3, 3, 9, 7, 49}},
-    {6, 13, {1, 1, 1, 15, 21, 21}},
-    {6, 16, {1, 3, 1, 13, 27, 49}},
-    {6, 19, {1, 1, 1, 15, 7, 5}},
-    {6, 22, {1, 3, 1, 15, 13, 25}},
-    {6, 25, {1, 1, 5, 5, 19, 61}},
-    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
-    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
-    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
-    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
-    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
-    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
-    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
-    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
-    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
-    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
-    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
-    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
-    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
-}};
-
-/// A plain array, which a compiler fills faster than std::array.
-struct SobolTable {
-  std::uint32_t number[32][32];
-};
-
-/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
-constexpr SobolTable make_sobol_table() {
-  SobolTable table{};
-  auto& v = table.number;
-  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
-  for (std::size_t d = 1; d < 32; ++d) {
-    const SobolSeed& seed = sobol_seeds[d - 1];
-    const std::size_t s = std::size_t(seed.degree);
-    for (std::size_t k = 0; k < 32; ++k) {
-      if (k < s) {
-        v[d][k] = seed.m[k] << (31 - k);
-        continue;
-      }
-      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
-      for (std::size_t j = 1; j < s; ++j)
-        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
-    }
-  }
-  return table;
-}
-
-/// Made by the compiler, and so only where it is used.
-inline constexpr SobolTable sobol_table = make_sobol_table();
-
-/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
-struct Sobol {
-  static constexpr int dimensions = 32;
-
-  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
-  static std::uint32_t bits(std::uint32_t index, int dimension) {
-    std::uint32_t x = 0;
-    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= sobol_table.number[dimension][k];
-    return x;
-  }
-};
-
-/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
-/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
-/// keep a state and are not scrambled.
-struct OwenSobol {
-  std::uint64_t seed = 0;
-
-  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
-  double operator()(std::uint32_t index, int dimension) const {
-    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
-    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
-  }
-};
 
 }  // namespace lumo
 
@@ -13558,331 +13391,6 @@ concept RayScene = requires(const S& scene, const Vec3d& v, bool inside) {
 template <class I>
 concept Intersector = requires(const I& intersector, const std::vector<SceneTriangle>& triangles) {
   { intersector.build(triangles) } -> RayScene;
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/bvh.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_BVH_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_BVH_HPP
-
-namespace lumo {
-
-/// Ray scene on a tree of boxes, four children a node: triangles in double precision, boxes in float, rounded outwards.
-class BvhScene {
- public:
-  /// Throws InvalidArgument for a corner that is not finite.
-  BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
-    Box all;
-    for (const SceneTriangle& t : triangles)
-      for (const Vec3d& p : t.corners) {
-        if (!p.allFinite()) throw InvalidArgument("optical scene: a corner is not finite");
-        all.extend(p);
-      }
-    if (triangles.empty()) return;
-    center_ = all.center();
-    const double extent = all.diagonal().norm(), pad = box_margin * extent;
-    slack_ = behind * extent;
-    for (const SceneTriangle& t : triangles) {
-      Box box;
-      for (const Vec3d& p : t.corners) box.extend(Vec3d(p - center_));
-      boxes_.emplace_back(Vec3d(box.min().array() - pad), Vec3d(box.max().array() + pad));
-    }
-    order_.resize(triangles.size());
-    std::iota(order_.begin(), order_.end(), 0);
-    build(bounds(0, int(triangles.size())));
-    for (int i : order_) {
-      const auto& [a, b, c] = triangles[std::size_t(i)].corners;
-      triangles_.push_back({a - center_, b - a, c - a, i, triangles[std::size_t(i)].in_air_only});
-    }
-    boxes_ = {};
-    order_ = {};
-  }
-
-  /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  RayHit first_hit(const Vec3d& origin, const Vec3d& direction, bool inside) const {
-    RayHit best;
-    if (nodes_.empty()) return best;
-    const Vec3d o = origin - center_;
-    std::array<float, 3> of, inverse;
-    for (std::size_t a = 0; a < 3; ++a) {
-      const double d = direction[Eigen::Index(a)];
-      of[a] = float(o[Eigen::Index(a)]);
-      inverse[a] = float(1.0 / (std::abs(d) < parallel ? std::copysign(parallel, d) : d));
-    }
-    struct Todo {
-      int child, count;
-      float t;
-    };
-    std::array<Todo, 256> stack;  // three a level at most; trees stay far below 80 levels
-    std::size_t top = 0;
-    stack[top++] = {0, 0, 0.0f};
-    while (top > 0) {
-      const Todo now = stack[--top];
-      if (double(now.t) > best.t) continue;
-      for (int i = now.child; i < now.child + now.count; ++i) {
-        const Triangle& t = triangles_[std::size_t(i)];
-        const Vec3d p = direction.cross(t.edge2);
-        const double det = t.edge1.dot(p);  // > 0: against the normal, so from outside
-        if (inside ? t.in_air_only || !(det < 0.0) : !(det > 0.0)) continue;
-        const double f = 1.0 / det;
-        const Vec3d s = o - t.corner;
-        const double u = f * s.dot(p);
-        if (!(u >= -edge && u <= 1.0 + edge)) continue;
-        const Vec3d q = s.cross(t.edge1);
-        const double v = f * direction.dot(q);
-        if (!(v >= -edge && u + v <= 1.0 + edge)) continue;
-        const double d = f * t.edge2.dot(q);
-        if (d >= -slack_ && d < best.t) best = {d, t.id};
-      }
-      if (now.count > 0) continue;
-      const Node& node = nodes_[std::size_t(now.child)];
-      Eigen::Array4f enter = Eigen::Array4f::Zero(), leave = Eigen::Array4f::Constant(float(best.t));
-      for (std::size_t a = 0; a < 3; ++a) {
-        const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a],
-                             &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
-        enter = enter.max((near - of[a]) * inverse[a]);
-        leave = leave.min((far - of[a]) * inverse[a]);
-      }
-      const std::size_t base = top;
-      for (std::size_t k = 0; k < 4; ++k) {
-        if (node.count[k] < 0 || !(enter[Eigen::Index(k)] <= leave[Eigen::Index(k)] * rounding) || top == stack.size())
-          continue;
-        std::size_t at = top++;  // keep the nearest on top
-        for (; at > base && stack[at - 1].t < enter[Eigen::Index(k)]; --at) stack[at] = stack[at - 1];
-        stack[at] = {node.child[k], node.count[k], enter[Eigen::Index(k)]};
-      }
-    }
-    return best;
-  }
-
- private:
-  // Shares of the scene's diagonal: by how much boxes exceed their triangles, which covers float's rounding, and how
-  // far behind its origin a ray still hits, which covers double's.
-  static constexpr double box_margin = 1e-6, behind = 1e-11;
-  static constexpr double parallel = 1e-12;     ///< components of a direction below it count as this
-  static constexpr double edge = 1e-10;         ///< of barycentric coordinates: neighbours leave no gap between them
-  static constexpr float rounding = 1.000001f;  ///< of the float that leaves a box: some units in the last place
-  static constexpr std::size_t bins = 16;       ///< of the surface-area heuristic
-  using Box = Eigen::AlignedBox<double, 3>;
-  struct Triangle {
-    Vec3d corner, edge1, edge2;
-    int id;
-    bool in_air_only;
-  };
-  struct Node {
-    std::array<Eigen::Array4f, 3> low, high;
-    std::array<int, 4> child{};  ///< node, or first triangle of a leaf
-    std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 if unused
-  };
-  struct Range {
-    int first, last;
-    Box box;
-  };
-
-  Range bounds(int first, int last) const {
-    Range r{first, last, {}};
-    for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
-    return r;
-  }
-  // Cuts the range where the expected cost of a ray is least; false if it is small, or cannot be cut.
-  bool split(const Range& range, std::array<Range, 2>& halves) {
-    const int n = range.last - range.first;
-    if (n <= leaf_size_) return false;
-    Box centers;
-    for (int i = range.first; i < range.last; ++i) centers.extend(boxes_[std::size_t(order_[std::size_t(i)])].center());
-    int axis = 0;
-    const double width = centers.diagonal().maxCoeff(&axis);
-    if (!(width > 0.0)) return false;
-    const auto bin = [&](int i) {
-      const double x = (boxes_[std::size_t(i)].center()[axis] - centers.min()[axis]) / width;
-      return std::min(bins - 1, std::size_t(x * double(bins)));
-    };
-    const auto area = [](const Box& b) {
-      const Vec3d d = b.diagonal();
-      return d.x() * d.y() + d.y() * d.z() + d.z() * d.x();
-    };
-    std::array<Box, bins> box;
-    std::array<int, bins> count{};
-    for (int i = range.first; i < range.last; ++i) {
-      const int id = order_[std::size_t(i)];
-      box[bin(id)].extend(boxes_[std::size_t(id)]);
-      ++count[bin(id)];
-    }
-    std::array<double, bins> right{};
-    Box sweep;
-    for (std::size_t b = bins; b-- > 1;) {
-      sweep.extend(box[b]);
-      right[b] = sweep.isEmpty() ? 0.0 : area(sweep);
-    }
-    sweep.setEmpty();
-    double best = std::numeric_limits<double>::infinity();
-    std::size_t cut = 0;
-    for (std::size_t b = 1, below = 0; b < bins; ++b) {
-      sweep.extend(box[b - 1]);
-      below += std::size_t(count[b - 1]);
-      if (below == 0 || below == std::size_t(n)) continue;
-      const double cost = area(sweep) * double(below) + right[b] * double(std::size_t(n) - below);
-      if (cost < best) {
-        best = cost;
-        cut = b;
-      }
-    }
-    const auto begin = order_.begin();
-    const auto middle = std::partition(begin + range.first, begin + range.last, [&](int id) { return bin(id) < cut; });
-    halves = {bounds(range.first, int(middle - begin)), bounds(int(middle - begin), range.last)};
-    return true;
-  }
-  int build(const Range& range) {
-    std::vector<Range> parts{range};
-    for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
-      std::sort(parts.begin(), parts.end(),
-          [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
-      std::array<Range, 2> halves;
-      if (!split(parts[tried], halves)) {
-        ++tried;
-        continue;
-      }
-      parts[tried] = halves[0];
-      parts.push_back(halves[1]);
-      tried = 0;
-    }
-    const std::size_t me = nodes_.size();
-    nodes_.emplace_back();
-    for (std::size_t k = 0; k < 4; ++k) {
-      for (std::size_t a = 0; a < 3; ++a) {
-        const bool used = k < parts.size();
-        nodes_[me].low[a][Eigen::Index(k)] =
-            used ? float(parts[k].box.min()[Eigen::Index(a)]) : std::numeric_limits<float>::infinity();
-        nodes_[me].high[a][Eigen::Index(k)] =
-            used ? float(parts[k].box.max()[Eigen::Index(a)]) : -std::numeric_limits<float>::infinity();
-      }
-      if (k >= parts.size()) {
-        nodes_[me].count[k] = -1;
-        continue;
-      }
-      const bool leaf = parts.size() == 1 || parts[k].last - parts[k].first <= leaf_size_;
-      nodes_[me].count[k] = leaf ? parts[k].last - parts[k].first : 0;
-      const int child = leaf ? parts[k].first : build(parts[k]);
-      nodes_[me].child[k] = child;
-    }
-    return int(me);
-  }
-
-  std::vector<Triangle> triangles_;
-  std::vector<Node> nodes_;
-  std::vector<Box> boxes_;        ///< per input triangle, while building
-  std::vector<int> order_;        ///< likewise
-  Vec3d center_ = Vec3d::Zero();  ///< corners are stored relative to it
-  double slack_ = 0.0;            ///< rays may start this far behind a face [m]
-  int leaf_size_;
-};
-
-/// The library's own Intersector; needs Eigen only. Law: independent of the place of the scene (it is centred).
-/// Source: binned surface area heuristic, Wald 2007; ray–triangle test, Möller & Trumbore 1997.
-struct Bvh {
-  struct Config {
-    int leaf_size = 4;  ///< triangles up to which a range is not split
-  };
-  Config config{};
-
-  BvhScene build(const std::vector<SceneTriangle>& triangles) const { return {triangles, config.leaf_size}; }
-};
-
-static_assert(RayScene<BvhScene> && Intersector<Bvh>);
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/optics/lamp_places.hpp
-#ifndef SINGLE_INCLUDE_LUMO_OPTICS_LAMP_PLACES_HPP
-#define SINGLE_INCLUDE_LUMO_OPTICS_LAMP_PLACES_HPP
-
-namespace lumo {
-
-/// Distance of the point p from a triangle. Source: Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
-inline double distance_to_triangle(const Vec3d& p, const std::array<Vec3d, 3>& corners) {
-  const auto& [a, b, c] = corners;
-  const Vec3d ab = b - a, ac = c - a, bc = c - b, n = ab.cross(ac);
-  const auto to_edge = [&](const Vec3d& from, const Vec3d& along) {
-    const double l2 = along.squaredNorm(), t = l2 > 0.0 ? std::clamp(along.dot(p - from) / l2, 0.0, 1.0) : 0.0;
-    return (p - from - t * along).norm();
-  };
-  const bool over = n.dot(ab.cross(p - a)) >= 0.0 && n.dot(bc.cross(p - b)) >= 0.0 && n.dot((p - a).cross(ac)) >= 0.0;
-  if (const double length = n.norm(); over && length > 0.0) return std::abs(n.dot(p - a)) / length;
-  return std::min({to_edge(a, ab), to_edge(b, bc), to_edge(a, ac)});
-}
-
-/// Where light may start in a scene. `triangles`: of the body, then of carrier faces, as the scene was built from.
-template <RayScene Scene> class LampPlaces {
- public:
-  /// Within `precision_m` of the surface a lamp is on it, which is right for each; where nodes have moved by up to
-  /// `moved_m`, within both.
-  LampPlaces(const std::vector<SceneTriangle>& triangles, const Scene& scene, double precision_m, double moved_m)
-      : triangles_(triangles), scene_(scene), step_m_(precision_m), tolerance_m_(precision_m + moved_m) {}
-
-  /// Throws InvalidArgument for an emitter of which a part lies out of the medium that it radiates into: outside the
-  /// body, or, of one in air, inside it. The message names the lamp, the place and how far from the surface it lies.
-  void require(const std::vector<Emitter>& emitters) const {
-    for (std::size_t k = 0; k < emitters.size(); ++k) {
-      const Worst worst = worst_of(emitters[k]);
-      if (!(worst.distance_m > tolerance_m_)) continue;
-      throw InvalidArgument(message("emitter ", k, " at ", text(emitters[k].center()), " mm radiates into the ",
-          emitters[k].in_air() ? "air, but lies up to " : "body, but lies up to ", worst.distance_m * 1e3,
-          emitters[k].in_air() ? " mm inside the body, at " : " mm outside of it, at ", text(worst.at), " mm"));
-    }
-  }
-
- private:
-  struct Worst {
-    double distance_m = 0.0;
-    Vec3d at = Vec3d::Zero();
-  };
-  static std::string text(const Vec3d& p) {
-    return message("(", 1e3 * p.x(), ", ", 1e3 * p.y(), ", ", 1e3 * p.z(), ")");
-  }
-  // Light finds first how to leave the body, or first how to enter it. Two of three directions decide: one may meet an
-  // edge. `reach_m`: the surface is at most this far.
-  bool inside(const Vec3d& p, const Vec3d& axis, double& reach_m) const {
-    Vec3d t1, t2;
-    tangents(axis, t1, t2);
-    int votes = 0;
-    for (const Vec3d& side : {Vec3d(0.313 * t1 + 0.171 * t2), Vec3d(-0.289 * t1 + 0.233 * t2), Vec3d(-0.127 * t2)}) {
-      const Vec3d d = (axis + side).normalized();
-      const RayHit leaving = scene_.first_hit(p, d, true), entering = scene_.first_hit(p, d, false);
-      votes += leaving.t < entering.t ? 1 : -1;
-      reach_m = std::min(reach_m, leaving.t);
-      if (entering && !triangles_[std::size_t(entering.triangle)].in_air_only) reach_m = std::min(reach_m, entering.t);
-    }
-    return votes > 0;
-  }
-  double distance(const Vec3d& p) const {
-    double least = std::numeric_limits<double>::infinity();
-    for (const SceneTriangle& t : triangles_)
-      if (!t.in_air_only) least = std::min(least, distance_to_triangle(p, t.corners));
-    return least;
-  }
-  // A point on the surface is on either side, so its neighbours along the axis are looked at.
-  Worst worst_of(const Emitter& e) const {
-    static constexpr std::array<double, 5> places{1e-12, 0.25, 0.5, 0.75, 1.0 - 1e-12};
-    Worst worst;
-    for (const double u : places)
-      for (const double v : places) {
-        const Vec3d at = e.point(u, v), axis = e.axis(), step = step_m_ * axis;
-        double reach_m = std::numeric_limits<double>::infinity();
-        if (inside(at + step, axis, reach_m) != e.in_air() || inside(at - step, axis, reach_m) != e.in_air()) continue;
-        if (reach_m + step_m_ <= tolerance_m_) continue;
-        if (const double apart = distance(at); apart > worst.distance_m) worst = {apart, at};
-      }
-    return worst;
-  }
-
-  const std::vector<SceneTriangle>& triangles_;
-  const Scene& scene_;
-  double step_m_, tolerance_m_;
 };
 
 }  // namespace lumo
@@ -14710,6 +14218,739 @@ inline void choose_better(Response& r) {
 
 #endif
 
+// ---- lumo/optics/view.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_VIEW_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_VIEW_HPP
+
+namespace lumo {
+
+/// A line from an eye outside of the body, and what the light on it counts.
+struct SightLine {
+  Vec3d origin{0.0, 0.0, 0.0};     ///< [m]
+  Vec3d direction{0.0, 0.0, 1.0};  ///< unit, away from the eye
+  double weight = 1.0;
+};
+
+/// Where light is looked for: lines of sight, pixel by pixel. Laws: a pure function; line(k, u) is a line of pixel k
+/// for four numbers in (0, 1), and starts in the air.
+template <class V>
+concept View = requires(const V& view, int pixel, const std::array<double, 4>& u) {
+  { view.pixels() } -> std::convertible_to<int>;
+  { view.line(pixel, u) } -> std::same_as<SightLine>;
+};
+
+/// A state that is looked at, and the planes in which body and state are their own mirror images.
+struct SeenState {
+  SurfaceState surface = {};
+  Symmetry symmetry = {};
+};
+
+/// How exactly a view is looked at.
+struct ViewEffort {
+  int samples = 16;  ///< lines a pixel, a multiple of the tracer's replicates, or a divisor of them
+  /// As of Tracer::Config, of lines: lamps that are seen are a thousand times as bright as faces.
+  double roulette_below = 2e-3;
+};
+
+/// What is seen of one state.
+struct ViewLight {
+  /// Mean of weight × radiance over the lines of a pixel [W/(m² sr)], replicates × (pixels of the first colour, then of
+  /// the next). Replicate k of every state has the same rays: errors of differences come from the differences row by
+  /// row.
+  Eigen::MatrixXd replicates;
+  EnergyLedger ledger;  ///< of the light that the emitters sent, mean over the replicates; its channels are empty
+
+  std::vector<double> radiance() const {
+    std::vector<double> mean(std::size_t(replicates.cols()), 0.0);
+    for (Eigen::Index k = 0; k < replicates.cols(); ++k) mean[std::size_t(k)] = replicates.col(k).mean();
+    return mean;
+  }
+  /// Standard errors of radiance(), from the scatter of the replicates.
+  std::vector<double> error() const { return standard_error(replicates); }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/pinhole_camera.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_PINHOLE_CAMERA_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_PINHOLE_CAMERA_HPP
+
+namespace lumo {
+
+/// A camera with one small round opening. Channel row·columns + column holds the power [W] that passes the opening into
+/// that pixel; pixels are numbered from the upper left corner of the upright image. The opening holds an ideal thin
+/// lens focused at `focus_m`: what lies at another distance z is blurred to a disc of about 2 aperture_m |z/focus_m −
+/// 1| there. There is no other approximation.
+class PinholeCamera {
+ public:
+  struct Config {
+    Vec3d position{0.0, 0.0, 0.0};                 ///< of the opening [m]
+    Vec3d view{0.0, 0.0, 1.0};                     ///< the way that the camera looks
+    Vec3d up{0.0, 1.0, 0.0};                       ///< upwards in the image; not along `view`
+    double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
+    int columns = 32;
+    int rows = 32;
+    double aperture_m = 0.25e-3;  ///< radius of the opening
+    double focus_m = 20e-3;       ///< distance along `view` that is sharp
+  };
+
+  /// Throws InvalidArgument for numbers out of range.
+  explicit PinholeCamera(const Config& config) : config_(config) {
+    require_in_range("columns of the camera", config.columns, 1, 4096, "");
+    require_in_range("rows of the camera", config.rows, 1, 4096, "");
+    require_in_range("field of view", config.field_of_view_rad * 180.0 / pi, 0.1, 170.0, "deg");
+    require_in_range("radius of the camera's opening", config.aperture_m * 1e3, 1e-6, 1e3, "mm");
+    require_positive("focus distance of the camera", config.focus_m, "m");
+    if (!config.position.allFinite()) throw InvalidArgument("camera: its position is not finite");
+    view_ = config.view.normalized();
+    right_ = view_.cross(config.up).normalized();
+    up_ = right_.cross(view_);
+    if (!(std::abs(up_.norm() - 1.0) < 1e-9))
+      throw InvalidArgument("camera: the directions of view and up are not finite, or are parallel");
+    half_width_ = std::tan(0.5 * config.field_of_view_rad);
+    half_height_ = half_width_ * config.rows / config.columns;
+  }
+
+  const Config& config() const { return config_; }
+  int channels(const Body&) const { return config_.columns * config_.rows; }
+  int channel(const Escape& escape) const {
+    const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
+    if (!(toward > 0.0 && z > 0.0)) return -1;
+    const Vec3d hit = escape.position + (z / toward) * escape.direction;
+    if (!((hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m)) return -1;
+    return pixel(hit - (config_.focus_m / toward) * escape.direction);
+  }
+  int openings() const { return 1; }
+  Connection connect(int, const Vec3d& from, double u, double v) const {
+    return to_disc(config_.position, view_, config_.aperture_m, from, on_unit_disc(u, v, right_, up_));
+  }
+  /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
+  int pixel(const Vec3d& p) const {
+    const Vec3d way = p - config_.position;
+    const double z = way.dot(view_);
+    return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
+  }
+  int pixels() const { return config_.columns * config_.rows; }
+  /// Through a place of the pixel, by the first two numbers, and a place of the opening, by the other two. The mean of
+  /// a pixel's lines times etendue_m2_sr() is the power that passes the opening into it: they count cos⁴ of their angle
+  /// to the axis, as light does behind a real lens (natural vignetting).
+  SightLine line(int pixel, const std::array<double, 4>& u) const {
+    const double column = pixel % config_.columns + u[0], row = pixel / config_.columns + u[1];
+    const Vec3d way = view_ + (2.0 * column / config_.columns - 1.0) * half_width_ * right_ +
+                      (1.0 - 2.0 * row / config_.rows) * half_height_ * up_,
+                at = config_.aperture_m * on_unit_disc(u[2], u[3], right_, up_);
+    const Vec3d d = (config_.focus_m * way - at).normalized();
+    return {config_.position + at, d, std::pow(d.dot(view_), 4)};
+  }
+  /// Area of the opening × solid angle of a pixel on the axis.
+  double etendue_m2_sr() const {
+    return pi * config_.aperture_m * config_.aperture_m * 4.0 * half_width_ * half_height_ / pixels();
+  }
+
+ private:
+  int pixel_of(double right, double up) const {
+    const double column = 0.5 * (right / half_width_ + 1.0) * config_.columns,
+                 row = 0.5 * (1.0 - up / half_height_) * config_.rows;
+    if (!(column >= 0.0 && column < config_.columns && row >= 0.0 && row < config_.rows)) return -1;
+    return int(row) * config_.columns + int(column);
+  }
+
+  Config config_;
+  Vec3d view_, right_, up_;
+  double half_width_, half_height_;  ///< of the image at distance 1
+};
+
+static_assert(ConnectedReadout<PinholeCamera> && View<PinholeCamera>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/beer_lambert.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_BEER_LAMBERT_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_BEER_LAMBERT_HPP
+
+namespace lumo {
+
+/// The filling of a body, for light that runs straight through it. Made from the Medium data of a body.
+/// Laws: transmittance(0) = 1, T(a + b) = T(a)·T(b), not increasing. The rest is booked as absorbed.
+template <class M>
+concept TransparentMedium = std::constructible_from<M, Medium> && requires(const M& medium, double path_m) {
+  { medium.refractive_index() } -> std::convertible_to<double>;
+  { medium.transmittance(path_m) } -> std::convertible_to<double>;
+};
+
+/// Exponential extinction along a path. Source: Bouguer 1729, Lambert 1760, Beer 1852; paper §III (μ_ext acts as
+/// absorption).
+class BeerLambert {
+ public:
+  /// Throws InvalidArgument unless the index lies in [1, 5] and the extinction in [0, 1e6] 1/m.
+  explicit BeerLambert(const Medium& medium) : medium_(medium) {
+    require_in_range("refractive index", medium.refractive_index, 1.0, 5.0, "");
+    require_in_range("extinction", medium.extinction_per_m, 0.0, 1e6, "1/m");
+  }
+
+  double refractive_index() const { return medium_.refractive_index; }
+  /// Share of the power left after `path_m` metres.
+  template <class S> auto transmittance(const S& path_m) const {
+    using std::exp;
+    return exp(-medium_.extinction_per_m * path_m);
+  }
+
+ private:
+  Medium medium_;
+};
+
+static_assert(TransparentMedium<BeerLambert>);
+static_assert(!TransparentMedium<int>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/scattering_medium.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_SCATTERING_MEDIUM_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_SCATTERING_MEDIUM_HPP
+
+namespace lumo {
+
+/// A medium that also scatters light. transmittance() is the share that runs straight on; albedo() is the share of the
+/// rest that is scattered. Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not pass `path_m`
+/// ends, drawn with the density −dT/ds on [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is
+/// the same forwards and backwards (reciprocity).
+template <class M>
+concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double x) {
+  { medium.albedo() } -> std::convertible_to<double>;
+  { medium.free_path_m(x, x) } -> std::convertible_to<double>;
+  { medium.scattering_cosine(x) } -> std::convertible_to<double>;
+};
+
+/// A turbid medium whose phase function is known as a density, too [1/sr], which scattering_cosine() draws from.
+template <class M>
+concept PhaseMedium = TurbidMedium<M> && requires(const M& medium, double cosine) {
+  { medium.phase(cosine) } -> std::convertible_to<double>;
+};
+
+/// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
+/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. It is BeerLambert for albedo 0, to the last
+/// bit. Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
+class ScatteringMedium {
+ public:
+  /// Throws InvalidArgument unless index and extinction are BeerLambert's, the albedo lies in [0, 1] and the anisotropy
+  /// in [−0.999, 0.999].
+  explicit ScatteringMedium(const Medium& medium) : straight_(medium), medium_(medium) {
+    require_in_range("scattering albedo", medium.scattering_albedo, 0.0, 1.0, "");
+    require_in_range("anisotropy of scattering", medium.anisotropy, -0.999, 0.999, "");
+  }
+
+  double refractive_index() const { return straight_.refractive_index(); }
+  template <class S> auto transmittance(const S& path_m) const { return straight_.transmittance(path_m); }
+  double albedo() const { return medium_.scattering_albedo; }
+  double free_path_m(double path_m, double u) const {
+    const double depth = medium_.extinction_per_m * path_m;
+    return depth > 0.0 ? std::clamp(-std::log1p(u * std::expm1(-depth)) / medium_.extinction_per_m, 0.0, path_m)
+                       : u * path_m;
+  }
+  double scattering_cosine(double u) const {
+    const double g = medium_.anisotropy, s = 2.0 * u - 1.0;
+    constexpr double nearly_isotropic = 1e-4;  // below it the formula cancels: take its limit
+    if (std::abs(g) < nearly_isotropic) return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);
+    const double q = (1.0 - g * g) / (1.0 + g * s);
+    return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
+  }
+  double phase(double cosine) const {
+    const double g = medium_.anisotropy, q = 1.0 + g * g - 2.0 * g * std::clamp(cosine, -1.0, 1.0);
+    return (1.0 - g * g) / (4.0 * pi * q * std::sqrt(q));
+  }
+
+ private:
+  BeerLambert straight_;
+  Medium medium_;
+};
+
+static_assert(PhaseMedium<ScatteringMedium>);
+static_assert(!TurbidMedium<BeerLambert>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/sobol.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+
+namespace lumo {
+
+/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
+constexpr std::uint64_t mix64(std::uint64_t x) {
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
+  return x ^ (x >> 31);
+}
+
+/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
+constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
+  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
+}
+
+/// A number in (0, 1) from a key.
+constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
+
+/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
+inline std::uint32_t nearest_power_of_two(double wish) {
+  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
+}
+
+constexpr std::uint32_t reverse_bits(std::uint32_t x) {
+  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
+  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
+  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
+  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
+  return (x >> 16) | (x << 16);
+}
+
+/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
+/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
+/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
+constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
+  x = reverse_bits(x);
+  x ^= x * 0x3d20adeau;
+  x += seed;
+  x *= (seed >> 16) | 1u;
+  x ^= x * 0x05526c56u;
+  x ^= x * 0x53a22864u;
+  return reverse_bits(x);
+}
+
+/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
+struct SobolSeed {
+  int degree;
+  std::uint32_t polynomial;
+  std::array<std::uint32_t, 7> m;
+};
+
+/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
+/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
+inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
+    {1, 0, {1}},
+    {2, 1, {1, 3}},
+    {3, 1, {1, 3, 1}},
+    {3, 2, {1, 1, 1}},
+    {4, 1, {1, 1, 3, 3}},
+    {4, 4, {1, 3, 5, 13}},
+    {5, 2, {1, 1, 5, 5, 17}},
+    {5, 4, {1, 1, 5, 5, 5}},
+    {5, 7, {1, 1, 7, 11, 19}},
+    {5, 11, {1, 1, 5, 1, 1}},
+    {5, 13, {1, 1, 1, 3, 11}},
+    {5, 14, {1, 3, 5, 5, 31}},
+    {6, 1, {1, 3, 3, 9, 7, 49}},
+    {6, 13, {1, 1, 1, 15, 21, 21}},
+    {6, 16, {1, 3, 1, 13, 27, 49}},
+    {6, 19, {1, 1, 1, 15, 7, 5}},
+    {6, 22, {1, 3, 1, 15, 13, 25}},
+    {6, 25, {1, 1, 5, 5, 19, 61}},
+    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
+    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
+    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
+    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
+    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
+    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
+    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
+    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
+    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
+    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
+    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
+    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
+    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
+}};
+
+/// A plain array, which a compiler fills faster than std::array.
+struct SobolTable {
+  std::uint32_t number[32][32];
+};
+
+/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
+constexpr SobolTable make_sobol_table() {
+  SobolTable table{};
+  auto& v = table.number;
+  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
+  for (std::size_t d = 1; d < 32; ++d) {
+    const SobolSeed& seed = sobol_seeds[d - 1];
+    const std::size_t s = std::size_t(seed.degree);
+    for (std::size_t k = 0; k < 32; ++k) {
+      if (k < s) {
+        v[d][k] = seed.m[k] << (31 - k);
+        continue;
+      }
+      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
+      for (std::size_t j = 1; j < s; ++j)
+        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
+    }
+  }
+  return table;
+}
+
+/// Made by the compiler, and so only where it is used.
+inline constexpr SobolTable sobol_table = make_sobol_table();
+
+/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
+struct Sobol {
+  static constexpr int dimensions = 32;
+
+  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
+  static std::uint32_t bits(std::uint32_t index, int dimension) {
+    std::uint32_t x = 0;
+    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
+      if (index & 1u) x ^= sobol_table.number[dimension][k];
+    return x;
+  }
+};
+
+/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
+/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
+/// keep a state and are not scrambled.
+struct OwenSobol {
+  std::uint64_t seed = 0;
+
+  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
+  double operator()(std::uint32_t index, int dimension) const {
+    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
+    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/bvh.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_BVH_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_BVH_HPP
+
+namespace lumo {
+
+/// Ray scene on a tree of boxes, four children a node: triangles in double precision, boxes in float, rounded outwards.
+class BvhScene {
+ public:
+  /// Throws InvalidArgument for a corner that is not finite.
+  BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
+    Box all;
+    for (const SceneTriangle& t : triangles)
+      for (const Vec3d& p : t.corners) {
+        if (!p.allFinite()) throw InvalidArgument("optical scene: a corner is not finite");
+        all.extend(p);
+      }
+    if (triangles.empty()) return;
+    center_ = all.center();
+    const double extent = all.diagonal().norm(), pad = box_margin * extent;
+    slack_ = behind * extent;
+    for (const SceneTriangle& t : triangles) {
+      Box box;
+      for (const Vec3d& p : t.corners) box.extend(Vec3d(p - center_));
+      boxes_.emplace_back(Vec3d(box.min().array() - pad), Vec3d(box.max().array() + pad));
+    }
+    order_.resize(triangles.size());
+    std::iota(order_.begin(), order_.end(), 0);
+    build(bounds(0, int(triangles.size())));
+    for (int i : order_) {
+      const auto& [a, b, c] = triangles[std::size_t(i)].corners;
+      triangles_.push_back({a - center_, b - a, c - a, i, triangles[std::size_t(i)].in_air_only});
+    }
+    boxes_ = {};
+    order_ = {};
+  }
+
+  /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
+  RayHit first_hit(const Vec3d& origin, const Vec3d& direction, bool inside) const {
+    RayHit best;
+    if (nodes_.empty()) return best;
+    const Vec3d o = origin - center_;
+    std::array<float, 3> of, inverse;
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double d = direction[Eigen::Index(a)];
+      of[a] = float(o[Eigen::Index(a)]);
+      inverse[a] = float(1.0 / (std::abs(d) < parallel ? std::copysign(parallel, d) : d));
+    }
+    struct Todo {
+      int child, count;
+      float t;
+    };
+    std::array<Todo, 256> stack;  // three a level at most; trees stay far below 80 levels
+    std::size_t top = 0;
+    stack[top++] = {0, 0, 0.0f};
+    while (top > 0) {
+      const Todo now = stack[--top];
+      if (double(now.t) > best.t) continue;
+      for (int i = now.child; i < now.child + now.count; ++i) {
+        const Triangle& t = triangles_[std::size_t(i)];
+        const Vec3d p = direction.cross(t.edge2);
+        const double det = t.edge1.dot(p);  // > 0: against the normal, so from outside
+        if (inside ? t.in_air_only || !(det < 0.0) : !(det > 0.0)) continue;
+        const double f = 1.0 / det;
+        const Vec3d s = o - t.corner;
+        const double u = f * s.dot(p);
+        if (!(u >= -edge && u <= 1.0 + edge)) continue;
+        const Vec3d q = s.cross(t.edge1);
+        const double v = f * direction.dot(q);
+        if (!(v >= -edge && u + v <= 1.0 + edge)) continue;
+        const double d = f * t.edge2.dot(q);
+        if (d >= -slack_ && d < best.t) best = {d, t.id};
+      }
+      if (now.count > 0) continue;
+      const Node& node = nodes_[std::size_t(now.child)];
+      Eigen::Array4f enter = Eigen::Array4f::Zero(), leave = Eigen::Array4f::Constant(float(best.t));
+      for (std::size_t a = 0; a < 3; ++a) {
+        const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a],
+                             &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
+        enter = enter.max((near - of[a]) * inverse[a]);
+        leave = leave.min((far - of[a]) * inverse[a]);
+      }
+      const std::size_t base = top;
+      for (std::size_t k = 0; k < 4; ++k) {
+        if (node.count[k] < 0 || !(enter[Eigen::Index(k)] <= leave[Eigen::Index(k)] * rounding) || top == stack.size())
+          continue;
+        std::size_t at = top++;  // keep the nearest on top
+        for (; at > base && stack[at - 1].t < enter[Eigen::Index(k)]; --at) stack[at] = stack[at - 1];
+        stack[at] = {node.child[k], node.count[k], enter[Eigen::Index(k)]};
+      }
+    }
+    return best;
+  }
+
+ private:
+  // Shares of the scene's diagonal: by how much boxes exceed their triangles, which covers float's rounding, and how
+  // far behind its origin a ray still hits, which covers double's.
+  static constexpr double box_margin = 1e-6, behind = 1e-11;
+  static constexpr double parallel = 1e-12;     ///< components of a direction below it count as this
+  static constexpr double edge = 1e-10;         ///< of barycentric coordinates: neighbours leave no gap between them
+  static constexpr float rounding = 1.000001f;  ///< of the float that leaves a box: some units in the last place
+  static constexpr std::size_t bins = 16;       ///< of the surface-area heuristic
+  using Box = Eigen::AlignedBox<double, 3>;
+  struct Triangle {
+    Vec3d corner, edge1, edge2;
+    int id;
+    bool in_air_only;
+  };
+  struct Node {
+    std::array<Eigen::Array4f, 3> low, high;
+    std::array<int, 4> child{};  ///< node, or first triangle of a leaf
+    std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 if unused
+  };
+  struct Range {
+    int first, last;
+    Box box;
+  };
+
+  Range bounds(int first, int last) const {
+    Range r{first, last, {}};
+    for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
+    return r;
+  }
+  // Cuts the range where the expected cost of a ray is least; false if it is small, or cannot be cut.
+  bool split(const Range& range, std::array<Range, 2>& halves) {
+    const int n = range.last - range.first;
+    if (n <= leaf_size_) return false;
+    Box centers;
+    for (int i = range.first; i < range.last; ++i) centers.extend(boxes_[std::size_t(order_[std::size_t(i)])].center());
+    int axis = 0;
+    const double width = centers.diagonal().maxCoeff(&axis);
+    if (!(width > 0.0)) return false;
+    const auto bin = [&](int i) {
+      const double x = (boxes_[std::size_t(i)].center()[axis] - centers.min()[axis]) / width;
+      return std::min(bins - 1, std::size_t(x * double(bins)));
+    };
+    const auto area = [](const Box& b) {
+      const Vec3d d = b.diagonal();
+      return d.x() * d.y() + d.y() * d.z() + d.z() * d.x();
+    };
+    std::array<Box, bins> box;
+    std::array<int, bins> count{};
+    for (int i = range.first; i < range.last; ++i) {
+      const int id = order_[std::size_t(i)];
+      box[bin(id)].extend(boxes_[std::size_t(id)]);
+      ++count[bin(id)];
+    }
+    std::array<double, bins> right{};
+    Box sweep;
+    for (std::size_t b = bins; b-- > 1;) {
+      sweep.extend(box[b]);
+      right[b] = sweep.isEmpty() ? 0.0 : area(sweep);
+    }
+    sweep.setEmpty();
+    double best = std::numeric_limits<double>::infinity();
+    std::size_t cut = 0;
+    for (std::size_t b = 1, below = 0; b < bins; ++b) {
+      sweep.extend(box[b - 1]);
+      below += std::size_t(count[b - 1]);
+      if (below == 0 || below == std::size_t(n)) continue;
+      const double cost = area(sweep) * double(below) + right[b] * double(std::size_t(n) - below);
+      if (cost < best) {
+        best = cost;
+        cut = b;
+      }
+    }
+    const auto begin = order_.begin();
+    const auto middle = std::partition(begin + range.first, begin + range.last, [&](int id) { return bin(id) < cut; });
+    halves = {bounds(range.first, int(middle - begin)), bounds(int(middle - begin), range.last)};
+    return true;
+  }
+  int build(const Range& range) {
+    std::vector<Range> parts{range};
+    for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
+      std::sort(parts.begin(), parts.end(),
+          [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
+      std::array<Range, 2> halves;
+      if (!split(parts[tried], halves)) {
+        ++tried;
+        continue;
+      }
+      parts[tried] = halves[0];
+      parts.push_back(halves[1]);
+      tried = 0;
+    }
+    const std::size_t me = nodes_.size();
+    nodes_.emplace_back();
+    for (std::size_t k = 0; k < 4; ++k) {
+      for (std::size_t a = 0; a < 3; ++a) {
+        const bool used = k < parts.size();
+        nodes_[me].low[a][Eigen::Index(k)] =
+            used ? float(parts[k].box.min()[Eigen::Index(a)]) : std::numeric_limits<float>::infinity();
+        nodes_[me].high[a][Eigen::Index(k)] =
+            used ? float(parts[k].box.max()[Eigen::Index(a)]) : -std::numeric_limits<float>::infinity();
+      }
+      if (k >= parts.size()) {
+        nodes_[me].count[k] = -1;
+        continue;
+      }
+      const bool leaf = parts.size() == 1 || parts[k].last - parts[k].first <= leaf_size_;
+      nodes_[me].count[k] = leaf ? parts[k].last - parts[k].first : 0;
+      const int child = leaf ? parts[k].first : build(parts[k]);
+      nodes_[me].child[k] = child;
+    }
+    return int(me);
+  }
+
+  std::vector<Triangle> triangles_;
+  std::vector<Node> nodes_;
+  std::vector<Box> boxes_;        ///< per input triangle, while building
+  std::vector<int> order_;        ///< likewise
+  Vec3d center_ = Vec3d::Zero();  ///< corners are stored relative to it
+  double slack_ = 0.0;            ///< rays may start this far behind a face [m]
+  int leaf_size_;
+};
+
+/// The library's own Intersector; needs Eigen only. Law: independent of the place of the scene (it is centred).
+/// Source: binned surface area heuristic, Wald 2007; ray–triangle test, Möller & Trumbore 1997.
+struct Bvh {
+  struct Config {
+    int leaf_size = 4;  ///< triangles up to which a range is not split
+  };
+  Config config{};
+
+  BvhScene build(const std::vector<SceneTriangle>& triangles) const { return {triangles, config.leaf_size}; }
+};
+
+static_assert(RayScene<BvhScene> && Intersector<Bvh>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/lamp_places.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_LAMP_PLACES_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_LAMP_PLACES_HPP
+
+namespace lumo {
+
+/// Distance of the point p from a triangle. Source: Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
+inline double distance_to_triangle(const Vec3d& p, const std::array<Vec3d, 3>& corners) {
+  const auto& [a, b, c] = corners;
+  const Vec3d ab = b - a, ac = c - a, bc = c - b, n = ab.cross(ac);
+  const auto to_edge = [&](const Vec3d& from, const Vec3d& along) {
+    const double l2 = along.squaredNorm(), t = l2 > 0.0 ? std::clamp(along.dot(p - from) / l2, 0.0, 1.0) : 0.0;
+    return (p - from - t * along).norm();
+  };
+  const bool over = n.dot(ab.cross(p - a)) >= 0.0 && n.dot(bc.cross(p - b)) >= 0.0 && n.dot((p - a).cross(ac)) >= 0.0;
+  if (const double length = n.norm(); over && length > 0.0) return std::abs(n.dot(p - a)) / length;
+  return std::min({to_edge(a, ab), to_edge(b, bc), to_edge(a, ac)});
+}
+
+/// Where light may start in a scene. `triangles`: of the body, then of carrier faces, as the scene was built from.
+template <RayScene Scene> class LampPlaces {
+ public:
+  /// Within `precision_m` of the surface a lamp is on it, which is right for each; where nodes have moved by up to
+  /// `moved_m`, within both.
+  LampPlaces(const std::vector<SceneTriangle>& triangles, const Scene& scene, double precision_m, double moved_m)
+      : triangles_(triangles), scene_(scene), step_m_(precision_m), tolerance_m_(precision_m + moved_m) {}
+
+  /// Throws InvalidArgument for an emitter of which a part lies out of the medium that it radiates into: outside the
+  /// body, or, of one in air, inside it. The message names the lamp, the place and how far from the surface it lies.
+  void require(const std::vector<Emitter>& emitters) const {
+    for (std::size_t k = 0; k < emitters.size(); ++k) {
+      const Worst worst = worst_of(emitters[k]);
+      if (!(worst.distance_m > tolerance_m_)) continue;
+      throw InvalidArgument(message("emitter ", k, " at ", text(emitters[k].center()), " mm radiates into the ",
+          emitters[k].in_air() ? "air, but lies up to " : "body, but lies up to ", worst.distance_m * 1e3,
+          emitters[k].in_air() ? " mm inside the body, at " : " mm outside of it, at ", text(worst.at), " mm"));
+    }
+  }
+
+ private:
+  struct Worst {
+    double distance_m = 0.0;
+    Vec3d at = Vec3d::Zero();
+  };
+  static std::string text(const Vec3d& p) {
+    return message("(", 1e3 * p.x(), ", ", 1e3 * p.y(), ", ", 1e3 * p.z(), ")");
+  }
+  // Light finds first how to leave the body, or first how to enter it. Two of three directions decide: one may meet an
+  // edge. `reach_m`: the surface is at most this far.
+  bool inside(const Vec3d& p, const Vec3d& axis, double& reach_m) const {
+    Vec3d t1, t2;
+    tangents(axis, t1, t2);
+    int votes = 0;
+    for (const Vec3d& side : {Vec3d(0.313 * t1 + 0.171 * t2), Vec3d(-0.289 * t1 + 0.233 * t2), Vec3d(-0.127 * t2)}) {
+      const Vec3d d = (axis + side).normalized();
+      const RayHit leaving = scene_.first_hit(p, d, true), entering = scene_.first_hit(p, d, false);
+      votes += leaving.t < entering.t ? 1 : -1;
+      reach_m = std::min(reach_m, leaving.t);
+      if (entering && !triangles_[std::size_t(entering.triangle)].in_air_only) reach_m = std::min(reach_m, entering.t);
+    }
+    return votes > 0;
+  }
+  double distance(const Vec3d& p) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (const SceneTriangle& t : triangles_)
+      if (!t.in_air_only) least = std::min(least, distance_to_triangle(p, t.corners));
+    return least;
+  }
+  // A point on the surface is on either side, so its neighbours along the axis are looked at.
+  Worst worst_of(const Emitter& e) const {
+    static constexpr std::array<double, 5> places{1e-12, 0.25, 0.5, 0.75, 1.0 - 1e-12};
+    Worst worst;
+    for (const double u : places)
+      for (const double v : places) {
+        const Vec3d at = e.point(u, v), axis = e.axis(), step = step_m_ * axis;
+        double reach_m = std::numeric_limits<double>::infinity();
+        if (inside(at + step, axis, reach_m) != e.in_air() || inside(at - step, axis, reach_m) != e.in_air()) continue;
+        if (reach_m + step_m_ <= tolerance_m_) continue;
+        if (const double apart = distance(at); apart > worst.distance_m) worst = {apart, at};
+      }
+    return worst;
+  }
+
+  const std::vector<SceneTriangle>& triangles_;
+  const Scene& scene_;
+  double step_m_, tolerance_m_;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optics/transport/ray_pattern.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RAY_PATTERN_HPP
 #define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_RAY_PATTERN_HPP
@@ -15081,13 +15322,25 @@ template <RayScene Scene> class FilmLaunch {
   /// nullopt: never, however hard the body is pressed there.
   FilmLaunch(const Scene& scene, std::optional<double> closes_m) : scene_(scene), closes_m_(closes_m) {}
 
-  /// Calls start(ray, share of its power, inside the body?) for the one or two ways on which a ray starts. `axis`: of
-  /// its emitter.
-  template <class Start> void operator()(const PrimaryRay& ray, const Vec3d& axis, Start&& start) const {
-    const RayHit in = scene_.first_hit(ray.origin, axis, true), out = scene_.first_hit(ray.origin, axis, false);
+  /// The film over a point of an emitter.
+  struct Film {
+    double height_m;  ///< to the body; 0: the body covers the point, or there is none over it
+    bool covered;     ///< the body overlaps the emitter there
+    double wet;       ///< share of the light that enters the body at once
+  };
+  Film at(const Vec3d& point, const Vec3d& axis) const {
+    const RayHit in = scene_.first_hit(point, axis, true), out = scene_.first_hit(point, axis, false);
     const bool covered = in && (!out || in.t < out.t);
     const double height = covered || !out ? 0.0 : out.t;
     const double wet = !closes_m_ ? 0.0 : covered ? 1.0 : out ? wetted(height) : 0.0;
+    return {height, covered, wet};
+  }
+  bool may_close() const { return closes_m_.has_value(); }
+
+  /// Calls start(ray, share of its power, inside the body?) for the one or two ways on which a ray starts. `axis`: of
+  /// its emitter.
+  template <class Start> void operator()(const PrimaryRay& ray, const Vec3d& axis, Start&& start) const {
+    const auto [height, covered, wet] = at(ray.origin, axis);
     if (wet > 0.0) {
       PrimaryRay entered = ray;
       entered.origin += height * axis;
@@ -15230,6 +15483,129 @@ template <ExitReadout Readout> class LightAccounts {
   std::vector<double> direct_, gathered_;  ///< as in Tally
   std::vector<double> arrived_;            ///< per node
   std::vector<int> reached_;               ///< nodes with arrived_ > 0
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/emitter_faces.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_EMITTER_FACES_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_EMITTER_FACES_HPP
+
+namespace lumo {
+
+/// Emitters as paths meet them that run backwards, from where light is seen: flat faces that radiate and stand in
+/// nobody's way, as paths from emitters have it. What lies in air starts as FilmLaunch says, across its film or, where
+/// that is closed, in the body at once.
+template <RayScene Scene> class EmitterFaces {
+ public:
+  /// A straight piece of a path.
+  struct Piece {
+    Vec3d origin, direction;
+    double length_m;
+    bool inside;  ///< in the body
+    /// Of its direction [1/sr], where that was drawn as light was scattered: scattered() has a part of the light.
+    double density = 0.0;
+  };
+
+  /// Emitters that cannot be seen (Emitter::can_be_seen) are left out. `air_gain`: of radiance in the body over that in
+  /// the air that it came from, the index ratio squared. `slack_m`: that a lamp may lie behind a surface by rounding.
+  EmitterFaces(const std::vector<Emitter>& emitters, const Scene& scene, std::optional<double> film_closes_m,
+      double air_gain, double slack_m)
+      : scene_(scene), film_(scene, film_closes_m), air_gain_(air_gain), slack_m_(slack_m) {
+    for (const Emitter& e : emitters)
+      if (e.can_be_seen()) faces_.push_back({e, e.center(), e.axis(), pi / e.area_m2()});
+  }
+
+  bool empty() const { return faces_.empty(); }
+
+  /// π times the radiance [W/m²] that starts on a piece and runs along it to its origin, `transmittance(s)` of which
+  /// is left after s metres in the body. Light that starts in air counts `air_gain` times.
+  template <class Transmittance> double exitance(const Piece& piece, Transmittance&& transmittance) const {
+    double sum = 0.0;
+    for (const Face& f : faces_) {
+      const double cosine = -piece.direction.dot(f.axis);
+      if (!(cosine > 0.0)) continue;
+      const double sent = f.per_area * f.emitter.intensity(cosine) / cosine;
+      if (!(sent > 0.0)) continue;
+      if (!f.emitter.in_air()) {
+        if (piece.inside) sum += sent * crossing(f, piece, cosine, transmittance);
+      } else {
+        sum += sent * (piece.inside ? through_closed_film(f, piece, transmittance)
+                                    : air_gain_ * across_film(f, piece, cosine));
+      }
+    }
+    return sum;
+  }
+
+  /// π times the radiance [W/m²] that comes straight from emitters in the body to the point `p` and is scattered there
+  /// into −`direction`, for one point of each emitter, from two numbers in (0, 1) (next-event estimation).
+  template <PhaseMedium Medium>
+  double scattered(const Vec3d& p, const Vec3d& direction, const Medium& medium, double u, double v) const {
+    double sum = 0.0;
+    for (const Face& f : faces_) {
+      if (f.emitter.in_air()) continue;
+      const Vec3d way = f.emitter.point(u, v) - p;
+      const double length = way.norm();
+      if (!(length > slack_m_)) continue;
+      const Vec3d d = way / length;
+      const double cosine = -d.dot(f.axis);
+      if (!(cosine > 0.0)) continue;
+      const RayHit hit = scene_.first_hit(p, d, true);
+      if (!hit || hit.t < length - slack_m_ / cosine) continue;
+      const double phase = medium.phase(direction.dot(d)),
+                   density = length * length / (f.emitter.area_m2() * cosine);  // of the direction, drawn like this
+      sum += pi * f.emitter.intensity(cosine) / (f.emitter.area_m2() * cosine) * phase / (density + phase) *
+             medium.transmittance(length);
+    }
+    return sum;
+  }
+
+ private:
+  struct Face {
+    Emitter emitter;
+    Vec3d center, axis;
+    double per_area;  ///< π over its area
+  };
+
+  template <class Transmittance>
+  double crossing(const Face& f, const Piece& piece, double cosine, Transmittance&& transmittance) const {
+    const double at = (piece.origin - f.center).dot(f.axis) / cosine;
+    if (!(at >= 0.0 && at <= piece.length_m + slack_m_ / cosine)) return 0.0;
+    if (!f.emitter.covers(piece.origin + at * piece.direction)) return 0.0;
+    const double other = at * at / (f.emitter.area_m2() * cosine),
+                 share = piece.density > 0.0 ? piece.density / (piece.density + other) : 1.0;
+    return share * transmittance(at);
+  }
+  // Share of the light that crosses the film. A body that overlaps the emitter has its light start before its surface.
+  double across_film(const Face& f, const Piece& piece, double cosine) const {
+    const double height = (piece.origin - f.center).dot(f.axis);
+    if (height / cosine > piece.length_m + slack_m_ / cosine) return 0.0;
+    const Vec3d on =
+        height >= 0.0 ? Vec3d(piece.origin + height / cosine * piece.direction) : Vec3d(piece.origin - height * f.axis);
+    if (!f.emitter.covers(on)) return 0.0;
+    const auto film = film_.at(on, f.axis);
+    return height >= 0.0 || film.covered ? 1.0 - film.wet : 0.0;
+  }
+  // Share of the light that enters where the piece ends.
+  template <class Transmittance>
+  double through_closed_film(const Face& f, const Piece& piece, Transmittance&& transmittance) const {
+    if (!film_.may_close()) return 0.0;
+    const Vec3d end = piece.origin + piece.length_m * piece.direction;
+    const double height = (end - f.center).dot(f.axis);
+    const Vec3d on = end - height * f.axis;
+    if (!f.emitter.covers(on)) return 0.0;
+    const auto film = film_.at(on, f.axis);
+    return film.wet > 0.0 && std::abs(film.height_m - std::max(0.0, height)) <= slack_m_
+               ? film.wet * transmittance(piece.length_m)
+               : 0.0;
+  }
+
+  const Scene& scene_;
+  FilmLaunch<Scene> film_;
+  double air_gain_, slack_m_;
+  std::vector<Face> faces_;
 };
 
 }  // namespace lumo
@@ -15508,6 +15884,7 @@ struct PathStart {
   bool from_emitter = true;    ///< else from a Lambertian face
   bool inside = true;          ///< starts in the body, else in the air
   bool gathers_direct = true;  ///< NextEventGather finds the emitter's direct light
+  bool gathers_all = false;    ///< NextEventGather finds all of the emitter's light
   /// Takes the exits of light from emitters that no gathering finds, instead of the channels, if given.
   std::vector<Exit>* exits = nullptr;
 };
@@ -15521,9 +15898,11 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
         limits_(limits),
         accounts_(body.surface, body.readout, body.channels, body.nodes.size(), body.symmetry) {}
 
-  void run(const PathStart& start) {
+  /// `emitters`: those that a path meets which runs backwards.
+  void run(const PathStart& start, const EmitterFaces<Scene>* emitters = nullptr) {
     ++rays;
     start_ = &start;
+    emitters_ = emitters;
     accounts_.book(accounts_.ledger.emitted, start.power_W);
     Branch first;
     first.origin = start.ray.origin;
@@ -15540,6 +15919,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       follow(b);
     }
   }
+
+  /// Power per path × π × radiance of emitters that backward paths met since the last call [W/m² for paths of 1].
+  double take_emitted() { return std::exchange(emitted_, 0.0); }
 
   /// Accounts of the power.
   LightAccounts<Readout>& accounts() { return accounts_; }
@@ -15562,6 +15944,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
     bool scattered = false;     ///< in the medium, once at least
     bool spread = false;        ///< by a tool that wets the body: like a scattered one it has no neighbours
+    double density = 0.0;       ///< of its direction [1/sr], if it was scattered and met no surface since
   };
 
   /// Light at a smooth interface.
@@ -15593,8 +15976,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   void escape(const Branch& b) {
     EnergyLedger& ledger = accounts_.ledger;
     if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
-    const bool gathered =
-        body_.exits.has(b.exit) && !b.carrier_last && (b.direct ? start_->gathers_direct : !start_->from_emitter);
+    const bool gathered = body_.exits.has(b.exit) && !b.carrier_last &&
+                          (b.direct ? start_->gathers_direct : !start_->from_emitter || start_->gathers_all);
     // It has no neighbour to share with, or counts as direct light.
     const bool lone = b.scattered || b.spread || (b.direct && !start_->gathers_direct);
     const Escape light{body_.surface.reference(b.exit), b.exit_position, b.direction, -1};
@@ -15610,7 +15993,10 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       if (++b.events <= limits_.max_events && b.direction.allFinite() && b.origin.allFinite()) {
         ++segments;
         hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
-        if (!hit && !b.inside) return escape(b);
+        if (!hit && !b.inside) {
+          meet_emitters(b, std::numeric_limits<double>::infinity());
+          return escape(b);
+        }
         if (!hit && b.triangle >= 0) {  // slipped out at an edge by rounding: once more from a point inside
           b.origin = body_.surface.pulled_inward(b.triangle, b.origin);
           hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
@@ -15622,6 +16008,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       // Scenes may be in single precision: the distance again, in double.
       const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));
       const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
+      meet_emitters(b, path_m);
       if (b.inside) {
         const double left = b.power * body_.medium.transmittance(path_m);
         double absorbed = b.power - left;
@@ -15636,6 +16023,12 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       b.origin += path_m * b.direction;
       if (!meet(b, hit.triangle)) return;
     }
+  }
+
+  void meet_emitters(const Branch& b, double path_m) {
+    if (emitters_ == nullptr) return;
+    accounts_.book(emitted_, b.power * emitters_->exitance({b.origin, b.direction, path_m, b.inside, b.density},
+                                           [&](double s) { return body_.medium.transmittance(s); }));
   }
 
   // Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a
@@ -15658,6 +16051,12 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       c.origin += body_.medium.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
       c.direction = start_->mirror.cwiseProduct(
           (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
+      if constexpr (PhaseMedium<Medium>)
+        if (emitters_ != nullptr) {
+          const double u = uniform(combine(c.key, 7)), v = uniform(combine(c.key, 8));
+          accounts_.book(emitted_, c.power * emitters_->scattered(c.origin, b.direction, body_.medium, u, v));
+          c.density = body_.medium.phase(cosine);
+        }
       stack_.push_back(c);
     }
   }
@@ -15666,6 +16065,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   bool meet(Branch& b, int triangle) {
     const ScenePoint at = body_.surface.locate(triangle, b.origin);
     b.triangle = triangle;
+    b.density = 0.0;
     const SurfaceOptics& optics = body_.surface.optics(triangle);
     if (is_dielectric(optics)) {
       if (at.face >= 0) return meet_dielectric(b, triangle, at);
@@ -15775,7 +16175,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   PathLimits limits_;
   LightAccounts<Readout> accounts_;
   std::vector<Branch> stack_;
-  const PathStart* start_ = nullptr;  ///< of the path at hand
+  const PathStart* start_ = nullptr;               ///< of the path at hand
+  const EmitterFaces<Scene>* emitters_ = nullptr;  ///< likewise
+  double emitted_ = 0.0;
 };
 
 }  // namespace lumo
@@ -15901,17 +16303,42 @@ class GuideLesson {
 
 namespace lumo {
 
+/// Emitters as paths of this body meet them.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+EmitterFaces<Scene> emitter_faces(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
+    std::optional<double> film_closes_m) {
+  const double ratio = body.index_ratio();
+  return {emitters, body.scene, film_closes_m, ratio * ratio, body.surface.precision_m()};
+}
+
+/// Light that Lambertian faces, which sent `sent` W from their nodes, and `emitters`, if given, send along a path that
+/// runs backwards: π times its radiance [W/m²], times n² if the path starts in the air (by Helmholtz's reciprocity
+/// L/n² is kept but for Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), per power of the path.
+/// `counts(node)`: which nodes count.
+template <class Path, RayScene Scene, TransparentMedium Medium, ExitReadout Readout, class Counts>
+double gathered_light(const PathStart& start, const LitBody<Scene, Medium, Readout>& body, Path& path,
+    const std::vector<double>& sent, const EmitterFaces<Scene>* emitters, Counts&& counts) {
+  path.run(start, emitters);
+  const double ratio = body.index_ratio();
+  // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
+  const double light = path.accounts().collect([&](std::size_t k) {
+    return counts(k) ? (body.nodes.in_air(k) ? ratio * ratio : 1.0) * sent[k] / body.nodes.area(k) : 0.0;
+  });
+  return emitters == nullptr ? light : light + path.take_emitted();
+}
+
 /// Finds the light that leaves through faces with regions from those faces (next-event estimation), as few paths come
 /// there. Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the
-/// body ends on Lambertian faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for
-/// Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind
-/// openings is gathered from ways through them; then direct light is not. Points lie fixed in the undeformed body: no
-/// sample crosses the border of a region that moves with it, so states differ smoothly.
+/// body ends on Lambertian faces, whose light takes it backwards (gathered_light), scattered in the medium or not. A
+/// readout behind openings is gathered from ways through them; then direct light is not, but a WholeReadout has all
+/// light from emitters gathered, as its paths meet them. Points lie fixed in the undeformed body: no sample crosses the
+/// border of a region that moves with it, so states differ smoothly.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
  public:
   NextEventGather(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
-      PathTracer<Scene, Medium, Readout>& path)
+      PathTracer<Scene, Medium, Readout>& path, std::optional<double> film_closes_m)
       : body_(body), ratio_(body.index_ratio()), path_(path) {
+    if (WholeReadout<Readout>) seen_.emplace(emitter_faces(emitters, body, film_closes_m));
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !body.symmetry.x) && !((image & 2u) && !body.symmetry.y)) images_.push_back(image);
       const Vec3d m = sign(image);
@@ -16041,17 +16468,15 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
-    path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
-    // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
-    return path_.accounts().collect([&](std::size_t k) {
-      return body_.nodes.is_bright(k) ? 0.0
-                                      : (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k);
-    });
+    return gathered_light(
+        {.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false}, body_, path_,
+        sent, seen_ ? &*seen_ : nullptr, [&](std::size_t k) { return !body_.nodes.is_bright(k); });
   }
 
   const LitBody<Scene, Medium, Readout> body_;
   double ratio_;  ///< index inside / outside
   PathTracer<Scene, Medium, Readout>& path_;
+  std::optional<EmitterFaces<Scene>> seen_;  ///< that paths meet
   std::vector<unsigned> images_;
   std::array<std::vector<Source>, 4> emitters_;
   std::vector<double> direct_, diffuse_;
@@ -16225,6 +16650,70 @@ template <class Path> class Splatting {
   std::vector<int> left_;           ///< sixths of each exit that are not spread
   std::array<const Exit*, 3> corner_{};
   unsigned image_ = 0;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/view_gather.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_VIEW_GATHER_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_VIEW_GATHER_HPP
+
+namespace lumo {
+
+/// Finds the light on lines of sight: paths that start at an eye in the air and run backwards, as those of
+/// NextEventGather do that start at a face.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class ViewGather {
+ public:
+  /// Light of one colour: what Lambertian nodes sent in each replicate [W], and the emitters.
+  struct Color {
+    std::vector<std::vector<double>> sent;
+    EmitterFaces<Scene> emitters;
+  };
+  /// What lines of one pixel found, and lost.
+  struct Pixel {
+    std::vector<double> light;  ///< replicates of the first colour, then of the next
+    double lines = 0.0, lost = 0.0;
+  };
+
+  ViewGather(const LitBody<Scene, Medium, Readout>& body, const PathLimits& limits, const std::vector<Color>& colors,
+      std::uint64_t seed)
+      : body_(body), path_(body, limits), colors_(colors), seed_(seed) {}
+
+  /// `samples` lines for each of the replicates that has some.
+  template <View V> Pixel operator()(const V& view, int pixel, int replicates, int samples) {
+    Pixel found;
+    found.light.assign(std::size_t(replicates) * colors_.size(), 0.0);
+    const double ratio = body_.index_ratio(), images = double(path_.accounts().images().size());
+    const OwenSobol sequence{combine(seed_, std::uint64_t(pixel))};
+    for (int r = 0; r < replicates; ++r)
+      for (int s = 0; s < samples; ++s) {
+        const auto index = std::uint32_t(r * samples + s);
+        const SightLine line =
+            view.line(pixel, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)});
+        const PathStart start{.ray = {line.origin, line.direction, combine(sequence.seed, index), -1},
+            .mirror = Vec3d::Ones(),
+            .power_W = 1.0 / (ratio * ratio * images),  // of a line: n² of radiance is left in the body
+            .from_emitter = false,
+            .inside = false};
+        for (std::size_t c = 0; c < colors_.size(); ++c) {
+          const double light = gathered_light(start, body_, path_, colors_[c].sent[std::size_t(r)],
+              &colors_[c].emitters, [](std::size_t) { return true; });
+          found.light[c * std::size_t(replicates) + std::size_t(r)] += line.weight * light / (pi * samples);
+        }
+      }
+    const Tally paths = path_.accounts().take();
+    found.lines = paths.ledger.emitted;
+    found.lost = paths.ledger.lost;
+    return found;
+  }
+
+ private:
+  const LitBody<Scene, Medium, Readout> body_;
+  PathTracer<Scene, Medium, Readout> path_;
+  const std::vector<Color>& colors_;
+  std::uint64_t seed_;
 };
 
 }  // namespace lumo
@@ -16405,7 +16894,7 @@ class Tracer {
     for (int c = 0; c < colors; ++c) {
       const std::vector<Emitter> emitters = emitters_of(body, c);
       const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
-      light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
+      light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path, body.film_closes_m}});
     }
 
     const int count = count_ > 0 ? count_ : config_.replicates;
@@ -16436,6 +16925,53 @@ class Tracer {
     response = averaged(std::move(response));
     if (count_ == 0) require_closed(response.ledger, lost_admitted(body));
     return response;
+  }
+
+  /// Light on the lines of a view, of a body in one state: what its Lambertian faces send is found as for a response,
+  /// and the lines' paths run backwards to them and to the emitters. Nothing else shines, and the tool is seen as the
+  /// contact set only, black. Bit-identical for every executor. Throws as trace() does, and InvalidArgument for broken
+  /// settings of the view and for emitters that cannot be seen.
+  template <View V, Executor E> ViewLight look(const Body& body, const TetMesh& mesh, const SeenState& state,
+      const V& view, const ViewEffort& effort, const E& executor) const {
+    const Symmetry symmetry = state.symmetry;
+    check(body, symmetry, {});
+    const int replicates = check(body, view.pixels(), effort), samples = effort.samples / replicates;
+    const Medium medium{body.medium};
+    const OpticalScene surface(body, mesh, state.surface, symmetry, config_.scene);
+    const auto scene = backend_.build(surface.triangles());
+    using Scene = std::remove_const_t<decltype(scene)>;
+    check(body, surface, scene, {});
+    const LightNodes nodes(surface, symmetry);
+    const FaceSet exits(surface, symmetry, {.whole = true}, [](int) { return false; });
+    const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
+        readout_, readout_.channels(body), nodes, exits, symmetry};
+    using Gather = ViewGather<Scene, Medium, Readout>;
+    std::vector<typename Gather::Color> colors;
+    for (int c = 0; c < color_count(body.emitters); ++c)
+      colors.push_back({std::vector<std::vector<double>>(std::size_t(replicates)),
+          emitter_faces(emitters_of(body, c), lit, body.film_closes_m)});
+    ViewLight seen;
+    seen.ledger = sent_light(body, lit, executor, colors);
+    require_closed(seen.ledger, lost_admitted(body));
+    const std::size_t pixels = std::size_t(view.pixels()), tasks = (pixels + pixels_together - 1) / pixels_together;
+    seen.replicates.resize(replicates, Eigen::Index(pixels * colors.size()));
+    std::vector<double> lines(tasks, 0.0), lost(tasks, 0.0);
+    executor.for_each(tasks, [&](std::size_t task) {
+      Gather gather(lit, {effort.roulette_below, config_.scattered_below, config_.max_events}, colors,
+          combine(config_.seed, view_key));
+      for (std::size_t k = task * pixels_together; k < std::min(pixels, (task + 1) * pixels_together); ++k) {
+        const auto found = gather(view, int(k), replicates, samples);
+        for (std::size_t c = 0; c < colors.size(); ++c)
+          for (int r = 0; r < replicates; ++r)
+            seen.replicates(r, Eigen::Index(c * pixels + k)) =
+                found.light[c * std::size_t(replicates) + std::size_t(r)];
+        lines[task] += found.lines;
+        lost[task] += found.lost;
+      }
+    });
+    require_lines_kept(lines, lost, pixels * std::size_t(effort.samples));
+    if (!seen.replicates.allFinite()) throw NumericalError("light: a pixel of the view is not finite");
+    return seen;
   }
 
   /// Learns how these states' light differs from that of the undeformed body, all on one mesh: empty unless emitters
@@ -16482,6 +17018,8 @@ class Tracer {
  private:
   static constexpr std::uint32_t guide_rays = 1 << 16;  ///< of each emitter; far fewer learn chance
   static constexpr double sent_per_emitted = 4.0;       ///< rays a watt that bright faces send
+  static constexpr std::uint64_t view_key = 5;          ///< of the lines' sequence
+  static constexpr std::size_t pixels_together = 64;    ///< in one task
 
   static SurfaceState surface_of(const MechanicalState& state) {
     return {state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes};
@@ -16541,6 +17079,57 @@ class Tracer {
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
   }
+  /// Replicates that lines of a view are divided by. Throws InvalidArgument.
+  int check(const Body& body, int pixels, const ViewEffort& effort) const {
+    require_in_range("pixels of a view", pixels, 1, 1 << 26, "");
+    require_in_range("samples per pixel", effort.samples, 1, 1 << 20, "");
+    require_in_range("roulette_below of a view", effort.roulette_below, 0.0, 1.0, "");
+    const int replicates = std::min(config_.replicates, effort.samples);
+    if (effort.samples % replicates != 0 || config_.replicates % replicates != 0)
+      throw InvalidArgument(message("samples per pixel are ", effort.samples, ", must be a multiple of ",
+          config_.replicates, ", or a power of two below"));
+    for (const Emitter& e : body.emitters)
+      if (!e.can_be_seen())
+        throw InvalidArgument("view: an emitter has no area or no known shape, so that no line of sight meets it");
+    return replicates;
+  }
+  /// Throws NumericalError if more light than admitted is lost on lines of sight.
+  void require_lines_kept(const std::vector<double>& lines, const std::vector<double>& lost, std::size_t count) const {
+    constexpr double few = 10.0;
+    const double all = std::accumulate(lines.begin(), lines.end(), 0.0),
+                 gone = std::accumulate(lost.begin(), lost.end(), 0.0),
+                 admitted = std::max(config_.largest_lost, few / double(count));
+    if (!(gone <= admitted * all))
+      throw NumericalError(message("light: ", gone / all, " of the lines of sight are lost, at most ", admitted,
+          ": the surface is open, or max_events is too small"));
+  }
+  /// Finds what Lambertian faces send in each replicate, colour by colour. Returns the mean ledger.
+  template <class Scene, Executor E, class Color> EnergyLedger sent_light(const Body& body,
+      const LitBody<Scene, Medium, Readout>& lit, const E& executor, std::vector<Color>& colors) const {
+    const FaceSet lambertian = sending_faces(body, lit.surface, lit.nodes, lit.symmetry, {});
+    std::vector<RayPattern> patterns;
+    for (std::size_t c = 0; c < colors.size(); ++c)
+      patterns.emplace_back(
+          emitters_of(body, int(c)), std::uint32_t(config_.rays_per_emitter / config_.replicates), lit.symmetry);
+    std::vector<EnergyLedger> ledgers(colors.front().sent.size());
+    executor.for_each(ledgers.size(), [&](std::size_t r) {
+      const auto sequence = [&](std::uint64_t use) { return OwenSobol{combine(config_.seed, 3 * r + use)}; };
+      PathTracer<Scene, Medium, Readout> path(
+          lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
+      const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
+      for (std::size_t c = 0; c < colors.size(); ++c) {
+        trace_emitters(lit, patterns[c], body.film_closes_m, sequence(0), path, nullptr);
+        Tally total = path.accounts().take();
+        colors[c].sent[r] = solve_radiosity(lit.nodes, transport, total);
+        for (const double w : total.ledger.channels) total.ledger.elsewhere += w;
+        total.ledger.channels.clear();
+        add_scaled(ledgers[r], total.ledger, 1.0);
+      }
+    });
+    EnergyLedger mean;
+    for (const EnergyLedger& one : ledgers) add_scaled(mean, one, 1.0 / double(ledgers.size()));
+    return mean;
+  }
   /// Throws InvalidArgument unless lamps and guide fit the scene.
   template <class Scene>
   static void check(const Body& body, const OpticalScene& surface, const Scene& scene, const RayGuide& guide) {
@@ -16562,14 +17151,16 @@ class Tracer {
         continue;
       }
       // Few ways from a face and an emitter lead through an opening.
-      const bool direct = !connected && beam.source.has_intensity() && !air;
+      const bool all = WholeReadout<Readout> && config_.exit_rays > 0 && beam.source.can_be_seen(),
+                 direct = all || (!connected && beam.source.has_intensity() && !air);
       double worth = 1.0;  // of the ray at hand, in those that are sent evenly
       const auto start = [&](const PrimaryRay& ray, double share, bool inside) {
         path.run({.ray = ray,
             .mirror = beam.mirror,
             .power_W = share * worth * beam.power_W,
             .inside = inside,
-            .gathers_direct = direct});
+            .gathers_direct = direct,
+            .gathers_all = all});
       };
       for (std::uint32_t i = 0; i < beam.rays; ++i) {
         std::array<double, 4> u = RayPattern::numbers(sequence, i);
@@ -18028,6 +18619,12 @@ inline double normal_density(double z) { return 0.39894228040143267794 * std::ex
 /// P(Z ≤ z) of the standard normal distribution, accurate in both tails.
 inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * detail::number(z)); }
 
+/// log P(Z ≤ z), finite for every finite z.
+inline double log_normal_probability(double z) {
+  if (z > -30.0) return std::log(normal_probability(z));
+  return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
+}
+
 /// z with P(Z ≤ z) = p; ∓∞ at 0 and 1. A rational start (Abramowitz & Stegun 1964, 26.2.23), then Halley's iteration.
 inline double normal_quantile(double p) {
   detail::number(p);
@@ -18261,9 +18858,15 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
     Eigen::VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
   };
 
-  /// `x`: d × n, normalised; `y`: n, standardised.
-  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior)
-      : size_(x.cols()), y_(y), kernel_(kernel), prior_(prior), squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
+  /// `x`: d × n, normalised; `y`: n, standardised; `known_noise`: n variances besides the one that is fitted, or none.
+  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior,
+      Eigen::VectorXd known_noise = {})
+      : size_(x.cols()),
+        y_(y),
+        known_noise_(std::move(known_noise)),
+        kernel_(kernel),
+        prior_(prior),
+        squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
     for (Eigen::Index k = 0, first = 0; k < size_; ++k) {
       const Eigen::Index below = size_ - 1 - k;
       squares_.middleRows(first, below) =
@@ -18285,6 +18888,7 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
       covariance(k, k) = 1.0 + h.noise;
       covariance.col(k).tail(n - 1 - k) = correlation.col(0).segment(first, n - 1 - k);
     }
+    if (known_noise_.size() > 0) covariance.diagonal() += known_noise_;
     const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
     if (factor.info() != Eigen::Success) return value;
 
@@ -18328,7 +18932,7 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
 
  private:
   Eigen::Index size_;
-  Eigen::VectorXd y_;
+  Eigen::VectorXd y_, known_noise_;
   Kernel kernel_;
   HyperparameterPrior prior_;
   Eigen::MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle
@@ -18500,6 +19104,7 @@ struct TrainingData {
   Eigen::MatrixXd x;
   Eigen::VectorXd y;
   Eigen::VectorXd lower, upper;
+  Eigen::VectorXd errors = {};  ///< standard errors of the outputs, n, if they are known; empty otherwise
 };
 
 /// Lower Cholesky factor of a covariance, and the addition to its diagonal that it took.
@@ -18544,14 +19149,15 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   static GaussianProcess fit(const TrainingData& data, const Config& config = {}) {
     GaussianProcess gp(data, config);
     const Eigen::Index n = gp.size();
-    const MarginalLikelihood<Kernel> likelihood(gp.x_, gp.y_, config.kernel, gp.prior());
+    const MarginalLikelihood<Kernel> likelihood = gp.likelihood();
     std::vector<Minimum> optima;
     if (n <= config.subset) {
       optima = gp.optima(likelihood, n);
     } else {
       std::vector<Eigen::Index> some;
       for (Eigen::Index i = 0; i < config.subset; ++i) some.push_back(i * n / config.subset);
-      const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior());
+      const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior(),
+          gp.known_noise_.size() ? Eigen::VectorXd(gp.known_noise_(some)) : Eigen::VectorXd());
       gp.config_.search.value_tolerance = 1e-5;  // a start needs no more
       const std::vector<Minimum> found = gp.optima(coarse, config.subset);
       gp.config_.search = config.search;
@@ -18591,8 +19197,21 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   Eigen::Index size() const { return x_.cols(); }
   /// (log p(y) + log prior) / n of the standardised outputs: what fit() maximises.
   double objective() const {
-    const auto value = MarginalLikelihood<Kernel>(x_, y_, config_.kernel, prior())(hyperparameters_, false);
+    const auto value = likelihood()(hyperparameters_, false);
     return (value.log_likelihood + value.log_prior) / double(size());
+  }
+  /// By how much the data are likelier (in the logarithm) than to a model of the same kind with hardly any noise.
+  double evidence_of_noise() const {
+    Config quiet = config_;
+    quiet.prior = prior();
+    quiet.prior->max_noise = quiet.prior->min_noise;
+    GaussianProcess other = *this;
+    other.config_ = quiet;
+    const MarginalLikelihood<Kernel> without = other.likelihood();
+    double best = -std::numeric_limits<double>::infinity();
+    for (const Minimum& o : other.optima(without, size()))
+      best = std::max(best, without(unpack(o.x), false).log_likelihood);
+    return likelihood()(hyperparameters_, false).log_likelihood - best;
   }
 
   /// Mean and variance of the latent function (without observation noise) at the columns of `x`. All that takes places
@@ -18666,8 +19285,9 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   double output_scale() const { return output_scale_; }
 
  private:
-  Eigen::MatrixXd x_;  ///< normalised
-  Eigen::VectorXd y_;  ///< standardised
+  Eigen::MatrixXd x_;            ///< normalised
+  Eigen::VectorXd y_;            ///< standardised
+  Eigen::VectorXd known_noise_;  ///< variances of the observations that are known, standardised; empty: none
   Eigen::VectorXd lower_, inverse_width_;
   double output_mean_ = 0.0, output_scale_ = 1.0;
   Hyperparameters hyperparameters_;
@@ -18699,11 +19319,19 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     output_mean_ = mean * size;
     output_scale_ = constant ? 1.0 : deviation * size;
     y_ = constant ? Eigen::VectorXd::Zero(n) : Eigen::VectorXd((scaled.array() - mean) / deviation);
+    if (data.errors.size() == 0) return;
+    if (data.errors.size() != n || !data.errors.allFinite() || data.errors.minCoeff() < 0.0)
+      throw InvalidArgument(
+          message("Gaussian process: needs ", n, " finite standard errors >= 0, has ", data.errors.size()));
+    constexpr double largest = 1e3;  // of a standard deviation of the outputs: such an observation says nothing
+    known_noise_ = (data.errors.array() / output_scale_).min(largest).square().matrix();
   }
+  MarginalLikelihood<Kernel> likelihood() const { return {x_, y_, config_.kernel, prior(), known_noise_}; }
   void condition(const Hyperparameters& h) {
     hyperparameters_ = h;
     Eigen::MatrixXd covariance = correlation(x_, x_);
     covariance.diagonal().array() += h.noise;
+    if (known_noise_.size() > 0) covariance.diagonal() += known_noise_;
     for (jitter_ = 0.0;; jitter_ = next_jitter(jitter_)) {
       if (jitter_ > largest_jitter)
         throw InvalidArgument("Gaussian process: covariance is not positive definite, even with a jitter of 1e-4");
@@ -18837,6 +19465,7 @@ static_assert(Reduction<MinimumOverTerms>);
 struct Evidence {
   Eigen::MatrixXd x;        ///< observed: d × n
   Eigen::MatrixXd outputs;  ///< observed: outputs × n
+  Eigen::MatrixXd errors;   ///< their standard errors, 0 where not known; empty where none is
   Eigen::MatrixXd pending;  ///< d × p: asked and not yet observed
   Eigen::VectorXd lower, upper;
   Eigen::VectorXd reference;  ///< per objective
@@ -19199,12 +19828,8 @@ class ExpectedHypervolume {
     if (!std::isfinite(high)) return std::log(deviation) + log_expected_excess(a);
     const double b = (mean - high) / deviation;
     if ((a - b) * std::max(1.0, std::abs(a)) < 1e-5)  // too thin for a difference
-      return std::log(high - low) + log_probability(0.5 * (a + b));
+      return std::log(high - low) + log_normal_probability(0.5 * (a + b));
     return std::log(deviation) + log_difference(log_expected_excess(a), log_expected_excess(b));
-  }
-  static double log_probability(double z) {
-    if (z > -30.0) return std::log(normal_probability(z));
-    return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
   }
   /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound
   /// leaves below e⁻⁴⁰ of the most promising one are passed over.
@@ -19241,6 +19866,151 @@ class ExpectedHypervolume {
 
 #endif
 
+// ---- lumo/optimize/directed_hypervolume.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_DIRECTED_HYPERVOLUME_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_DIRECTED_HYPERVOLUME_HPP
+
+/// Hypervolume of many objectives, where exact boxes are too many. In polar coordinates about the reference point r it
+/// is V = c E[ρ(λ)^m] over directions λ of the positive part of the unit sphere, where ρ(λ) = max over the points y of
+/// min over j of (y_j − r_j)/λ_j, and c = π^(m/2) / (2^m Γ(m/2 + 1)). Source: Golovin & Zhang, "Random Hypervolume
+/// Scalarizations for Provable Multi-Objective Black Box Optimization", ICML 2020.
+namespace lumo {
+
+/// `count` unit vectors (objectives × count) with positive entries, spread evenly: normal numbers of a scrambled Sobol
+/// sequence. Throws InvalidArgument for more than 32 objectives.
+inline Eigen::MatrixXd hypervolume_directions(Eigen::Index objectives, Eigen::Index count, std::uint64_t seed) {
+  require_in_range("number of objectives", double(objectives), 1.0, double(Sobol::dimensions), "");
+  const OwenSobol sequence{seed};
+  Eigen::MatrixXd directions(objectives, count);
+  for (Eigen::Index k = 0; k < count; ++k) {
+    for (Eigen::Index j = 0; j < objectives; ++j)
+      directions(j, k) = normal_quantile(0.5 + 0.5 * sequence(std::uint32_t(k), int(j)));
+    directions.col(k) = directions.col(k).cwiseMax(1e-9).normalized();
+  }
+  return directions;
+}
+
+/// c of the volume above.
+inline double hypervolume_of_unit_reach(Eigen::Index objectives) {
+  const double m = double(objectives);
+  return std::exp(0.5 * m * std::log(pi) - m * std::log(2.0) - std::lgamma(0.5 * m + 1.0));
+}
+
+/// ρ of a direction: how far from `reference` the columns of `y` (objectives × points, maximised) dominate along it.
+template <class Direction>
+double dominated_reach(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference, const Direction& direction) {
+  double reach = 0.0;
+  for (Eigen::Index i = 0; i < y.cols(); ++i)
+    reach = std::max(reach, ((y.col(i) - reference).array() / direction.array()).minCoeff());
+  return reach;
+}
+
+/// A hypervolume with its standard error.
+struct HypervolumeEstimate {
+  double value = 0.0, error = 0.0;
+};
+
+/// Estimate by 16 scrambled sets of directions. Throws InvalidArgument as hypervolume() and hypervolume_directions().
+inline HypervolumeEstimate estimated_hypervolume(
+    const Eigen::MatrixXd& y, const Eigen::VectorXd& reference, Eigen::Index directions_of_set = 512) {
+  detail::require_finite_objectives(y);
+  detail::require_finite_objectives(reference);
+  constexpr int sets = 16;
+  const double unit = hypervolume_of_unit_reach(reference.size());
+  std::array<double, sets> volumes{};
+  for (int s = 0; s < sets; ++s) {
+    const Eigen::MatrixXd directions = hypervolume_directions(reference.size(), directions_of_set, combine(11, s));
+    for (Eigen::Index k = 0; k < directions.cols(); ++k)
+      volumes[std::size_t(s)] += unit / double(directions.cols()) *
+                                 std::pow(dominated_reach(y, reference, directions.col(k)), double(reference.size()));
+  }
+  HypervolumeEstimate estimate;
+  for (const double v : volumes) estimate.value += v / sets;
+  for (const double v : volumes) estimate.error += (v - estimate.value) * (v - estimate.value);
+  estimate.error = std::sqrt(estimate.error / (sets * (sets - 1)));
+  return estimate;
+}
+
+/// Expected hypervolume improvement of a point whose objectives are independent and normal, as a mean over directions:
+/// along each, P(ρ > t) is a product of normal probabilities, and m ∫ t^(m−1) P(ρ > t) dt beyond the reach of the front
+/// is done by Gauss–Legendre's rule. The cost grows with directions and objectives, not with the front.
+class DirectedHypervolume {
+ public:
+  /// `y`: objectives × points, maximised. Throws InvalidArgument for objectives that are not finite.
+  DirectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference, Eigen::MatrixXd directions)
+      : reference_(reference), directions_(std::move(directions)), reach_(directions_.cols()) {
+    detail::require_finite_objectives(y);
+    for (Eigen::Index k = 0; k < reach_.size(); ++k) reach_[k] = dominated_reach(y, reference, directions_.col(k));
+    unit_ = hypervolume_of_unit_reach(reference.size()) / double(directions_.cols());
+  }
+
+  template <class Mean, class Deviation> double value(const Mean& mean, const Deviation& deviation) const {
+    return std::exp(log_value(mean, deviation));
+  }
+  /// log of the expected improvement, finite for all `mean` and positive `deviation` within 1e100.
+  template <class Mean, class Deviation> double log_value(const Mean& mean, const Deviation& deviation) const {
+    std::vector<double> logs(static_cast<std::size_t>(reach_.size()));
+    for (Eigen::Index k = 0; k < reach_.size(); ++k) logs[std::size_t(k)] = log_along(k, mean, deviation);
+    return std::log(unit_) + log_sum_exp(logs.begin(), logs.end());
+  }
+
+ private:
+  static constexpr double sure = 7.0;    ///< deviations beyond which a normal number hardly ever lies
+  static constexpr double falls = 25.0;  ///< logarithms by which the integrand falls until it is left out
+  static constexpr std::array<double, 6> half_nodes{0.0092196828766403782, 0.047941371814762601, 0.11504866290284765,
+      0.20634102285669126, 0.31608425050090994, 0.43738329574426554};
+  static constexpr std::array<double, 6> half_weights{0.023587668193255917, 0.053469662997659088, 0.080039164271673166,
+      0.10158371336153292, 0.11674626826917739, 0.12457352290670144};
+
+  // log of m ∫ t^(m−1) P(ρ > t) dt from the front's reach on, in one direction.
+  template <class Mean, class Deviation>
+  double log_along(Eigen::Index k, const Mean& mean, const Deviation& deviation) const {
+    const Eigen::Index m = reference_.size();
+    const auto direction = directions_.col(k);
+    double certain = std::numeric_limits<double>::infinity(), possible = certain;
+    for (Eigen::Index j = 0; j < m; ++j) {
+      const double above = mean[j] - reference_[j];
+      certain = std::min(certain, (above - sure * deviation[j]) / direction[j]);
+      possible = std::min(possible, (above + sure * deviation[j]) / direction[j]);
+    }
+    const double from = std::max(reach_[k], certain);
+    std::array<double, 13> terms;
+    terms[12] = from > reach_[k] ? log_difference(double(m) * std::log(from), log_power(reach_[k], double(m)))
+                                 : -std::numeric_limits<double>::infinity();
+    // Beyond `possible` the integrand falls at least as fast as at the front's reach: it is log-concave.
+    double slope = 0.0;
+    for (Eigen::Index j = 0; j < m; ++j) {
+      const double z = (mean[j] - reference_[j] - from * direction[j]) / deviation[j];
+      slope += std::max(0.0, -z) * direction[j] / deviation[j];
+    }
+    const double length = possible > from
+                              ? std::min(possible - from,
+                                    slope > 0.0 ? std::max(falls / slope, 0.2 * (possible - from)) : possible - from)
+                              : falls / slope;
+    for (std::size_t q = 0; q < 12; ++q) {
+      const std::size_t h = std::min(q, 11 - q);
+      const double t = from + length * (q < 6 ? half_nodes[h] : 1.0 - half_nodes[h]);
+      double log = std::log(half_weights[h] * length * double(m)) + log_power(t, double(m) - 1.0);
+      for (Eigen::Index j = 0; j < m; ++j)
+        log += log_normal_probability((mean[j] - reference_[j] - t * direction[j]) / deviation[j]);
+      terms[q] = log;
+    }
+    return log_sum_exp(terms.begin(), terms.end());
+  }
+  static double log_power(double t, double exponent) {
+    return exponent == 0.0 ? 0.0 : t > 0.0 ? exponent * std::log(t) : -std::numeric_limits<double>::infinity();
+  }
+
+  Eigen::VectorXd reference_;
+  Eigen::MatrixXd directions_;
+  Eigen::VectorXd reach_;  ///< of the front, in each direction
+  double unit_ = 1.0;      ///< volume of unit reach in all directions, for each of them
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optimize/log_nehvi.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_LOG_NEHVI_HPP
 #define SINGLE_INCLUDE_LUMO_OPTIMIZE_LOG_NEHVI_HPP
@@ -19252,16 +20022,20 @@ namespace lumo {
 /// where a sampled candidate finds no improvement and is ranked by distance. Needs a reduction that is the identity.
 /// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with
 /// Expected Hypervolume Improvement", NeurIPS 2021.
+/// Boxes are exact for up to three objectives. Above, their number explodes, and the improvement is a mean over
+/// directions (DirectedHypervolume), with other directions in each draw.
 struct LogNehvi {
+  static constexpr Eigen::Index exact_objectives = 3;
   int draws = 16;
-  bool noisy = true;  ///< false: observed values stand as they are, and only pending designs are drawn
+  int directions = 8;  ///< of each draw, with more than `exact_objectives`
+  bool noisy = true;   ///< false: observed values stand as they are, and only pending designs are drawn
   /// Observed designs are not drawn if another still beats them in all objectives after so many deviations of both
   /// towards each other: they would hardly ever be in a front, and cost time.
   double hopeless = 3.0;
 
-  template <CovarianceKernel Kernel> class Prepared {
+  template <CovarianceKernel Kernel, class Improvement> class Over {
    public:
-    Prepared(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<ExpectedHypervolume> improvements)
+    Over(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<Improvement> improvements)
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
     Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
@@ -19297,7 +20071,20 @@ struct LogNehvi {
 
    private:
     std::vector<ConditionalPosterior<Kernel>> posteriors_;
-    std::vector<ExpectedHypervolume> improvements_;
+    std::vector<Improvement> improvements_;
+  };
+  template <CovarianceKernel Kernel> class Prepared {
+   public:
+    using Exact = Over<Kernel, ExpectedHypervolume>;
+    using Directed = Over<Kernel, DirectedHypervolume>;
+    explicit Prepared(std::variant<Exact, Directed> utility) : utility_(std::move(utility)) {}
+
+    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
+      return std::visit([&](const auto& utility) { return utility(x); }, utility_);
+    }
+
+   private:
+    std::variant<Exact, Directed> utility_;
   };
 
   /// Models are referred to, not copied: they must outlive the result. Throws InvalidArgument for a reduction other
@@ -19316,10 +20103,17 @@ struct LogNehvi {
       posteriors.emplace_back(models[j], base, base_normals(base.cols(), count, combine(seed, j)));
       drawn.push_back(posteriors.back().draws());
     }
-    std::vector<ExpectedHypervolume> improvements;
+    const auto standing = [&](Eigen::Index s) { return standing_objectives(drawn, s, reduction, evidence, noisy); };
+    if (evidence.reference.size() <= exact_objectives) {
+      std::vector<ExpectedHypervolume> improvements;
+      for (Eigen::Index s = 0; s < count; ++s) improvements.emplace_back(standing(s), evidence.reference);
+      return Prepared<Kernel>(typename Prepared<Kernel>::Exact{std::move(posteriors), std::move(improvements)});
+    }
+    std::vector<DirectedHypervolume> improvements;
     for (Eigen::Index s = 0; s < count; ++s)
-      improvements.emplace_back(standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
-    return {std::move(posteriors), std::move(improvements)};
+      improvements.emplace_back(standing(s), evidence.reference,
+          hypervolume_directions(evidence.reference.size(), directions * draws / count, combine(combine(seed, 97), s)));
+    return Prepared<Kernel>(typename Prepared<Kernel>::Directed{std::move(posteriors), std::move(improvements)});
   }
 
  private:
@@ -19473,13 +20267,32 @@ struct Objective {
   double signed_value(double y) const { return maximize ? y : -y; }  ///< larger is better
 };
 
+/// A result that was not asked for: of an earlier search, or measured. It may lie off the lattice and outside the
+/// space, and there may be several of one design.
+struct KnownResult {
+  Design x;
+  std::vector<double> outputs;  ///< in their own units and sense
+  std::vector<double> errors;   ///< standard errors of the outputs; empty: not known
+};
+
+/// Whether observations carry noise: then a front is of the models' means, not of the values that were reported.
+enum class Noise {
+  estimated,  ///< where a standard error was reported, or the models see noise beyond doubt
+  none,       ///< not even with standard errors
+  present
+};
+
 /// An optimisation problem, and how much of the search is fixed beforehand.
 struct Problem {
   DesignSpace space;
   std::vector<Objective> objectives;
-  std::vector<Design> initial;  ///< asked first
-  int sobol = 8;                ///< asked next: points spread over the space
-  int evaluations = 40;         ///< observed trials at which it ends, initial and Sobol ones included
+  std::vector<Design> initial;     ///< asked first
+  bool initial_anywhere = false;   ///< they may lie off the lattice and outside the bounds
+  std::vector<KnownResult> known;  ///< the models know them from the start; none is proposed
+  Noise noise = Noise::estimated;
+  int repeats = 1;       ///< evaluations of one design, at most; more only where there is noise
+  int sobol = 8;         ///< asked next: points spread over the space
+  int evaluations = 40;  ///< observed trials at which it ends, initial and Sobol ones included
   std::uint64_t seed = 0;
 
   /// Throws InvalidArgument or InfeasibleDesign naming the fault; DesignSampler checks variables and constraints.
@@ -19496,7 +20309,17 @@ struct Problem {
       throw InvalidArgument(message("number of Sobol points is ", sobol, ", must lie in [0, 100000]"));
     if (evaluations < 1 || evaluations > 100000)
       throw InvalidArgument(message("number of evaluations is ", evaluations, ", must lie in [1, 100000]"));
-    for (const Design& x : initial) space.check(x);
+    if (repeats < 1 || repeats > 1000)
+      throw InvalidArgument(message("number of evaluations of one design is ", repeats, ", must lie in [1, 1000]"));
+    if (repeats > 1 && noise == Noise::none)
+      throw InvalidArgument(message("designs are to be evaluated ", repeats, " times, but there is to be no noise"));
+    DesignSpace asked = space;
+    if (initial_anywhere) asked = asked.unbounded();
+    for (const Design& x : initial) {
+      space.check_result(x);
+      asked.check(x);
+    }
+    for (const KnownResult& k : known) space.check_result(k.x);
   }
 };
 
@@ -19507,14 +20330,16 @@ struct Trial {
   Design x;
   State state = State::pending;
   std::vector<double> outputs;  ///< observed ones, in their own units and sense
+  std::vector<double> errors;   ///< their standard errors; empty: not known
   bool retry = false;           ///< failed for a reason that does not lie in the design
   std::string why;
 };
 
-/// An observed trial's objectives, in their own units and sense.
+/// A design's objectives, in their own units and sense.
 struct Outcome {
-  int id = 0;
+  int id = 0;  ///< of its trial; −1 − k for the known result k
   std::vector<double> objectives;
+  std::vector<double> deviations = {};  ///< standard deviations of what the models believe; empty for reported values
 };
 
 /// Evaluations that ended, and how many of them failed.
@@ -20278,6 +21103,54 @@ class ValueBulk {
 
 #endif
 
+// ---- lumo/optimize/repeats.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_REPEATS_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_REPEATS_HPP
+
+namespace lumo {
+
+/// What one more evaluation of a design that was evaluated before is worth: the expected rise of the hypervolume of the
+/// models' means. A fresh design is worth its expected improvement, in the same units.
+struct Repeat {
+  Eigen::Index design = 0;  ///< column of the designs
+  double worth = 0.0;
+};
+
+/// The design in the front of the models' means that is best evaluated again; nullopt if none may be. One more
+/// observation of noise τ² moves the mean of a value whose standard deviation is s by s²/√(s² + τ²) (one step of the
+/// knowledge gradient; Frazier, Powell & Dayanik, SIAM J. Control Optim. 47 (2008)), here for each objective by itself.
+/// `x`: different designs, d × n; `may`: by design. Objectives have one model each, larger is better.
+template <CovarianceKernel Kernel> std::optional<Repeat> best_repeat(const std::vector<GaussianProcess<Kernel>>& models,
+    const Evidence& evidence, const Eigen::MatrixXd& x, const std::vector<bool>& may) {
+  const auto m = Eigen::Index(models.size()), n = x.cols();
+  Eigen::MatrixXd mean(m, n), moved(m, n);
+  for (Eigen::Index j = 0; j < m; ++j) {
+    const GaussianProcess<Kernel>& model = models[std::size_t(j)];
+    const auto at = model.predict(x);
+    double noise = model.output_scale() * model.output_scale() * model.hyperparameters().noise;
+    if (evidence.errors.cols() > 0) noise += evidence.errors.row(j).array().square().mean();
+    mean.row(j) = at.mean.transpose();
+    moved.row(j) = (at.variance.array() / (at.variance.array() + noise).sqrt()).cwiseMax(1e-12).matrix().transpose();
+  }
+  std::optional<Repeat> best;
+  const double whole = hypervolume(mean, evidence.reference);
+  for (const Eigen::Index i : pareto_front(mean)) {
+    if (!may[std::size_t(i)]) continue;
+    std::vector<Eigen::Index> others;
+    for (Eigen::Index k = 0; k < n; ++k)
+      if (k != i) others.push_back(k);
+    const Eigen::MatrixXd rest = mean(Eigen::all, others);
+    const double worth = ExpectedHypervolume(rest, evidence.reference).value(mean.col(i), moved.col(i)) -
+                         (whole - hypervolume(rest, evidence.reference));
+    if (!best || worth > best->worth) best = Repeat{i, worth};
+  }
+  return best;
+}
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/optimize/trials.hpp
 #ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_TRIALS_HPP
 #define SINGLE_INCLUDE_LUMO_OPTIMIZE_TRIALS_HPP
@@ -20294,10 +21167,15 @@ class Trials {
   Trials(Problem problem, int outputs, int retries)
       : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
-    DesignSet known;
+    for (const KnownResult& k : problem_.known) {
+      check_outputs("known result", k.outputs, k.errors);
+      if (problem_.space.contains(k.x)) taken_.insert(sampler_.canonical(k.x));
+    }
+    known_ = taken_.size();
+    DesignSet planned = taken_;
     for (const Design& x : problem_.initial)
-      if (known.insert(sampler_.canonical(x)).second) starts_.push_back(sampler_.canonical(x));
-    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), known))
+      if (planned.insert(as_asked(x)).second) starts_.push_back(as_asked(x));
+    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), planned))
       starts_.push_back(std::move(x));
   }
 
@@ -20310,15 +21188,35 @@ class Trials {
   }
 
   int outputs() const { return outputs_; }
-  std::vector<int> observed_ids() const {
+  /// All results that there are, as columns: known ones (ids −1, −2, …), then the observed trials by id.
+  struct Results {
     std::vector<int> ids;
+    Eigen::MatrixXd x;        ///< d × n
+    Eigen::MatrixXd outputs;  ///< outputs × n, in their own units and sense
+    Eigen::MatrixXd
+        errors;  ///< outputs × n: standard errors, 0 where none was reported; empty where none was reported at all
+  };
+  Results results() const {
+    const auto d = Eigen::Index(sampler_.dimensions());
+    const Eigen::Index n = Eigen::Index(problem_.known.size()) + count(Trial::State::observed);
+    Results r{{}, Eigen::MatrixXd(d, n), Eigen::MatrixXd(outputs_, n), Eigen::MatrixXd::Zero(outputs_, n)};
+    const auto add = [&](int id, const Design& x, const std::vector<double>& outputs, const std::vector<double>& e) {
+      const auto i = Eigen::Index(r.ids.size());
+      r.ids.push_back(id);
+      r.x.col(i) = Eigen::Map<const Eigen::VectorXd>(x.data(), d);
+      r.outputs.col(i) = Eigen::Map<const Eigen::VectorXd>(outputs.data(), outputs_);
+      if (!e.empty()) r.errors.col(i) = Eigen::Map<const Eigen::VectorXd>(e.data(), outputs_);
+    };
+    for (std::size_t k = 0; k < problem_.known.size(); ++k)
+      add(-1 - int(k), problem_.known[k].x, problem_.known[k].outputs, problem_.known[k].errors);
     for (const Trial& t : trials_)
-      if (t.state == Trial::State::observed) ids.push_back(t.id);
-    return ids;
+      if (t.state == Trial::State::observed) add(t.id, t.x, t.outputs, t.errors);
+    if ((r.errors.array() == 0.0).all()) r.errors.resize(0, 0);
+    return r;
   }
-  /// Observed trials before the first that a model chose.
-  std::size_t observed_starts() const {
-    std::size_t count = 0;
+  /// Results before the first that a model chose.
+  std::size_t result_starts() const {
+    std::size_t count = problem_.known.size();
     for (const Trial& t : trials_) {
       if (std::find(starts_.begin(), starts_.end(), t.x) == starts_.end()) break;
       count += t.state == Trial::State::observed;
@@ -20331,7 +21229,7 @@ class Trials {
   std::optional<Design> scheduled() const {
     for (const Trial& t : trials_)
       if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
-    if (taken_.size() >= starts_.size()) return std::nullopt;
+    if (taken_.size() - known_ >= starts_.size()) return std::nullopt;
     for (const Design& x : starts_)
       if (!taken_.contains(x)) return x;
     return std::nullopt;
@@ -20341,25 +21239,29 @@ class Trials {
     if (id != int(trials_.size()))
       throw InvalidArgument(
           message("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
-    problem_.space.check(x);
-    x = sampler_.canonical(std::move(x));
-    if (taken_.contains(x))
-      for (const Trial& t : trials_)
-        if (t.x == x && !(t.state == Trial::State::failed && t.retry))
-          throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
+    x = as_asked(std::move(x));
+    int before = 0;
+    for (const Trial& t : trials_) {
+      if (t.x != x || (t.state == Trial::State::failed && t.retry)) continue;
+      if (++before >= problem_.repeats || t.state == Trial::State::failed)
+        throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
+    }
     taken_.insert(x);
-    trials_.push_back({id, std::move(x), Trial::State::pending, {}, false, {}});
+    trials_.push_back({id, std::move(x), Trial::State::pending, {}, {}, false, {}});
     return trials_.back();
   }
-  /// Throw InvalidArgument if the trial is not pending, or the outputs are too few, too many or not finite.
-  void tell(int id, std::vector<double> outputs) {
+  /// Trials of a design that were answered, or are pending; failures of the machine do not count.
+  int evaluations(const Design& x) const {
+    return int(std::count_if(trials_.begin(), trials_.end(),
+        [&](const Trial& t) { return t.x == x && !(t.state == Trial::State::failed && t.retry); }));
+  }
+  /// Throw InvalidArgument if the trial is not pending, or the outputs are too few, too many or not finite; so for
+  /// their standard errors, unless there are none.
+  void tell(int id, std::vector<double> outputs, std::vector<double> errors = {}) {
     Trial& trial = pending(id);
-    if (int(outputs.size()) != outputs_)
-      throw InvalidArgument(message("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
-    for (const double y : outputs)
-      if (!(std::abs(y) <= largest_output))
-        throw InvalidArgument(message("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
+    check_outputs(message("trial ", id), outputs, errors);
     trial.outputs = std::move(outputs);
+    trial.errors = std::move(errors);
     trial.state = Trial::State::observed;
   }
   void fail(int id, bool retry, std::string why) {
@@ -20378,17 +21280,28 @@ class Trials {
         x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
     return x.leftCols(column);
   }
-  /// Outputs of the observed trials (outputs × n) by id, in their own units and sense.
-  Eigen::MatrixXd observed_outputs() const {
-    Eigen::MatrixXd y(outputs_, count(Trial::State::observed));
-    Eigen::Index column = 0;
-    for (const Trial& t : trials_)
-      if (t.state == Trial::State::observed)
-        y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
-    return y;
-  }
 
  private:
+  void check_outputs(const std::string& whose, const std::vector<double>& y, const std::vector<double>& errors) const {
+    if (int(y.size()) != outputs_)
+      throw InvalidArgument(message(whose, " has ", y.size(), " values, must have ", outputs_));
+    if (!errors.empty() && int(errors.size()) != outputs_)
+      throw InvalidArgument(message(whose, " has ", errors.size(), " standard errors, must have ", outputs_));
+    for (const double v : y)
+      if (!(std::abs(v) <= largest_output))
+        throw InvalidArgument(message(whose, " has a value of ", v, ", must be a finite number within +-1e150"));
+    for (const double e : errors)
+      if (!(e >= 0.0 && e <= largest_output))
+        throw InvalidArgument(message(whose, " has a standard error of ", e, ", must lie in [0, 1e150]"));
+  }
+  /// An initial design may be wherever it was said to be; throws as DesignSpace::check() for all others.
+  Design as_asked(Design x) const {
+    if (problem_.initial_anywhere && !problem_.space.contains(x) &&
+        std::find(problem_.initial.begin(), problem_.initial.end(), x) != problem_.initial.end())
+      return x;
+    problem_.space.check(x);
+    return sampler_.canonical(std::move(x));
+  }
   Trial& pending(int id) {
     if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(message("trial ", id, " was never asked"));
     Trial& trial = trials_[std::size_t(id)];
@@ -20409,7 +21322,196 @@ class Trials {
   int outputs_, retries_;
   std::vector<Design> starts_;
   std::vector<Trial> trials_;
-  DesignSet taken_;
+  DesignSet taken_;        ///< asked, and known on the lattice
+  std::size_t known_ = 0;  ///< of them
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optimize/standing.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTIMIZE_STANDING_HPP
+#define SINGLE_INCLUDE_LUMO_OPTIMIZE_STANDING_HPP
+
+namespace lumo {
+
+/// Outputs, of `outputs`, that objective `j` is made of.
+template <Reduction R> std::vector<Eigen::Index> outputs_of(const R& reduction, int outputs, int j) {
+  std::vector<Eigen::Index> rows;
+  for (int k = 0; k < outputs; ++k)
+    if (reduction.objective(k) == j) rows.push_back(k);
+  return rows;
+}
+
+/// Objectives (objectives × n), larger is better, of outputs (outputs × n) in their own sense.
+template <Reduction R> Eigen::MatrixXd objectives_of(const R& reduction, const Problem& problem, Eigen::MatrixXd y) {
+  for (Eigen::Index k = 0; k < y.rows(); ++k)
+    y.row(k) *= problem.objectives[std::size_t(reduction.objective(int(k)))].signed_value(1.0);
+  return y.cols() ? Eigen::MatrixXd(reduction.objectives(y))
+                  : Eigen::MatrixXd(Eigen::Index(problem.objectives.size()), 0);
+}
+
+/// The designs that no other dominates, from the best in the first objective on, and what they are worth. Where there
+/// is noise (Problem::noise), values are the models' means; else they are those that were reported, as those of
+/// outliers always are. Known results inside the space count.
+struct Standing {
+  std::vector<Outcome> front;
+  double hypervolume = 0.0;                ///< that the front dominates above the reference point
+  double low = 0.0, high = 0.0;            ///< its central 90 % interval; equal to it where it is exact
+  std::vector<std::string> modelled = {};  ///< objectives whose values are the models' means
+};
+
+/// Designs inside the space with what is believed of their outputs.
+template <CovarianceKernel Kernel, Reduction R> class Beliefs {
+ public:
+  /// `models` and `evidence` as those of Optimizer, made of the results `inliers`; no models: reported values stand.
+  /// Trials and models are referred to.
+  Beliefs(const Trials& trials, R reduction, const std::vector<GaussianProcess<Kernel>>& models,
+      const Evidence& evidence, const std::vector<Eigen::Index>& inliers)
+      : trials_(&trials), reduction_(std::move(reduction)), models_(&models) {
+    const Trials::Results r = trials.results();
+    find_noise(r);
+    std::vector<Eigen::Index> kept;
+    std::set<Design> seen;
+    for (std::size_t i = 0; i < r.ids.size(); ++i) {
+      const auto column = r.x.col(Eigen::Index(i));
+      const Design x(column.data(), column.data() + column.size());
+      if (problem().space.encloses(x) && (!any_noise() || seen.insert(x).second)) kept.push_back(Eigen::Index(i));
+    }
+    for (const Eigen::Index i : kept) {
+      ids_.push_back(r.ids[std::size_t(i)]);
+      known_to_models_.push_back(std::binary_search(inliers.begin(), inliers.end(), i));
+    }
+    x_ = r.x(Eigen::all, kept);
+    outputs_ = r.outputs(Eigen::all, kept);
+    if (any_noise()) {
+      find_scale(r.outputs(Eigen::all, inliers), evidence.outputs);
+      believe_models();
+    }
+    objectives_ = objectives_of(reduction_, problem(), outputs_);
+  }
+
+  /// Of the designs: ids of their trials, −1 − k for the known result k. Several evaluations of a design with noise
+  /// count once.
+  const std::vector<int>& ids() const { return ids_; }
+  const Eigen::MatrixXd& designs() const { return x_; }
+  bool any_noise() const { return std::find(noisy_.begin(), noisy_.end(), true) != noisy_.end(); }
+  /// Do the models know the design? They do not know outliers.
+  bool modelled(std::size_t design) const { return known_to_models_[design]; }
+
+  Standing standing() const {
+    Standing out;
+    for (std::size_t j = 0; j < noisy_.size(); ++j)
+      if (noisy_[j]) out.modelled.push_back(problem().objectives[j].name);
+    const std::vector<Eigen::Index> front = pareto_front(objectives_);
+    for (const Eigen::Index i : front) {
+      out.front.push_back({ids_[std::size_t(i)], {}, {}});
+      for (Eigen::Index j = 0; j < objectives_.rows(); ++j)
+        out.front.back().objectives.push_back(objective(int(j)).signed_value(objectives_(j, i)));
+    }
+    const HypervolumeEstimate volume = volume_of(objectives_, 512);
+    constexpr double of_90_percent = 1.645;
+    out.hypervolume = volume.value;
+    out.low = volume.value - of_90_percent * volume.error;
+    out.high = volume.value + of_90_percent * volume.error;
+    if (any_noise() && !front.empty()) put_interval(out, front);
+    return out;
+  }
+
+ private:
+  const Problem& problem() const { return trials_->problem(); }
+  const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
+
+  // An objective is noisy if that was said of one of its outputs, or the data are e³ times likelier with noise: without
+  // any, Branin's and Currin's functions give e⁰, with that of a public tutorial (a fourth of their spread) e²⁰ at
+  // least.
+  void find_noise(const Trials::Results& r) {
+    constexpr double beyond_doubt = 3.0;
+    constexpr std::size_t enough = 8;
+    noisy_.assign(problem().objectives.size(), false);
+    for (std::size_t k = 0; k < models_->size(); ++k) {
+      const bool reported = r.errors.cols() > 0 && (r.errors.row(Eigen::Index(k)).array() > 0.0).any();
+      if (problem().noise == Noise::present || reported ||
+          (r.ids.size() >= enough && (*models_)[k].evidence_of_noise() > beyond_doubt))
+        noisy_[std::size_t(reduction_.objective(int(k)))] = true;
+    }
+  }
+  // Unit of the evidence by objective: from the value that lies furthest from its reference.
+  void find_scale(const Eigen::MatrixXd& raw, const Eigen::MatrixXd& scaled) {
+    scale_.setOnes(Eigen::Index(noisy_.size()));
+    Eigen::VectorXd furthest = Eigen::VectorXd::Zero(scale_.size());
+    for (Eigen::Index k = 0; k < raw.rows(); ++k)
+      for (Eigen::Index i = 0; i < raw.cols(); ++i) {
+        const int j = reduction_.objective(int(k));
+        if (!(std::abs(scaled(k, i)) > furthest[j])) continue;
+        furthest[j] = std::abs(scaled(k, i));
+        scale_[j] = std::abs(raw(k, i) - objective(j).reference) / furthest[j];
+      }
+  }
+  // A model's value in the unit and sense of its objective.
+  double in_units(double modelled, int j) const {
+    return objective(j).reference + objective(j).signed_value(modelled * scale_[j]);
+  }
+  void believe_models() {
+    for (Eigen::Index k = 0; k < outputs_.rows(); ++k) {
+      const int j = reduction_.objective(int(k));
+      if (!noisy_[std::size_t(j)]) continue;
+      const Eigen::VectorXd mean = (*models_)[std::size_t(k)].mean(x_);
+      for (Eigen::Index i = 0; i < x_.cols(); ++i)
+        if (modelled(std::size_t(i))) outputs_(k, i) = in_units(mean[i], j);
+    }
+  }
+  HypervolumeEstimate volume_of(const Eigen::MatrixXd& y, Eigen::Index directions) const {
+    Eigen::VectorXd reference(Eigen::Index(noisy_.size()));
+    for (Eigen::Index j = 0; j < reference.size(); ++j)
+      reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
+    if (reference.size() <= LogNehvi::exact_objectives) return {lumo::hypervolume(y, reference), 0.0};
+    return estimated_hypervolume(y, reference, directions);
+  }
+  // Joint draws of an output at the designs of a front: designs × draws.
+  Eigen::MatrixXd drawn(Eigen::Index k, const std::vector<Eigen::Index>& front, int draws) const {
+    Eigen::MatrixXd values = outputs_(k, front).transpose().replicate(1, draws);
+    const int j = reduction_.objective(int(k));
+    if (!noisy_[std::size_t(j)]) return values;
+    const Eigen::MatrixXd normals = base_normals(Eigen::Index(front.size()), draws, combine(23, std::uint64_t(k)));
+    const auto sample = (*models_)[std::size_t(k)].sample(x_(Eigen::all, front), normals);
+    for (std::size_t i = 0; i < front.size() && sample; ++i)
+      if (modelled(std::size_t(front[i])))
+        for (int s = 0; s < draws; ++s) values(Eigen::Index(i), s) = in_units((*sample)(Eigen::Index(i), s), j);
+    return values;
+  }
+  void put_interval(Standing& out, const std::vector<Eigen::Index>& front) const {
+    constexpr int draws = 256, tail = draws / 20;
+    constexpr Eigen::Index directions_of_draw = 32;
+    std::vector<Eigen::MatrixXd> outputs;
+    for (Eigen::Index k = 0; k < outputs_.rows(); ++k) outputs.push_back(drawn(k, front, draws));
+    Eigen::MatrixXd y(outputs_.rows(), Eigen::Index(front.size())),
+        squares = Eigen::MatrixXd::Zero(objectives_.rows(), y.cols());
+    std::vector<double> volumes;
+    for (int s = 0; s < draws; ++s) {
+      for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) = outputs[std::size_t(k)].col(s).transpose();
+      const Eigen::MatrixXd drawn_objectives = objectives_of(reduction_, problem(), y);
+      squares += (drawn_objectives - objectives_(Eigen::all, front)).cwiseAbs2() / draws;
+      volumes.push_back(volume_of(drawn_objectives, directions_of_draw).value);
+    }
+    std::sort(volumes.begin(), volumes.end());
+    out.low = std::min(out.hypervolume, volumes[tail]);
+    out.high = std::max(out.hypervolume, volumes[draws - 1 - tail]);
+    for (std::size_t i = 0; i < front.size(); ++i)
+      for (Eigen::Index j = 0; j < squares.rows(); ++j)
+        out.front[i].deviations.push_back(std::sqrt(squares(j, Eigen::Index(i))));
+  }
+
+  const Trials* trials_;
+  R reduction_;
+  const std::vector<GaussianProcess<Kernel>>* models_;
+  std::vector<bool> noisy_;  ///< by objective
+  std::vector<int> ids_;
+  std::vector<bool> known_to_models_;  ///< by design
+  Eigen::MatrixXd x_, outputs_;        ///< outputs in their own unit and sense
+  Eigen::MatrixXd objectives_;         ///< larger is better
+  Eigen::VectorXd scale_;              ///< by objective: unit of the evidence
 };
 
 }  // namespace lumo
@@ -20458,9 +21560,11 @@ class Optimizer {
     return trials_.open(int(trials().size()), std::move(*x));
   }
 
-  /// Outputs of a pending trial. Throws InvalidArgument if it is not pending, or the outputs are too few, too many or
-  /// not finite.
-  void tell(int id, std::vector<double> outputs) { trials_.tell(id, std::move(outputs)); }
+  /// Outputs of a pending trial, and their standard errors if they are known. Throws InvalidArgument if it is not
+  /// pending, or the numbers are too few, too many or not finite.
+  void tell(int id, std::vector<double> outputs, std::vector<double> errors = {}) {
+    trials_.tell(id, std::move(outputs), std::move(errors));
+  }
 
   /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument if it is
   /// not pending.
@@ -20485,19 +21589,10 @@ class Optimizer {
   int observed() const { return trials_.count(Trial::State::observed); }
   int pending() const { return trials_.count(Trial::State::pending); }
 
-  /// Observed trials that no other dominates, from the best in the first objective on. An outlier counts with its
-  /// own value.
-  std::vector<Outcome> front() const {
-    const std::vector<int> ids = trials_.observed_ids();
-    const Eigen::MatrixXd y = objectives();
-    std::vector<Outcome> out;
-    for (const Eigen::Index i : pareto_front(y)) {
-      out.push_back({ids[std::size_t(i)], {}});
-      for (Eigen::Index j = 0; j < y.rows(); ++j)
-        out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
-    }
-    return out;
-  }
+  /// The designs that no other dominates, and what they are worth.
+  Standing standing() const { return beliefs().standing(); }
+  std::vector<Outcome> front() const { return standing().front; }
+  double hypervolume() const { return standing().hypervolume; }
 
   /// A value that lies absurdly far from the others of its objective. The models of values do without its trial; to the
   /// model of success one that is worse than the others is a failure.
@@ -20509,18 +21604,17 @@ class Optimizer {
   };
   /// By trial. Whether a value is an outlier may change with those that follow.
   std::vector<Outlier> outliers() const {
-    const std::vector<int> ids = trials_.observed_ids();
-    const Eigen::MatrixXd outputs = trials_.observed_outputs();
+    const Trials::Results r = trials_.results();
     std::vector<Outlier> out;
     for (int j = 0; j < int(problem().objectives.size()); ++j) {
       const std::vector<Eigen::Index> rows = rows_of(j);
-      const Eigen::MatrixXd y = objective(j).signed_value(1.0) * outputs(rows, Eigen::all);
-      const ValueBulk bulk({y.data(), y.data() + y.size()}, trials_.observed_starts() * rows.size(), config_.outliers);
+      const Eigen::MatrixXd y = objective(j).signed_value(1.0) * r.outputs(rows, Eigen::all);
+      const ValueBulk bulk({y.data(), y.data() + y.size()}, trials_.result_starts() * rows.size(), config_.outliers);
       for (Eigen::Index i = 0; i < y.cols(); ++i)
         for (Eigen::Index k = 0; k < y.rows(); ++k) {
           if (!bulk.worse(y(k, i)) && !bulk.better(y(k, i))) continue;
           const double first = objective(j).signed_value(bulk.low()), last = objective(j).signed_value(bulk.high());
-          out.push_back({ids[std::size_t(i)], int(rows[std::size_t(k)]), objective(j).signed_value(y(k, i)),
+          out.push_back({r.ids[std::size_t(i)], int(rows[std::size_t(k)]), objective(j).signed_value(y(k, i)),
               bulk.better(y(k, i)), std::min(first, last), std::max(first, last)});
         }
     }
@@ -20528,43 +21622,42 @@ class Optimizer {
     return out;
   }
 
-  /// Volume that the front dominates above the reference point, in the product of the objectives' units.
-  double hypervolume() const {
-    Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
-    for (Eigen::Index j = 0; j < reference.size(); ++j)
-      reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
-    return lumo::hypervolume(objectives(), reference);
-  }
-
-  /// Models of the observed outputs as they are in evidence(). Empty before two trials are observed.
-  const std::vector<GaussianProcess<Kernel>>& models() {
-    if (observed() < 2 || modelled_ == observed()) return models_;
+  /// Models of the outputs as they are in evidence(). Empty before there are two results.
+  const std::vector<GaussianProcess<Kernel>>& models() const {
+    const int results = int(problem().known.size()) + observed();
+    if (results < 2 || modelled_ == results) return models_;
     const Evidence e = evidence();
     models_.clear();
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      models_.push_back(
-          GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
-    modelled_ = observed();
+      models_.push_back(GaussianProcess<Kernel>::fit(
+          {e.x, e.outputs.row(k).transpose(), e.lower, e.upper,
+              e.errors.cols() ? Eigen::VectorXd(e.errors.row(k).transpose()) : Eigen::VectorXd()},
+          config_.model));
+    modelled_ = results;
     return models_;
   }
 
-  /// Observed and pending trials as models and acquisition see them: without outliers, outputs less their reference,
-  /// larger is better, in units of the spread of their objective.
+  /// Results and pending trials as models see them: without outliers, outputs less their reference, larger is better,
+  /// in units of the spread of their objective.
   Evidence evidence() const {
     Evidence e;
+    const Trials::Results r = trials_.results();
     const std::vector<Eigen::Index> kept = inliers();
-    e.x = trials_.designs(Trial::State::observed)(Eigen::all, kept);
+    e.x = r.x(Eigen::all, kept);
     e.pending = trials_.designs(Trial::State::pending);
-    e.outputs = trials_.observed_outputs()(Eigen::all, kept);
+    e.outputs = r.outputs(Eigen::all, kept);
+    if (r.errors.cols() > 0 && problem().noise != Noise::none) e.errors = r.errors(Eigen::all, kept);
     for (int j = 0; j < int(problem().objectives.size()); ++j) {
       const std::vector<Eigen::Index> rows = rows_of(j);
       Eigen::ArrayXXd y =
           objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
       const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
+      double spread = 1.0;
       if (largest > 0.0) {
         y /= largest;
-        const double spread = std::sqrt((y - y.mean()).square().mean());
-        if (spread > 1e-14) y /= spread;
+        const double deviation = std::sqrt((y - y.mean()).square().mean());
+        if (deviation > 1e-14) y /= spread = deviation;
+        if (e.errors.cols() > 0) e.errors(rows, Eigen::all) *= 1.0 / largest / spread;
       }
       e.outputs(rows, Eigen::all) = y.matrix();
     }
@@ -20581,32 +21674,24 @@ class Optimizer {
 
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
-
-  /// Outputs that an objective is made of.
-  std::vector<Eigen::Index> rows_of(int j) const {
-    std::vector<Eigen::Index> rows;
-    for (int k = 0; k < trials_.outputs(); ++k)
-      if (config_.reduction.objective(k) == j) rows.push_back(k);
-    return rows;
-  }
-  /// Observed trials without outliers, as columns of the observed ones.
+  std::vector<Eigen::Index> rows_of(int j) const { return outputs_of(config_.reduction, trials_.outputs(), j); }
+  /// Results without outliers, as columns of Trials::results().
   std::vector<Eigen::Index> inliers() const {
     std::set<int> absurd;
     for (const Outlier& o : outliers()) absurd.insert(o.id);
-    const std::vector<int> ids = trials_.observed_ids();
+    const std::vector<int> ids = trials_.results().ids;
     std::vector<Eigen::Index> kept;
     for (std::size_t i = 0; i < ids.size(); ++i)
       if (!absurd.contains(ids[i])) kept.push_back(Eigen::Index(i));
     return kept;
   }
 
-  /// Objectives of the observed trials (objectives × n) in their units, larger is better.
-  Eigen::MatrixXd objectives() const {
-    Eigen::MatrixXd y = trials_.observed_outputs();
-    for (Eigen::Index k = 0; k < y.rows(); ++k)
-      y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-    return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
-                    : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  Beliefs<Kernel, R> beliefs() const {
+    return {trials_, config_.reduction, problem().noise == Noise::none ? no_models() : models(), evidence(), inliers()};
+  }
+  static const std::vector<GaussianProcess<Kernel>>& no_models() {
+    static const std::vector<GaussianProcess<Kernel>> none;
+    return none;
   }
 
   /// Model of the success of evaluations; nullopt if none has failed for a reason of its design, or given a value that
@@ -20616,9 +21701,11 @@ class Optimizer {
     std::set<int> absurd;
     for (const Outlier& o : outliers())
       if (!o.better) absurd.insert(o.id);
-    for (const int id : absurd) {
+    const Trials::Results r = trials_.results();
+    for (std::size_t i = 0; i < r.ids.size(); ++i) {
+      if (!absurd.contains(r.ids[i])) continue;
       failed.conservativeResize(Eigen::NoChange, failed.cols() + 1);
-      failed.rightCols(1) = Eigen::Map<const Eigen::VectorXd>(trials()[std::size_t(id)].x.data(), failed.rows());
+      failed.rightCols(1) = r.x.col(Eigen::Index(i));
     }
     if (failed.cols() == 0) return std::nullopt;
     return SuccessModel<Kernel>(e.x, failed, e.lower, e.upper, config_.model);
@@ -20631,25 +21718,59 @@ class Optimizer {
       auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
       return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
     }
-    const std::vector<int> ids = trials_.observed_ids();
-    const std::vector<Eigen::Index> kept = inliers();
+    const Trials::Results r = trials_.results();
+    std::vector<Eigen::Index> kept;
+    for (const Eigen::Index i : inliers())
+      if (problem().space.encloses(design(r, i))) kept.push_back(i);
     std::vector<Design> standing;
-    for (const Eigen::Index i : pareto_front(Eigen::MatrixXd(objectives()(Eigen::all, kept))))
-      standing.push_back(trials()[std::size_t(ids[std::size_t(kept[std::size_t(i)])])].x);
-    const Evidence e = evidence();
+    for (const Eigen::Index i : pareto_front(objectives_of(config_.reduction, problem(), r.outputs(Eigen::all, kept))))
+      if (const Design x = design(r, kept[std::size_t(i)]); problem().space.contains(x)) standing.push_back(x);
+    const Evidence known = evidence(), e = inside(known);
     const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
     const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};
-    const auto model = success(e);
-    if (!model) return config_.source.best(request, utility);
-    return config_.source.best(
-        request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
+    const auto model = success(known);
+    const auto score = [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd {
+      return model ? model->expected(utility(x), x) : utility(x);
+    };
+    std::optional<Design> fresh = config_.source.best(request, score);
+    if (problem().repeats == 1) return fresh;
+    return or_repeated(std::move(fresh), e, score);
+  }
+  /// The fresh design, or one that is better evaluated again.
+  std::optional<Design> or_repeated(std::optional<Design> fresh, const Evidence& e, const Score& score) const {
+    const auto b = beliefs();
+    if (!b.any_noise() || !config_.reduction.identity() || e.reference.size() > LogNehvi::exact_objectives)
+      return fresh;
+    std::vector<bool> may;
+    for (std::size_t i = 0; i < b.ids().size(); ++i)
+      may.push_back(b.modelled(i) && b.ids()[i] >= 0 &&
+                    trials_.evaluations(trials()[std::size_t(b.ids()[i])].x) < problem().repeats);
+    const auto again = best_repeat(models_, e, b.designs(), may);
+    if (!again) return fresh;
+    if (fresh && std::log(std::max(again->worth, 1e-300)) <= score(design_columns({*fresh}, fresh->size()))[0])
+      return fresh;
+    return trials()[std::size_t(b.ids()[std::size_t(again->design)])].x;
+  }
+  static Design design(const Trials::Results& r, Eigen::Index i) {
+    return {r.x.col(i).data(), r.x.col(i).data() + r.x.rows()};
+  }
+  /// Evidence of designs inside the space: results outside inform the models, but nothing has to be better than they.
+  Evidence inside(Evidence e) const {
+    std::vector<Eigen::Index> kept;
+    for (Eigen::Index i = 0; i < e.x.cols(); ++i)
+      if (problem().space.encloses(Design(e.x.col(i).data(), e.x.col(i).data() + e.x.rows()))) kept.push_back(i);
+    if (Eigen::Index(kept.size()) == e.x.cols()) return e;
+    e.x = Eigen::MatrixXd(e.x(Eigen::all, kept));
+    e.outputs = Eigen::MatrixXd(e.outputs(Eigen::all, kept));
+    if (e.errors.cols() > 0) e.errors = Eigen::MatrixXd(e.errors(Eigen::all, kept));
+    return e;
   }
 
   Config config_;
   Trials trials_;
   bool exhausted_ = false;
-  std::vector<GaussianProcess<Kernel>> models_;
-  int modelled_ = 0;  ///< observed trials that the models know
+  mutable std::vector<GaussianProcess<Kernel>> models_;  // fitted when they are first asked for
+  mutable int modelled_ = 0;                             ///< results that the models know
 };
 
 }  // namespace lumo
@@ -20720,6 +21841,28 @@ concept Journal = requires(J& journal, const J& view,
   { journal.claim(number) } -> std::same_as<bool>;
 };
 
+/// Work that a living worker has claimed.
+struct Claim {
+  std::int64_t number = 0;      ///< of the entry that announces it
+  std::string node, process;    ///< as the store knows them
+  std::optional<double> age_s;  ///< by the store's own clock; nullopt if it keeps no times
+};
+
+/// A journal that several workers share. Laws: at most one living worker has a claim, and it ends with its worker; an
+/// answer that was delivered is there after any crash, and waits outside of the entries until one with its kind and
+/// content is there; a second one to the same entry is not taken.
+template <class S>
+concept Store = Journal<S> && requires(
+    S& store, const S& view, const JournalEntry& answer, const std::vector<std::int64_t>& numbers, double seconds) {
+  { store.claim_first(numbers) } -> std::same_as<std::optional<std::int64_t>>;
+  { store.release(answer.number) } -> std::same_as<void>;
+  { store.deliver(answer.number, answer) } -> std::same_as<bool>;
+  { view.delivered() } -> std::same_as<std::vector<std::int64_t>>;
+  { view.delivery(answer.number) } -> std::same_as<std::optional<JournalEntry>>;
+  { view.claims() } -> std::same_as<std::vector<Claim>>;
+  { store.wait(seconds) } -> std::same_as<void>;
+};
+
 /// A journal that lives as long as its process.
 class MemoryJournal {
  public:
@@ -20741,17 +21884,44 @@ class MemoryJournal {
     if (!entry) return std::nullopt;
     entry->number = std::int64_t(entries_.size());
     entries_.push_back(*entry);
+    std::erase_if(
+        delivered_, [&](const auto& d) { return d.second.kind == entry->kind && d.second.content == entry->content; });
     return entry;
   }
 
   /// May this process work on the trial that the entry announces? Not while another living process does.
   bool claim(std::int64_t) { return true; }
+  /// The first of these entries whose trial this process may work on.
+  std::optional<std::int64_t> claim_first(const std::vector<std::int64_t>& numbers) {
+    return numbers.empty() ? std::nullopt : std::optional(numbers.front());
+  }
+  void release(std::int64_t) {}
+  std::vector<Claim> claims() const { return {}; }
+
+  /// Keeps the answer to the entry `number` until its turn; false if there is one.
+  bool deliver(std::int64_t number, JournalEntry answer) {
+    for (const JournalEntry& e : entries_)
+      if (e.kind == answer.kind && e.content == answer.content) return false;
+    return delivered_.try_emplace(number, std::move(answer)).second;
+  }
+  std::vector<std::int64_t> delivered() const {
+    std::vector<std::int64_t> numbers;
+    for (const auto& [number, answer] : delivered_) numbers.push_back(number);
+    return numbers;
+  }
+  std::optional<JournalEntry> delivery(std::int64_t number) const {
+    const auto found = delivered_.find(number);
+    return found == delivered_.end() ? std::nullopt : std::optional(found->second);
+  }
+  /// Until something may have changed, at most so long.
+  void wait(double seconds) { pause_for(seconds); }
 
  private:
   std::vector<JournalEntry> entries_;
+  std::map<std::int64_t, JournalEntry> delivered_;
 };
 
-static_assert(Journal<MemoryJournal>);
+static_assert(Store<MemoryJournal>);
 
 /// A trial in a journal: "<id> <design>" (ask), "<id> <outputs>" (tell) or "<id> retry|final <why>" (fail).
 struct TrialEntry {
@@ -20802,6 +21972,41 @@ inline TrialEntry parse_trial(const JournalEntry& entry) {
   }
   while (!rest.empty()) read(t.values.emplace_back());
   return t;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/campaign/copy_store.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CAMPAIGN_COPY_STORE_HPP
+#define SINGLE_INCLUDE_LUMO_CAMPAIGN_COPY_STORE_HPP
+
+namespace lumo {
+
+/// Appends what `copy` lacks of `source`, which has the same problem: entries with their records and notes, then
+/// answers that wait. It may be interrupted and goes on. Throws StoreError of reason `different` if an entry differs
+/// from the one that `copy` has.
+template <Store S, Store T> void copy_store(const S& source, T& copy) {
+  const std::vector<JournalEntry> all = source.entries();
+  const std::vector<JournalEntry> there = copy.entries();
+  const auto refuse = [](std::int64_t number) {
+    throw StoreError(StoreError::Reason::different, message("entry ", number, " differs in the other store"));
+  };
+  if (there.size() > all.size()) refuse(std::int64_t(all.size()));
+  for (const JournalEntry& e : there)
+    if (const JournalEntry& own = all[std::size_t(e.number)];
+        own.kind != e.kind || own.content != e.content || source.record(e.number) != copy.record(e.number))
+      refuse(e.number);
+  for (std::size_t k = there.size(); k < all.size(); ++k)
+    copy.append([&](const std::vector<JournalEntry>& list) -> std::optional<JournalEntry> {
+      if (list.size() > k) refuse(std::int64_t(k));  // another process writes to it
+      JournalEntry e = all[k];
+      e.record = source.record(e.number);
+      return e;
+    });
+  for (const std::int64_t number : source.delivered())
+    if (const auto answer = source.delivery(number)) copy.deliver(number, *answer);
 }
 
 }  // namespace lumo
@@ -20886,24 +22091,70 @@ template <class O> class CampaignState {
 struct CampaignConfig {
   FailureLimit failures;  ///< of all evaluations for their designs, or of this process's own for the machine
   double poll_s = 0.5;    ///< between looks whether another process has ended, or died
+  /// Designs that may be under way. Proposal k + pending follows the answers to 1 … k, in order of ids: the journal is
+  /// the same, to the bit, for any number of workers. nullopt: one more whenever a worker is free, so that the journal
+  /// has the order in which answers came.
+  std::optional<int> pending = std::nullopt;
 };
 
 namespace detail {
 
 /// A trial for this process: one whose worker died, or a new one. `state` has read the journal.
-template <Journal J, class O> std::optional<int> take_trial(J& journal, CampaignState<O>& state) {
+template <Store S, class O> std::optional<int> take_trial(S& store, CampaignState<O>& state) {
   const auto claimed = [&](int id) {
-    if (!journal.claim(state.asked(id))) return false;
-    state.read(journal.entries());  // who had it may have answered and ended since the last look
+    if (!store.claim(state.asked(id))) return false;
+    state.read(store.entries());  // who had it may have answered and ended since the last look
     return !state.answered(id);
   };
   for (std::size_t k = 0; k < state.optimizer().trials().size(); ++k)
     if (state.optimizer().trials()[k].state == Trial::State::pending && claimed(int(k))) return int(k);
-  const auto entry = journal.append([&](const std::vector<JournalEntry>& entries) { return state.ask(entries); });
+  const auto entry = store.append([&](const std::vector<JournalEntry>& entries) { return state.ask(entries); });
   if (!entry) return std::nullopt;
-  state.read(journal.entries());
+  state.read(store.entries());
   const int id = parse_trial(*entry).id;
-  return claimed(id) ? std::optional(id) : take_trial(journal, state);  // another process was faster
+  return claimed(id) ? std::optional(id) : take_trial(store, state);  // another process was faster
+}
+
+/// A trial that is under way, without an answer, and that no living worker has; now this one's.
+template <Store S, class O> std::optional<int> claim_pending(S& store, CampaignState<O>& state) {
+  while (true) {
+    const std::vector<std::int64_t> delivered = store.delivered();
+    std::vector<std::int64_t> free;
+    for (const Trial& t : state.optimizer().trials())
+      if (t.state == Trial::State::pending)
+        if (const auto number = state.asked(t.id);
+            std::find(delivered.begin(), delivered.end(), number) == delivered.end())
+          free.push_back(number);
+    const auto number = store.claim_first(free);
+    if (!number) return std::nullopt;
+    state.read(store.entries());  // who had it may have answered and ended since the last look
+    for (const Trial& t : state.optimizer().trials())
+      if (t.state == Trial::State::pending && state.asked(t.id) == *number && !store.delivery(*number)) return t.id;
+    store.release(*number);
+  }
+}
+
+/// The first trial that is under way.
+template <class O> std::optional<int> first_pending(const O& optimizer) {
+  for (const Trial& t : optimizer.trials())
+    if (t.state == Trial::State::pending) return t.id;
+  return std::nullopt;
+}
+
+/// What stands next in the journal, whoever adds it: a design while fewer than `pending` are under way, else the answer
+/// to the first of them; nullopt until that was delivered. Without turns any answer that was.
+template <Store S, class O> std::optional<JournalEntry> next_entry(
+    const S& store, CampaignState<O>& state, const std::vector<JournalEntry>& entries, const CampaignConfig& config) {
+  state.read(entries);
+  if (config.failures.exceeded(design_failures(state.optimizer().trials()))) return std::nullopt;
+  if (config.pending && state.optimizer().pending() < *config.pending)
+    if (auto design = state.ask(entries)) return design;
+  for (const Trial& t : state.optimizer().trials()) {
+    if (t.state != Trial::State::pending) continue;
+    if (auto answer = store.delivery(state.asked(t.id))) return answer;
+    if (config.pending) break;
+  }
+  return std::nullopt;
 }
 
 /// Outputs that the optimiser does not take (too few, too many, not finite) are a failure of the design: as an answer
@@ -20920,43 +22171,99 @@ template <class O> TrialResult acceptable(O probe, int id, TrialResult result) {
   return result;
 }
 
+/// An evaluation as the entry that answers its trial.
+inline JournalEntry answer_entry(int id, const TrialResult& result) {
+  JournalEntry e = result.outputs.empty() ? fail_entry(id, result.retry, result.why) : tell_entry(id, result.outputs);
+  e.record = result.record;
+  e.notes = result.notes;
+  return e;
+}
+
+/// The evaluation that an entry keeps; nullopt for one that answers nothing.
+inline std::optional<std::pair<int, TrialResult>> answer_in(const JournalEntry& e) {
+  const TrialEntry t = parse_trial(e);
+  if (t.kind == JournalEntry::Kind::ask) return std::nullopt;
+  return std::pair(t.id, TrialResult{t.values, t.retry, t.why, e.record, e.notes});
+}
+
+/// May next_entry() have one? Without a look at the models.
+template <Store S, class O>
+bool may_go_on(const S& store, const CampaignState<O>& state, const CampaignConfig& config) {
+  const O& optimizer = state.optimizer();
+  if (config.pending && optimizer.status() == OptimizerStatus::running && optimizer.pending() < *config.pending)
+    return true;
+  const std::vector<std::int64_t> delivered = store.delivered();
+  for (const Trial& t : optimizer.trials()) {
+    if (t.state != Trial::State::pending) continue;
+    if (std::find(delivered.begin(), delivered.end(), state.asked(t.id)) != delivered.end()) return true;
+    if (config.pending) break;
+  }
+  return false;
+}
+
+/// Keeps an answer: as the next entry if it is its turn, or if there are no turns; else beside the journal. Nullopt
+/// unless it was appended.
+template <Store S, class O> std::optional<JournalEntry> keep_answer(
+    S& store, CampaignState<O>& state, int id, const TrialResult& result, const CampaignConfig& config) {
+  const auto due = [&] {
+    const O& optimizer = state.optimizer();
+    return !config.pending || (first_pending(optimizer) == id && optimizer.pending() >= *config.pending);
+  };
+  std::optional<JournalEntry> appended;
+  if (due())  // as far as this process knows: what others added since can only have made it so
+    appended = store.append([&](const std::vector<JournalEntry>& entries) {
+      state.read(entries);
+      return state.answered(id) || !due() ? std::nullopt
+                                          : std::optional(answer_entry(id, acceptable(state.optimizer(), id, result)));
+    });
+  if (!appended && !state.answered(id))
+    store.deliver(state.asked(id), answer_entry(id, acceptable(state.optimizer(), id, result)));
+  store.release(state.asked(id));
+  return appended;
+}
+
 }  // namespace detail
 
 /// Evaluates what the optimiser asks until it has as many results as its problem wants, or no design is left. Continues
-/// what the journal holds; several processes may work on one journal. Each entry depends only on those before it: a
-/// campaign in one process has the same journal, to the bit, after any number of crashes. `evaluate(design)` gives a
-/// TrialResult; `watch(state, id, result)` sees each as it was kept. Throws StoreError and CampaignError.
-template <Journal J, class O, class Evaluate, class Watch> OptimizerStatus run_campaign(
-    J& journal, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config = {}) {
+/// what the store holds; several processes may work on one store. Each entry depends only on those before it: a
+/// campaign has the same journal, to the bit, after any number of crashes, in one process or, with `config.pending`, in
+/// any number. `evaluate(design)` gives a TrialResult; `watch(state, id, result)` sees each answer that this process
+/// added to the journal. Throws StoreError and CampaignError.
+template <Store S, class O, class Evaluate, class Watch> OptimizerStatus run_campaign(
+    S& store, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config = {}) {
+  if (config.pending) require_in_range("number of designs under way", *config.pending, 1, 100000, "");
   CampaignState<O> state(optimizer);
   std::set<int> own;  // trials that this process answered
+  const auto watched = [&](const JournalEntry& entry) {
+    state.read(store.entries());
+    if (const auto answer = detail::answer_in(entry))
+      watch(std::as_const(state), answer->first, std::as_const(answer->second));
+  };
   while (true) {
-    state.read(journal.entries());
+    state.read(store.entries());
     const std::vector<Trial>& trials = state.optimizer().trials();
     for (const FailureTally& tally : {design_failures(trials), machine_failures(trials, own)})
       if (config.failures.exceeded(tally))
         throw CampaignError("campaign stops: " + config.failures.reason(tally, trials));
-    const std::optional<int> id = detail::take_trial(journal, state);
+    if (detail::may_go_on(store, state, config))
+      if (const auto entry = store.append([&](const std::vector<JournalEntry>& entries) {
+            return detail::next_entry(store, state, entries, config);
+          })) {
+        watched(*entry);
+        continue;
+      }
+    const std::optional<int> id =
+        config.pending ? detail::claim_pending(store, state) : detail::take_trial(store, state);
     if (!id) {
-      if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();
-      pause_for(config.poll_s);
+      const OptimizerStatus end = state.optimizer().status();
+      if (end == OptimizerStatus::finished || end == OptimizerStatus::exhausted) return end;
+      store.wait(config.poll_s);
       continue;
     }
-    TrialResult result = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
-    const auto answer = journal.append([&](const std::vector<JournalEntry>& entries) -> std::optional<JournalEntry> {
-      state.read(entries);
-      if (state.answered(*id)) return std::nullopt;
-      result = detail::acceptable(state.optimizer(), *id, std::move(result));
-      JournalEntry e =
-          result.outputs.empty() ? fail_entry(*id, result.retry, result.why) : tell_entry(*id, result.outputs);
-      e.record = result.record;
-      e.notes = result.notes;
-      return e;
-    });
-    if (!answer) continue;
-    own.insert(*id);
-    state.read(journal.entries());
-    watch(std::as_const(state), *id, std::as_const(result));
+    const TrialResult result = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
+    const auto entry = detail::keep_answer(store, state, *id, result, config);
+    if (entry || !state.answered(*id)) own.insert(*id);
+    if (entry) watched(*entry);
   }
 }
 

@@ -9,5 +9,6 @@
 #include "lumo/lab/observe_pad.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/pad_responses.hpp"
+#include "lumo/lab/pad_templates.hpp"
 #include "lumo/lab/side_view.hpp"
 #include "lumo/lab/virtual_rig.hpp"

@@ -63,6 +63,7 @@
 #include "lumo/optimize/log_nehvi.hpp"
 #include "lumo/optimize/optimizer.hpp"
 
+#include "lumo/campaign/copy_store.hpp"
 #include "lumo/campaign/finger_campaign.hpp"
 
 #include "lumo/study/choice_stability.hpp"

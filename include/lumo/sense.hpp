@@ -14,10 +14,14 @@
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
 
+#include "lumo/sense/profile/bright_rows.hpp"
 #include "lumo/sense/profile/led_detector.hpp"
 
 #include "lumo/sense/localize/bayes_localizer.hpp"
+#include "lumo/sense/localize/paper_localizer.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
+#include "lumo/sense/localize/sensibility.hpp"
+#include "lumo/sense/localize/template_localizer.hpp"
 
 #include "lumo/sense/joints/effort_check.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"

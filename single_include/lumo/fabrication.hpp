@@ -743,6 +743,24 @@ struct DesignSpace {
 
   /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
   bool contains(std::span<const double> x) const;
+
+  /// Throws InvalidArgument when the number of values is wrong, or one lies more than a million widths off the bounds:
+  /// all else can be a result, if not a design to try.
+  void check_result(std::span<const double> x) const;
+
+  /// The same constraints without bounds and lattices.
+  DesignSpace unbounded() const {
+    DesignSpace wide = *this;
+    for (Variable& v : wide.variables) {
+      v.upper = std::numeric_limits<double>::max();
+      v.lower = -v.upper;
+      v.step = 0.0;
+    }
+    return wide;
+  }
+
+  /// Whether bounds and linear constraints hold, on the lattice or not. Throws as check_result().
+  bool encloses(std::span<const double> x) const;
 };
 
 inline void DesignSpace::check(std::span<const double> x) const {
@@ -794,6 +812,29 @@ inline bool DesignSpace::contains(std::span<const double> x) const {
     if (sum > c.upper + rounding || sum < c.lower - rounding) return false;
   }
   return std::all_of(rules.begin(), rules.end(), [&](const DesignRule& r) { return r.holds(x); });
+}
+
+inline void DesignSpace::check_result(std::span<const double> x) const {
+  constexpr double widths = 1e6;
+  if (x.size() != variables.size())
+    throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Variable& v = variables[i];
+    const double reach = widths * std::max(v.upper - v.lower, std::numeric_limits<double>::min());
+    if (!(x[i] >= v.lower - reach && x[i] <= v.upper + reach))
+      throw InvalidArgument(message("design has ", v.name, " = ", exact(x[i]), ", more than a million widths off [",
+          v.lower, ", ", v.upper, "]"));
+  }
+}
+
+inline bool DesignSpace::encloses(std::span<const double> x) const {
+  check_result(x);
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (!(x[i] >= variables[i].lower && x[i] <= variables[i].upper)) return false;
+  return std::all_of(constraints.begin(), constraints.end(), [&](const LinearConstraint& c) {
+    const double sum = c.sum(x), rounding = c.rounding(x);
+    return sum <= c.upper + rounding && sum >= c.lower - rounding;
+  });
 }
 
 }  // namespace lumo
@@ -1372,12 +1413,12 @@ struct FingerOptions {
       return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad,
           factor * shortest_chord, factor * support_edge, factor * seam_edge, factor * stem_edge};
     }
-    /// For a look in a fifth of the time. About a stem's edges, where equilibria are lost first, they stay finer.
-    static constexpr double quick_edges = 1.8, quick_stem_edges = 1.25;
-    constexpr Mesh quick() const {
-      Mesh mesh = scaled(quick_edges);
-      mesh.shortest_chord = quick_stem_edges * shortest_chord;
-      mesh.stem_edge = quick_stem_edges * stem_edge;
+    static constexpr double quick_edges = 1.8;  ///< for a look in a fifth of the time
+    /// The same, but for a stem's rounded edges: elements that are longer than the rounding lose equilibria there.
+    constexpr Mesh coarser(double factor) const {
+      Mesh mesh = scaled(factor);
+      mesh.shortest_chord = shortest_chord;
+      mesh.stem_edge = stem_edge;
       return mesh;
     }
     bool operator==(const Mesh&) const = default;
@@ -1626,10 +1667,12 @@ struct Polar {
 /// ways, evenly round an axis. Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of
 /// the directions that polar() draws; with it direct light is gathered backwards, which has less noise, without it (a
 /// collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the air beside the body,
-/// not into the body; its light is traced forward. Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)²
-/// (there is less noise where point(1−u, 1−v) lies opposite it about `center`); polar(u) is monotone; mirrored(m), m =
-/// (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same
-/// source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+/// not into the body; its light is traced forward. `double area_m2() const` and `bool covers(const Vec3d& p) const`
+/// (does it cover a point of its plane [m]?): with them and the intensity, a camera's paths see it. Laws: |axis| = 1;
+/// point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about
+/// `center`); polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points
+/// do not depend on which of several ways the same source is described; power_W is all that it radiates [W]; `channel`
+/// ≥ 0 is its colour.
 template <class E>
 concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
   { e.center } -> std::convertible_to<Vec3d>;
@@ -1660,6 +1703,12 @@ struct RectangleEmitter {
   }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  double area_m2() const { return 4.0 * half_u.cross(half_v).norm(); }
+  bool covers(const Vec3d& p) const {
+    const Vec3d from = p - center, n = half_u.cross(half_v);
+    const double of_one = n.squaredNorm();
+    return std::abs(from.cross(half_v).dot(n)) <= of_one && std::abs(half_u.cross(from).dot(n)) <= of_one;
+  }
   RectangleEmitter mirrored(const Vec3d& m) const;
 };
 
@@ -1668,7 +1717,7 @@ static_assert(EmitterModel<RectangleEmitter>);
 /// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
 inline void validate(const RectangleEmitter& e) {
   if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
-  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
+  require_positive("emitter area", e.area_m2(), "m2");
 }
 
 /// Any model of EmitterModel: a value, cheap to copy.
@@ -1688,6 +1737,11 @@ class Emitter {
   bool in_air() const { return calls_->in_air(model_.get()); }
   /// [W/sr]; only where has_intensity().
   double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
+  /// Has it a brightness, and a shape that is known?
+  bool can_be_seen() const { return has_intensity() && calls_->area != nullptr && area_m2() > 0.0; }
+  /// [m²]; this and covers() only where can_be_seen().
+  double area_m2() const { return calls_->area(model_.get()); }
+  bool covers(const Vec3d& p) const { return calls_->covers(model_.get(), p); }
   Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
   /// Its model, if it is an E.
   template <EmitterModel E> const E* as() const {
@@ -1706,7 +1760,9 @@ class Emitter {
     Vec3d (*axis)(const void*);
     Vec3d (*point)(const void*, double, double);
     Polar (*polar)(const void*, double);
-    double (*intensity)(const void*, double);  ///< or null
+    double (*intensity)(const void*, double);   ///< or null
+    double (*area)(const void*);                ///< or null
+    bool (*covers)(const void*, const Vec3d&);  ///< or null
     bool (*in_air)(const void*);
     Emitter (*mirrored)(const void*, const Vec3d&);
     void (*validate)(const void*);
@@ -1717,6 +1773,18 @@ class Emitter {
                     { e.intensity(0.5) } -> std::convertible_to<double>;
                   })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
+    else return nullptr;
+  }
+  template <class E> static constexpr bool has_shape = requires(const E& e, const Vec3d& p) {
+    { e.area_m2() } -> std::convertible_to<double>;
+    { e.covers(p) } -> std::convertible_to<bool>;
+  };
+  template <class E> static constexpr auto area_of() -> double (*)(const void*) {
+    if constexpr (has_shape<E>) return [](const void* e) -> double { return model<E>(e).area_m2(); };
+    else return nullptr;
+  }
+  template <class E> static constexpr auto covers_of() -> bool (*)(const void*, const Vec3d&) {
+    if constexpr (has_shape<E>) return [](const void* e, const Vec3d& p) -> bool { return model<E>(e).covers(p); };
     else return nullptr;
   }
   template <class E> static const Calls calls;
@@ -1764,7 +1832,8 @@ template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> V
     [](const void* e) -> double { return model<E>(e).power_W; },
     [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
     [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(), area_of<E>(),
+    covers_of<E>(),
     [](const void* e) -> bool {
       if constexpr (requires {
                       { model<E>(e).in_air } -> std::convertible_to<bool>;
@@ -1822,6 +1891,8 @@ struct DiscEmitter {
   Vec3d point(double u, double v) const { return on_disc(center, normal, radius_m, u, v); }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  double area_m2() const { return pi * radius_m * radius_m; }
+  bool covers(const Vec3d& p) const { return (p - center).squaredNorm() <= radius_m * radius_m; }
   DiscEmitter mirrored(const Vec3d& m) const {
     return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel};
   }

@@ -509,6 +509,18 @@ class PadLight {
     }
     return place == y_m ? v : Eigen::VectorXd(v.reverse());
   }
+  /// `light` of all bins moved along the finger, linear between bins; the end values stay beyond the ends.
+  Eigen::VectorXd moved(const Eigen::VectorXd& light, double by_m) const {
+    const double width = r_.position_m[1] - r_.position_m[0];
+    const Eigen::Index last = light.size() - 1;
+    Eigen::VectorXd v(light.size());
+    for (Eigen::Index i = 0; i <= last; ++i) {
+      const double at = std::clamp(double(i) - by_m / width, 0.0, double(last));
+      const auto k = std::min(Eigen::Index(at), last - 1);
+      v[i] = light[k] + (at - double(k)) * (light[k + 1] - light[k]);
+    }
+    return v;
+  }
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, computed(y_m));
     const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
@@ -765,8 +777,11 @@ struct CameraRig {
   double gain = 64.0;           ///< device setting (paper)
   double level_DN = 70.0;       ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
   double brightest_DN = 220.0;  ///< of a loaded side: where it would be more, the exposure is shorter; assumed
-  double gamma = 1.0;           ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
-  double black_DN = 2.0;        ///< assumed
+  /// Light of a bin [DN] per emitted power: one exposure for all pads (paper). 0: each pad is exposed by itself, for
+  /// `level_DN`.
+  double exposure_DN = 0.0;
+  double gamma = 1.0;     ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;  ///< assumed
   double full_DN = 255.0;
   double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
   double read_DN = 0.6;           ///< σ, assumed
@@ -791,6 +806,12 @@ struct LightRig {
   double spot_DN = 80.0;  ///< a LED's package seen through the side, on top of the side's light; assumed (the paper
                           ///< detects five LEDs)
   double spot_sigma_m = 0.7_mm;  ///< half of the package's 1.6 mm, blurred; assumed
+  // Off unless asked for.
+  double one_lamp_sigma = 0.0;       ///< σ of each LED's slow change by itself, relative
+  double one_lamp_drift_s = 60.0;    ///< its time; assumed
+  double one_lamp_reach_m = 6.0_mm;  ///< along the finger, over which an LED's share of the light falls to 1/e; assumed
+  double shadow = 0.0;               ///< share of the room's light that the tool takes away before it
+  double shadow_sigma_m = 12.0_mm;   ///< half width of its shadow; assumed
 };
 
 /// The indenter and how well it comes back.
@@ -803,6 +824,7 @@ struct ContactRig {
   double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
   double sensor_hz = 100.0;
   double marker_sigma_m = 0.02_mm;  ///< σ of the followed marker on the indenter; assumed
+  double slide_m = 0.0;             ///< way along the finger from the first touch to leaving; a contact slides or rolls
 };
 
 /// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes
@@ -840,6 +862,11 @@ struct MotorRig {
   double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
   double hz = 250.0;
   FreeRunRig free_run;
+  // Off unless asked for.
+  double cogging_Nm = 0.0;        ///< amplitude; 2–10 mN·m (memory: assumed)
+  double cogging_periods = 10.0;  ///< per turn; 6–14 (memory: assumed)
+  double backlash_rad = 0.0;      ///< the encoder turns by this before the finger does; 0.11° (PULSE115-60)
+  double clock_offset_s = 0.0;    ///< of the joints' stamps, which the session does not state
 };
 
 /// How the pad at hand differs from the computed one.
@@ -852,9 +879,19 @@ struct SpecimenRig {
   double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
 };
 
+/// How far a finger is from its drawing, drawn once for a log; its session states the drawing. All 0: as drawn.
+struct AssemblyRig {
+  double pad_sigma_m = 0.0;       ///< σ: silicone glued off along the finger, by which its ends move
+  double strip_sigma_m = 0.0;     ///< σ: LEDs off along the finger
+  double distance_sigma = 0.0;    ///< σ of the camera's distance, relative
+  double distortion_sigma = 0.0;  ///< σ of the lens's radial distortion, of a ray at 45°: tan becomes tan (1 + k tan²)
+  double end_near_m = 5.0_mm, end_far_m = 15.0_mm;  ///< from an end: a contact's light moves with it wholly, not at all
+};
+
 /// All of it.
 struct Rig {
   SpecimenRig specimen;
+  AssemblyRig assembly;
   CameraRig camera;
   LightRig light;
   ContactRig contact;
@@ -888,6 +925,17 @@ inline void validate(const Rig& r) {
   require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
   require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
   require_in_range("level of the brightest side", r.camera.brightest_DN, 1.0, 1e6, "DN");
+  require_in_range("exposure for all pads", r.camera.exposure_DN, 0.0, 1e12, "DN per emitted power");
+  require_in_range("glue of the pad", 1e3 * r.assembly.pad_sigma_m, 0.0, 10.0, "mm");
+  require_in_range("glue of the LED strip", 1e3 * r.assembly.strip_sigma_m, 0.0, 10.0, "mm");
+  require_in_range("error of the camera's distance", r.assembly.distance_sigma, 0.0, 0.1, "");
+  require_in_range("distortion of the lens", r.assembly.distortion_sigma, 0.0, 1.0, "");
+  require_in_range("change of one LED", r.light.one_lamp_sigma, 0.0, 0.3, "");
+  require_in_range("shadow of the tool", r.light.shadow, 0.0, 1.0, "of the room's light");
+  require_in_range("way that a contact slides", 1e3 * r.contact.slide_m, -20.0, 20.0, "mm");
+  require_in_range("cogging", 1e3 * r.motor.cogging_Nm, 0.0, 1000.0, "mN·m");
+  require_in_range("backlash", r.motor.backlash_rad, 0.0, 0.2, "rad");
+  require_in_range("offset of the joints' clock", r.motor.clock_offset_s, -1.0, 1.0, "s");
   require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
   require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
   require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
@@ -1047,10 +1095,12 @@ struct Polar {
 /// ways, evenly round an axis. Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of
 /// the directions that polar() draws; with it direct light is gathered backwards, which has less noise, without it (a
 /// collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the air beside the body,
-/// not into the body; its light is traced forward. Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)²
-/// (there is less noise where point(1−u, 1−v) lies opposite it about `center`); polar(u) is monotone; mirrored(m), m =
-/// (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same
-/// source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+/// not into the body; its light is traced forward. `double area_m2() const` and `bool covers(const Vec3d& p) const`
+/// (does it cover a point of its plane [m]?): with them and the intensity, a camera's paths see it. Laws: |axis| = 1;
+/// point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about
+/// `center`); polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points
+/// do not depend on which of several ways the same source is described; power_W is all that it radiates [W]; `channel`
+/// ≥ 0 is its colour.
 template <class E>
 concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
   { e.center } -> std::convertible_to<Vec3d>;
@@ -1081,6 +1131,12 @@ struct RectangleEmitter {
   }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  double area_m2() const { return 4.0 * half_u.cross(half_v).norm(); }
+  bool covers(const Vec3d& p) const {
+    const Vec3d from = p - center, n = half_u.cross(half_v);
+    const double of_one = n.squaredNorm();
+    return std::abs(from.cross(half_v).dot(n)) <= of_one && std::abs(half_u.cross(from).dot(n)) <= of_one;
+  }
   RectangleEmitter mirrored(const Vec3d& m) const;
 };
 
@@ -1089,7 +1145,7 @@ static_assert(EmitterModel<RectangleEmitter>);
 /// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
 inline void validate(const RectangleEmitter& e) {
   if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
-  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
+  require_positive("emitter area", e.area_m2(), "m2");
 }
 
 /// Any model of EmitterModel: a value, cheap to copy.
@@ -1109,6 +1165,11 @@ class Emitter {
   bool in_air() const { return calls_->in_air(model_.get()); }
   /// [W/sr]; only where has_intensity().
   double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
+  /// Has it a brightness, and a shape that is known?
+  bool can_be_seen() const { return has_intensity() && calls_->area != nullptr && area_m2() > 0.0; }
+  /// [m²]; this and covers() only where can_be_seen().
+  double area_m2() const { return calls_->area(model_.get()); }
+  bool covers(const Vec3d& p) const { return calls_->covers(model_.get(), p); }
   Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
   /// Its model, if it is an E.
   template <EmitterModel E> const E* as() const {
@@ -1127,7 +1188,9 @@ class Emitter {
     Vec3d (*axis)(const void*);
     Vec3d (*point)(const void*, double, double);
     Polar (*polar)(const void*, double);
-    double (*intensity)(const void*, double);  ///< or null
+    double (*intensity)(const void*, double);   ///< or null
+    double (*area)(const void*);                ///< or null
+    bool (*covers)(const void*, const Vec3d&);  ///< or null
     bool (*in_air)(const void*);
     Emitter (*mirrored)(const void*, const Vec3d&);
     void (*validate)(const void*);
@@ -1138,6 +1201,18 @@ class Emitter {
                     { e.intensity(0.5) } -> std::convertible_to<double>;
                   })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
+    else return nullptr;
+  }
+  template <class E> static constexpr bool has_shape = requires(const E& e, const Vec3d& p) {
+    { e.area_m2() } -> std::convertible_to<double>;
+    { e.covers(p) } -> std::convertible_to<bool>;
+  };
+  template <class E> static constexpr auto area_of() -> double (*)(const void*) {
+    if constexpr (has_shape<E>) return [](const void* e) -> double { return model<E>(e).area_m2(); };
+    else return nullptr;
+  }
+  template <class E> static constexpr auto covers_of() -> bool (*)(const void*, const Vec3d&) {
+    if constexpr (has_shape<E>) return [](const void* e, const Vec3d& p) -> bool { return model<E>(e).covers(p); };
     else return nullptr;
   }
   template <class E> static const Calls calls;
@@ -1185,7 +1260,8 @@ template <class E> const Emitter::Calls Emitter::calls = {[](const void* e) -> V
     [](const void* e) -> double { return model<E>(e).power_W; },
     [](const void* e) -> int { return model<E>(e).channel; }, [](const void* e) -> Vec3d { return model<E>(e).axis(); },
     [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(),
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); }, intensity_of<E>(), area_of<E>(),
+    covers_of<E>(),
     [](const void* e) -> bool {
       if constexpr (requires {
                       { model<E>(e).in_air } -> std::convertible_to<bool>;
@@ -1243,6 +1319,8 @@ struct DiscEmitter {
   Vec3d point(double u, double v) const { return on_disc(center, normal, radius_m, u, v); }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  double area_m2() const { return pi * radius_m * radius_m; }
+  bool covers(const Vec3d& p) const { return (p - center).squaredNorm() <= radius_m * radius_m; }
   DiscEmitter mirrored(const Vec3d& m) const {
     return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel};
   }
@@ -1745,6 +1823,7 @@ struct Profile {
   Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
   /// Share of the raw values at the top of their range: profile values there are lower bounds.
   double saturated = 0.0;
+  double nearly_saturated = 0.0;  ///< share of 250 and more, where the readout counts them
 };
 
 /// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
@@ -1827,8 +1906,12 @@ struct CameraPlace {
 /// A pinhole camera before the side of a pad.
 class SideCamera {
  public:
-  SideCamera(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place)
-      : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
+  /// `distortion`: radial, a ray's tangent is tan (1 + distortion tan²) of its picture's.
+  SideCamera(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place, double distortion = 0.0)
+      : camera_(camera),
+        side_(side),
+        distortion_(distortion),
+        centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
     // Level, looking along −x; distal to the right. It turns about the middle of the side, at which it is aimed.
     Eigen::Matrix3d level;
     level << 0, 0, -1, 1, 0, 0, 0, -1, 0;
@@ -1839,10 +1922,16 @@ class SideCamera {
                                      .toRotationMatrix();
     axes_ = turn * level;
     eye_ = aim - camera.distance_m * axes_.col(2);
+    place_ = place;
   }
 
+  const CameraPlace& place() const { return place_; }
+
   /// From a pixel to the middle of the window, over the focal length.
-  Eigen::Vector2d off_axis(double u, double v) const { return (Eigen::Vector2d(u, v) - centre_) / camera_.focal_px; }
+  Eigen::Vector2d off_axis(double u, double v) const {
+    const Eigen::Vector2d seen = (Eigen::Vector2d(u, v) - centre_) / camera_.focal_px;
+    return distortion_ == 0.0 ? seen : Eigen::Vector2d((1.0 + distortion_ * seen.squaredNorm()) * seen);
+  }
   /// Where the ray through a pixel meets the plane of the facing side.
   Eigen::Vector3d on_side(double u, double v) const {
     const Eigen::Vector2d off = off_axis(u, v);
@@ -1872,14 +1961,26 @@ class SideCamera {
  private:
   Eigen::Vector2d project(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d d = axes_.transpose() * (p - eye_);
-    return centre_ + camera_.focal_px / d.z() * d.head<2>();
+    if (distortion_ == 0.0) return centre_ + camera_.focal_px / d.z() * d.head<2>();
+    const Eigen::Vector2d ray = d.head<2>() / d.z();
+    Eigen::Vector2d seen = ray;
+    for (int k = 0; k < 20; ++k) seen = ray / (1.0 + distortion_ * seen.squaredNorm());  // a contraction in the window
+    return centre_ + camera_.focal_px * seen;
   }
 
   CameraRig camera_;
   SideGeometry side_;
+  CameraPlace place_;
+  double distortion_;
   Eigen::Vector3d eye_;
   Eigen::Matrix3d axes_;  ///< columns: right, down, forward
   Eigen::Vector2d centre_;
+};
+
+/// A tool between the room's light and the side.
+struct Shadow {
+  double share = 0.0;  ///< of the room's light that it takes away at y
+  double y_m = 0.0, sigma_m = 1.0;
 };
 
 /// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel
@@ -1894,8 +1995,8 @@ class SidePainter {
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the
   /// window's middle.
-  sense::Image paint(
-      const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const;
+  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws,
+      const Shadow& shadow = {}) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -1905,6 +2006,7 @@ class SidePainter {
     int bin;      ///< left one of the two that it lies between; −1: no light of the side
     float share;  ///< of the right one
     float side, spot, vignette, gain, room;
+    float y_m;  ///< where it meets the plane of the side
   };
 
   SideCamera view_;
@@ -1947,6 +2049,7 @@ inline SidePainter::SidePainter(
         spot += light.spot_DN * std::exp(-0.5 * d * d);
       }
       p.spot = float(spot);
+      p.y_m = float(at.y());
       const double cosine = 1.0 / std::sqrt(1.0 + off.squaredNorm());
       p.vignette = float(cosine * cosine * cosine * cosine);
       p.gain = float(sensitivity.normal());
@@ -1954,8 +2057,8 @@ inline SidePainter::SidePainter(
     }
 }
 
-inline sense::Image SidePainter::paint(
-    const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const {
+inline sense::Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
+    RandomStream draws, const Shadow& shadow) const {
   const CameraRig& camera = view_.camera();
   sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {
@@ -1963,7 +2066,12 @@ inline sense::Image SidePainter::paint(
     const double row_offset = noise * camera.row_DN * draws.normal();
     for (int u = 0; u < camera.width; ++u) {
       const Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
-      double signal = room_DN * p.room + lamps * p.spot;
+      double room = room_DN * p.room;
+      if (shadow.share > 0.0) {
+        const double away = (p.y_m - shadow.y_m) / shadow.sigma_m;
+        room *= 1.0 - shadow.share * std::exp(-0.5 * away * away);
+      }
+      double signal = room + lamps * p.spot;
       if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
       signal *= p.vignette * (1.0 + noise * camera.pixel_gain * p.gain);
       row[u] = sensed(camera, signal, noise, draws.normal(), row_offset);
@@ -3542,7 +3650,9 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
       plan_(std::move(plan)),
       seed_(seed),
       noise_(noise),
-      per_DN_(light.scale_to(hand.rig.camera.level_DN, hand.rig.camera.brightest_DN)),
+      per_DN_(hand.rig.camera.exposure_DN > 0.0
+                  ? hand.rig.camera.exposure_DN
+                  : light.scale_to(hand.rig.camera.level_DN, hand.rig.camera.brightest_DN)),
       hand_(hand) {
   check_plan();
   session_.title = plan_.title;
@@ -4196,6 +4306,14 @@ struct Connection {
   double solid_angle_sr = 0.0;
 };
 
+/// From a point to a place of a camera's round opening of `radius_m` about `center`; `at`: the place, in radii.
+inline Connection to_disc(const Vec3d& center, const Vec3d& view, double radius_m, const Vec3d& from, const Vec3d& at) {
+  const Vec3d way = center + radius_m * at - from;
+  const double length = way.norm(), toward = -way.dot(view);
+  if (!(toward > 0.0)) return {};
+  return {way / length, toward / length * pi * radius_m * radius_m / (length * length)};
+}
+
 /// A readout behind openings that are small seen from the body: few paths come there by themselves. Light that
 /// Lambertian faces send is gathered from ways that start at an opening (next-event estimation: Coveyou, Cain & Yost
 /// 1967); light that never met such a face is traced forward, as for others. Laws: connect(k, p, u, v) leads from the
@@ -4206,6 +4324,13 @@ template <class R>
 concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3d& p, int k, double u) {
   { readout.openings() } -> std::convertible_to<int>;
   { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
+};
+
+/// A connected readout whose openings are so small, or so far, that paths from emitters hardly ever come there: their
+/// light is gathered, too, as ways from the opening meet them. The member says so.
+template <class R>
+concept WholeReadout = ConnectedReadout<R> && requires {
+  requires R::gathers_emitters;
 };
 
 /// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).
@@ -10974,13 +11099,25 @@ template <RayScene Scene> class FilmLaunch {
   /// nullopt: never, however hard the body is pressed there.
   FilmLaunch(const Scene& scene, std::optional<double> closes_m) : scene_(scene), closes_m_(closes_m) {}
 
-  /// Calls start(ray, share of its power, inside the body?) for the one or two ways on which a ray starts. `axis`: of
-  /// its emitter.
-  template <class Start> void operator()(const PrimaryRay& ray, const Vec3d& axis, Start&& start) const {
-    const RayHit in = scene_.first_hit(ray.origin, axis, true), out = scene_.first_hit(ray.origin, axis, false);
+  /// The film over a point of an emitter.
+  struct Film {
+    double height_m;  ///< to the body; 0: the body covers the point, or there is none over it
+    bool covered;     ///< the body overlaps the emitter there
+    double wet;       ///< share of the light that enters the body at once
+  };
+  Film at(const Vec3d& point, const Vec3d& axis) const {
+    const RayHit in = scene_.first_hit(point, axis, true), out = scene_.first_hit(point, axis, false);
     const bool covered = in && (!out || in.t < out.t);
     const double height = covered || !out ? 0.0 : out.t;
     const double wet = !closes_m_ ? 0.0 : covered ? 1.0 : out ? wetted(height) : 0.0;
+    return {height, covered, wet};
+  }
+  bool may_close() const { return closes_m_.has_value(); }
+
+  /// Calls start(ray, share of its power, inside the body?) for the one or two ways on which a ray starts. `axis`: of
+  /// its emitter.
+  template <class Start> void operator()(const PrimaryRay& ray, const Vec3d& axis, Start&& start) const {
+    const auto [height, covered, wet] = at(ray.origin, axis);
     if (wet > 0.0) {
       PrimaryRay entered = ray;
       entered.origin += height * axis;
@@ -11146,6 +11283,12 @@ concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double 
   { medium.scattering_cosine(x) } -> std::convertible_to<double>;
 };
 
+/// A turbid medium whose phase function is known as a density, too [1/sr], which scattering_cosine() draws from.
+template <class M>
+concept PhaseMedium = TurbidMedium<M> && requires(const M& medium, double cosine) {
+  { medium.phase(cosine) } -> std::convertible_to<double>;
+};
+
 /// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
 /// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. It is BeerLambert for albedo 0, to the last
 /// bit. Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
@@ -11173,14 +11316,141 @@ class ScatteringMedium {
     const double q = (1.0 - g * g) / (1.0 + g * s);
     return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
   }
+  double phase(double cosine) const {
+    const double g = medium_.anisotropy, q = 1.0 + g * g - 2.0 * g * std::clamp(cosine, -1.0, 1.0);
+    return (1.0 - g * g) / (4.0 * pi * q * std::sqrt(q));
+  }
 
  private:
   BeerLambert straight_;
   Medium medium_;
 };
 
-static_assert(TurbidMedium<ScatteringMedium>);
+static_assert(PhaseMedium<ScatteringMedium>);
 static_assert(!TurbidMedium<BeerLambert>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/emitter_faces.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_EMITTER_FACES_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_EMITTER_FACES_HPP
+
+namespace lumo {
+
+/// Emitters as paths meet them that run backwards, from where light is seen: flat faces that radiate and stand in
+/// nobody's way, as paths from emitters have it. What lies in air starts as FilmLaunch says, across its film or, where
+/// that is closed, in the body at once.
+template <RayScene Scene> class EmitterFaces {
+ public:
+  /// A straight piece of a path.
+  struct Piece {
+    Vec3d origin, direction;
+    double length_m;
+    bool inside;  ///< in the body
+    /// Of its direction [1/sr], where that was drawn as light was scattered: scattered() has a part of the light.
+    double density = 0.0;
+  };
+
+  /// Emitters that cannot be seen (Emitter::can_be_seen) are left out. `air_gain`: of radiance in the body over that in
+  /// the air that it came from, the index ratio squared. `slack_m`: that a lamp may lie behind a surface by rounding.
+  EmitterFaces(const std::vector<Emitter>& emitters, const Scene& scene, std::optional<double> film_closes_m,
+      double air_gain, double slack_m)
+      : scene_(scene), film_(scene, film_closes_m), air_gain_(air_gain), slack_m_(slack_m) {
+    for (const Emitter& e : emitters)
+      if (e.can_be_seen()) faces_.push_back({e, e.center(), e.axis(), pi / e.area_m2()});
+  }
+
+  bool empty() const { return faces_.empty(); }
+
+  /// π times the radiance [W/m²] that starts on a piece and runs along it to its origin, `transmittance(s)` of which
+  /// is left after s metres in the body. Light that starts in air counts `air_gain` times.
+  template <class Transmittance> double exitance(const Piece& piece, Transmittance&& transmittance) const {
+    double sum = 0.0;
+    for (const Face& f : faces_) {
+      const double cosine = -piece.direction.dot(f.axis);
+      if (!(cosine > 0.0)) continue;
+      const double sent = f.per_area * f.emitter.intensity(cosine) / cosine;
+      if (!(sent > 0.0)) continue;
+      if (!f.emitter.in_air()) {
+        if (piece.inside) sum += sent * crossing(f, piece, cosine, transmittance);
+      } else {
+        sum += sent * (piece.inside ? through_closed_film(f, piece, transmittance)
+                                    : air_gain_ * across_film(f, piece, cosine));
+      }
+    }
+    return sum;
+  }
+
+  /// π times the radiance [W/m²] that comes straight from emitters in the body to the point `p` and is scattered there
+  /// into −`direction`, for one point of each emitter, from two numbers in (0, 1) (next-event estimation).
+  template <PhaseMedium Medium>
+  double scattered(const Vec3d& p, const Vec3d& direction, const Medium& medium, double u, double v) const {
+    double sum = 0.0;
+    for (const Face& f : faces_) {
+      if (f.emitter.in_air()) continue;
+      const Vec3d way = f.emitter.point(u, v) - p;
+      const double length = way.norm();
+      if (!(length > slack_m_)) continue;
+      const Vec3d d = way / length;
+      const double cosine = -d.dot(f.axis);
+      if (!(cosine > 0.0)) continue;
+      const RayHit hit = scene_.first_hit(p, d, true);
+      if (!hit || hit.t < length - slack_m_ / cosine) continue;
+      const double phase = medium.phase(direction.dot(d)),
+                   density = length * length / (f.emitter.area_m2() * cosine);  // of the direction, drawn like this
+      sum += pi * f.emitter.intensity(cosine) / (f.emitter.area_m2() * cosine) * phase / (density + phase) *
+             medium.transmittance(length);
+    }
+    return sum;
+  }
+
+ private:
+  struct Face {
+    Emitter emitter;
+    Vec3d center, axis;
+    double per_area;  ///< π over its area
+  };
+
+  template <class Transmittance>
+  double crossing(const Face& f, const Piece& piece, double cosine, Transmittance&& transmittance) const {
+    const double at = (piece.origin - f.center).dot(f.axis) / cosine;
+    if (!(at >= 0.0 && at <= piece.length_m + slack_m_ / cosine)) return 0.0;
+    if (!f.emitter.covers(piece.origin + at * piece.direction)) return 0.0;
+    const double other = at * at / (f.emitter.area_m2() * cosine),
+                 share = piece.density > 0.0 ? piece.density / (piece.density + other) : 1.0;
+    return share * transmittance(at);
+  }
+  // Share of the light that crosses the film. A body that overlaps the emitter has its light start before its surface.
+  double across_film(const Face& f, const Piece& piece, double cosine) const {
+    const double height = (piece.origin - f.center).dot(f.axis);
+    if (height / cosine > piece.length_m + slack_m_ / cosine) return 0.0;
+    const Vec3d on =
+        height >= 0.0 ? Vec3d(piece.origin + height / cosine * piece.direction) : Vec3d(piece.origin - height * f.axis);
+    if (!f.emitter.covers(on)) return 0.0;
+    const auto film = film_.at(on, f.axis);
+    return height >= 0.0 || film.covered ? 1.0 - film.wet : 0.0;
+  }
+  // Share of the light that enters where the piece ends.
+  template <class Transmittance>
+  double through_closed_film(const Face& f, const Piece& piece, Transmittance&& transmittance) const {
+    if (!film_.may_close()) return 0.0;
+    const Vec3d end = piece.origin + piece.length_m * piece.direction;
+    const double height = (end - f.center).dot(f.axis);
+    const Vec3d on = end - height * f.axis;
+    if (!f.emitter.covers(on)) return 0.0;
+    const auto film = film_.at(on, f.axis);
+    return film.wet > 0.0 && std::abs(film.height_m - std::max(0.0, height)) <= slack_m_
+               ? film.wet * transmittance(piece.length_m)
+               : 0.0;
+  }
+
+  const Scene& scene_;
+  FilmLaunch<Scene> film_;
+  double air_gain_, slack_m_;
+  std::vector<Face> faces_;
+};
 
 }  // namespace lumo
 
@@ -11458,6 +11728,7 @@ struct PathStart {
   bool from_emitter = true;    ///< else from a Lambertian face
   bool inside = true;          ///< starts in the body, else in the air
   bool gathers_direct = true;  ///< NextEventGather finds the emitter's direct light
+  bool gathers_all = false;    ///< NextEventGather finds all of the emitter's light
   /// Takes the exits of light from emitters that no gathering finds, instead of the channels, if given.
   std::vector<Exit>* exits = nullptr;
 };
@@ -11471,9 +11742,11 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
         limits_(limits),
         accounts_(body.surface, body.readout, body.channels, body.nodes.size(), body.symmetry) {}
 
-  void run(const PathStart& start) {
+  /// `emitters`: those that a path meets which runs backwards.
+  void run(const PathStart& start, const EmitterFaces<Scene>* emitters = nullptr) {
     ++rays;
     start_ = &start;
+    emitters_ = emitters;
     accounts_.book(accounts_.ledger.emitted, start.power_W);
     Branch first;
     first.origin = start.ray.origin;
@@ -11490,6 +11763,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       follow(b);
     }
   }
+
+  /// Power per path × π × radiance of emitters that backward paths met since the last call [W/m² for paths of 1].
+  double take_emitted() { return std::exchange(emitted_, 0.0); }
 
   /// Accounts of the power.
   LightAccounts<Readout>& accounts() { return accounts_; }
@@ -11512,6 +11788,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
     bool scattered = false;     ///< in the medium, once at least
     bool spread = false;        ///< by a tool that wets the body: like a scattered one it has no neighbours
+    double density = 0.0;       ///< of its direction [1/sr], if it was scattered and met no surface since
   };
 
   /// Light at a smooth interface.
@@ -11543,8 +11820,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   void escape(const Branch& b) {
     EnergyLedger& ledger = accounts_.ledger;
     if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
-    const bool gathered =
-        body_.exits.has(b.exit) && !b.carrier_last && (b.direct ? start_->gathers_direct : !start_->from_emitter);
+    const bool gathered = body_.exits.has(b.exit) && !b.carrier_last &&
+                          (b.direct ? start_->gathers_direct : !start_->from_emitter || start_->gathers_all);
     // It has no neighbour to share with, or counts as direct light.
     const bool lone = b.scattered || b.spread || (b.direct && !start_->gathers_direct);
     const Escape light{body_.surface.reference(b.exit), b.exit_position, b.direction, -1};
@@ -11560,7 +11837,10 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       if (++b.events <= limits_.max_events && b.direction.allFinite() && b.origin.allFinite()) {
         ++segments;
         hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
-        if (!hit && !b.inside) return escape(b);
+        if (!hit && !b.inside) {
+          meet_emitters(b, std::numeric_limits<double>::infinity());
+          return escape(b);
+        }
         if (!hit && b.triangle >= 0) {  // slipped out at an edge by rounding: once more from a point inside
           b.origin = body_.surface.pulled_inward(b.triangle, b.origin);
           hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
@@ -11572,6 +11852,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       // Scenes may be in single precision: the distance again, in double.
       const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));
       const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
+      meet_emitters(b, path_m);
       if (b.inside) {
         const double left = b.power * body_.medium.transmittance(path_m);
         double absorbed = b.power - left;
@@ -11586,6 +11867,12 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       b.origin += path_m * b.direction;
       if (!meet(b, hit.triangle)) return;
     }
+  }
+
+  void meet_emitters(const Branch& b, double path_m) {
+    if (emitters_ == nullptr) return;
+    accounts_.book(emitted_, b.power * emitters_->exitance({b.origin, b.direction, path_m, b.inside, b.density},
+                                           [&](double s) { return body_.medium.transmittance(s); }));
   }
 
   // Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a
@@ -11608,6 +11895,12 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       c.origin += body_.medium.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
       c.direction = start_->mirror.cwiseProduct(
           (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
+      if constexpr (PhaseMedium<Medium>)
+        if (emitters_ != nullptr) {
+          const double u = uniform(combine(c.key, 7)), v = uniform(combine(c.key, 8));
+          accounts_.book(emitted_, c.power * emitters_->scattered(c.origin, b.direction, body_.medium, u, v));
+          c.density = body_.medium.phase(cosine);
+        }
       stack_.push_back(c);
     }
   }
@@ -11616,6 +11909,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   bool meet(Branch& b, int triangle) {
     const ScenePoint at = body_.surface.locate(triangle, b.origin);
     b.triangle = triangle;
+    b.density = 0.0;
     const SurfaceOptics& optics = body_.surface.optics(triangle);
     if (is_dielectric(optics)) {
       if (at.face >= 0) return meet_dielectric(b, triangle, at);
@@ -11725,7 +12019,9 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   PathLimits limits_;
   LightAccounts<Readout> accounts_;
   std::vector<Branch> stack_;
-  const PathStart* start_ = nullptr;  ///< of the path at hand
+  const PathStart* start_ = nullptr;               ///< of the path at hand
+  const EmitterFaces<Scene>* emitters_ = nullptr;  ///< likewise
+  double emitted_ = 0.0;
 };
 
 }  // namespace lumo
@@ -11851,17 +12147,42 @@ class GuideLesson {
 
 namespace lumo {
 
+/// Emitters as paths of this body meet them.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+EmitterFaces<Scene> emitter_faces(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
+    std::optional<double> film_closes_m) {
+  const double ratio = body.index_ratio();
+  return {emitters, body.scene, film_closes_m, ratio * ratio, body.surface.precision_m()};
+}
+
+/// Light that Lambertian faces, which sent `sent` W from their nodes, and `emitters`, if given, send along a path that
+/// runs backwards: π times its radiance [W/m²], times n² if the path starts in the air (by Helmholtz's reciprocity
+/// L/n² is kept but for Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), per power of the path.
+/// `counts(node)`: which nodes count.
+template <class Path, RayScene Scene, TransparentMedium Medium, ExitReadout Readout, class Counts>
+double gathered_light(const PathStart& start, const LitBody<Scene, Medium, Readout>& body, Path& path,
+    const std::vector<double>& sent, const EmitterFaces<Scene>* emitters, Counts&& counts) {
+  path.run(start, emitters);
+  const double ratio = body.index_ratio();
+  // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
+  const double light = path.accounts().collect([&](std::size_t k) {
+    return counts(k) ? (body.nodes.in_air(k) ? ratio * ratio : 1.0) * sent[k] / body.nodes.area(k) : 0.0;
+  });
+  return emitters == nullptr ? light : light + path.take_emitted();
+}
+
 /// Finds the light that leaves through faces with regions from those faces (next-event estimation), as few paths come
 /// there. Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the
-/// body ends on Lambertian faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for
-/// Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind
-/// openings is gathered from ways through them; then direct light is not. Points lie fixed in the undeformed body: no
-/// sample crosses the border of a region that moves with it, so states differ smoothly.
+/// body ends on Lambertian faces, whose light takes it backwards (gathered_light), scattered in the medium or not. A
+/// readout behind openings is gathered from ways through them; then direct light is not, but a WholeReadout has all
+/// light from emitters gathered, as its paths meet them. Points lie fixed in the undeformed body: no sample crosses the
+/// border of a region that moves with it, so states differ smoothly.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
  public:
   NextEventGather(const std::vector<Emitter>& emitters, const LitBody<Scene, Medium, Readout>& body,
-      PathTracer<Scene, Medium, Readout>& path)
+      PathTracer<Scene, Medium, Readout>& path, std::optional<double> film_closes_m)
       : body_(body), ratio_(body.index_ratio()), path_(path) {
+    if (WholeReadout<Readout>) seen_.emplace(emitter_faces(emitters, body, film_closes_m));
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !body.symmetry.x) && !((image & 2u) && !body.symmetry.y)) images_.push_back(image);
       const Vec3d m = sign(image);
@@ -11991,17 +12312,15 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class N
   }
 
   double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
-    path_.run({.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false});
-    // From a face in air, light has gained n² of radiance on its way into the body: it comes out as it was sent.
-    return path_.accounts().collect([&](std::size_t k) {
-      return body_.nodes.is_bright(k) ? 0.0
-                                      : (body_.nodes.in_air(k) ? ratio_ * ratio_ : 1.0) * sent[k] / body_.nodes.area(k);
-    });
+    return gathered_light(
+        {.ray = x.ray, .mirror = m, .power_W = weight / double(images_.size()), .from_emitter = false}, body_, path_,
+        sent, seen_ ? &*seen_ : nullptr, [&](std::size_t k) { return !body_.nodes.is_bright(k); });
   }
 
   const LitBody<Scene, Medium, Readout> body_;
   double ratio_;  ///< index inside / outside
   PathTracer<Scene, Medium, Readout>& path_;
+  std::optional<EmitterFaces<Scene>> seen_;  ///< that paths meet
   std::vector<unsigned> images_;
   std::array<std::vector<Source>, 4> emitters_;
   std::vector<double> direct_, diffuse_;
@@ -12175,6 +12494,125 @@ template <class Path> class Splatting {
   std::vector<int> left_;           ///< sixths of each exit that are not spread
   std::array<const Exit*, 3> corner_{};
   unsigned image_ = 0;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/view.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_VIEW_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_VIEW_HPP
+
+namespace lumo {
+
+/// A line from an eye outside of the body, and what the light on it counts.
+struct SightLine {
+  Vec3d origin{0.0, 0.0, 0.0};     ///< [m]
+  Vec3d direction{0.0, 0.0, 1.0};  ///< unit, away from the eye
+  double weight = 1.0;
+};
+
+/// Where light is looked for: lines of sight, pixel by pixel. Laws: a pure function; line(k, u) is a line of pixel k
+/// for four numbers in (0, 1), and starts in the air.
+template <class V>
+concept View = requires(const V& view, int pixel, const std::array<double, 4>& u) {
+  { view.pixels() } -> std::convertible_to<int>;
+  { view.line(pixel, u) } -> std::same_as<SightLine>;
+};
+
+/// A state that is looked at, and the planes in which body and state are their own mirror images.
+struct SeenState {
+  SurfaceState surface = {};
+  Symmetry symmetry = {};
+};
+
+/// How exactly a view is looked at.
+struct ViewEffort {
+  int samples = 16;  ///< lines a pixel, a multiple of the tracer's replicates, or a divisor of them
+  /// As of Tracer::Config, of lines: lamps that are seen are a thousand times as bright as faces.
+  double roulette_below = 2e-3;
+};
+
+/// What is seen of one state.
+struct ViewLight {
+  /// Mean of weight × radiance over the lines of a pixel [W/(m² sr)], replicates × (pixels of the first colour, then of
+  /// the next). Replicate k of every state has the same rays: errors of differences come from the differences row by
+  /// row.
+  Eigen::MatrixXd replicates;
+  EnergyLedger ledger;  ///< of the light that the emitters sent, mean over the replicates; its channels are empty
+
+  std::vector<double> radiance() const {
+    std::vector<double> mean(std::size_t(replicates.cols()), 0.0);
+    for (Eigen::Index k = 0; k < replicates.cols(); ++k) mean[std::size_t(k)] = replicates.col(k).mean();
+    return mean;
+  }
+  /// Standard errors of radiance(), from the scatter of the replicates.
+  std::vector<double> error() const { return standard_error(replicates); }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/transport/view_gather.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_VIEW_GATHER_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_TRANSPORT_VIEW_GATHER_HPP
+
+namespace lumo {
+
+/// Finds the light on lines of sight: paths that start at an eye in the air and run backwards, as those of
+/// NextEventGather do that start at a face.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class ViewGather {
+ public:
+  /// Light of one colour: what Lambertian nodes sent in each replicate [W], and the emitters.
+  struct Color {
+    std::vector<std::vector<double>> sent;
+    EmitterFaces<Scene> emitters;
+  };
+  /// What lines of one pixel found, and lost.
+  struct Pixel {
+    std::vector<double> light;  ///< replicates of the first colour, then of the next
+    double lines = 0.0, lost = 0.0;
+  };
+
+  ViewGather(const LitBody<Scene, Medium, Readout>& body, const PathLimits& limits, const std::vector<Color>& colors,
+      std::uint64_t seed)
+      : body_(body), path_(body, limits), colors_(colors), seed_(seed) {}
+
+  /// `samples` lines for each of the replicates that has some.
+  template <View V> Pixel operator()(const V& view, int pixel, int replicates, int samples) {
+    Pixel found;
+    found.light.assign(std::size_t(replicates) * colors_.size(), 0.0);
+    const double ratio = body_.index_ratio(), images = double(path_.accounts().images().size());
+    const OwenSobol sequence{combine(seed_, std::uint64_t(pixel))};
+    for (int r = 0; r < replicates; ++r)
+      for (int s = 0; s < samples; ++s) {
+        const auto index = std::uint32_t(r * samples + s);
+        const SightLine line =
+            view.line(pixel, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)});
+        const PathStart start{.ray = {line.origin, line.direction, combine(sequence.seed, index), -1},
+            .mirror = Vec3d::Ones(),
+            .power_W = 1.0 / (ratio * ratio * images),  // of a line: n² of radiance is left in the body
+            .from_emitter = false,
+            .inside = false};
+        for (std::size_t c = 0; c < colors_.size(); ++c) {
+          const double light = gathered_light(start, body_, path_, colors_[c].sent[std::size_t(r)],
+              &colors_[c].emitters, [](std::size_t) { return true; });
+          found.light[c * std::size_t(replicates) + std::size_t(r)] += line.weight * light / (pi * samples);
+        }
+      }
+    const Tally paths = path_.accounts().take();
+    found.lines = paths.ledger.emitted;
+    found.lost = paths.ledger.lost;
+    return found;
+  }
+
+ private:
+  const LitBody<Scene, Medium, Readout> body_;
+  PathTracer<Scene, Medium, Readout> path_;
+  const std::vector<Color>& colors_;
+  std::uint64_t seed_;
 };
 
 }  // namespace lumo
@@ -12355,7 +12793,7 @@ class Tracer {
     for (int c = 0; c < colors; ++c) {
       const std::vector<Emitter> emitters = emitters_of(body, c);
       const auto rays = std::uint32_t(config_.rays_per_emitter / config_.replicates);
-      light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path}});
+      light.push_back({RayPattern(emitters, rays, symmetry, focus), {emitters, lit, path, body.film_closes_m}});
     }
 
     const int count = count_ > 0 ? count_ : config_.replicates;
@@ -12386,6 +12824,53 @@ class Tracer {
     response = averaged(std::move(response));
     if (count_ == 0) require_closed(response.ledger, lost_admitted(body));
     return response;
+  }
+
+  /// Light on the lines of a view, of a body in one state: what its Lambertian faces send is found as for a response,
+  /// and the lines' paths run backwards to them and to the emitters. Nothing else shines, and the tool is seen as the
+  /// contact set only, black. Bit-identical for every executor. Throws as trace() does, and InvalidArgument for broken
+  /// settings of the view and for emitters that cannot be seen.
+  template <View V, Executor E> ViewLight look(const Body& body, const TetMesh& mesh, const SeenState& state,
+      const V& view, const ViewEffort& effort, const E& executor) const {
+    const Symmetry symmetry = state.symmetry;
+    check(body, symmetry, {});
+    const int replicates = check(body, view.pixels(), effort), samples = effort.samples / replicates;
+    const Medium medium{body.medium};
+    const OpticalScene surface(body, mesh, state.surface, symmetry, config_.scene);
+    const auto scene = backend_.build(surface.triangles());
+    using Scene = std::remove_const_t<decltype(scene)>;
+    check(body, surface, scene, {});
+    const LightNodes nodes(surface, symmetry);
+    const FaceSet exits(surface, symmetry, {.whole = true}, [](int) { return false; });
+    const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
+        readout_, readout_.channels(body), nodes, exits, symmetry};
+    using Gather = ViewGather<Scene, Medium, Readout>;
+    std::vector<typename Gather::Color> colors;
+    for (int c = 0; c < color_count(body.emitters); ++c)
+      colors.push_back({std::vector<std::vector<double>>(std::size_t(replicates)),
+          emitter_faces(emitters_of(body, c), lit, body.film_closes_m)});
+    ViewLight seen;
+    seen.ledger = sent_light(body, lit, executor, colors);
+    require_closed(seen.ledger, lost_admitted(body));
+    const std::size_t pixels = std::size_t(view.pixels()), tasks = (pixels + pixels_together - 1) / pixels_together;
+    seen.replicates.resize(replicates, Eigen::Index(pixels * colors.size()));
+    std::vector<double> lines(tasks, 0.0), lost(tasks, 0.0);
+    executor.for_each(tasks, [&](std::size_t task) {
+      Gather gather(lit, {effort.roulette_below, config_.scattered_below, config_.max_events}, colors,
+          combine(config_.seed, view_key));
+      for (std::size_t k = task * pixels_together; k < std::min(pixels, (task + 1) * pixels_together); ++k) {
+        const auto found = gather(view, int(k), replicates, samples);
+        for (std::size_t c = 0; c < colors.size(); ++c)
+          for (int r = 0; r < replicates; ++r)
+            seen.replicates(r, Eigen::Index(c * pixels + k)) =
+                found.light[c * std::size_t(replicates) + std::size_t(r)];
+        lines[task] += found.lines;
+        lost[task] += found.lost;
+      }
+    });
+    require_lines_kept(lines, lost, pixels * std::size_t(effort.samples));
+    if (!seen.replicates.allFinite()) throw NumericalError("light: a pixel of the view is not finite");
+    return seen;
   }
 
   /// Learns how these states' light differs from that of the undeformed body, all on one mesh: empty unless emitters
@@ -12432,6 +12917,8 @@ class Tracer {
  private:
   static constexpr std::uint32_t guide_rays = 1 << 16;  ///< of each emitter; far fewer learn chance
   static constexpr double sent_per_emitted = 4.0;       ///< rays a watt that bright faces send
+  static constexpr std::uint64_t view_key = 5;          ///< of the lines' sequence
+  static constexpr std::size_t pixels_together = 64;    ///< in one task
 
   static SurfaceState surface_of(const MechanicalState& state) {
     return {state.displacement, state.contact_field, state.tool_slopes, state.carrier_slopes};
@@ -12491,6 +12978,57 @@ class Tracer {
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
   }
+  /// Replicates that lines of a view are divided by. Throws InvalidArgument.
+  int check(const Body& body, int pixels, const ViewEffort& effort) const {
+    require_in_range("pixels of a view", pixels, 1, 1 << 26, "");
+    require_in_range("samples per pixel", effort.samples, 1, 1 << 20, "");
+    require_in_range("roulette_below of a view", effort.roulette_below, 0.0, 1.0, "");
+    const int replicates = std::min(config_.replicates, effort.samples);
+    if (effort.samples % replicates != 0 || config_.replicates % replicates != 0)
+      throw InvalidArgument(message("samples per pixel are ", effort.samples, ", must be a multiple of ",
+          config_.replicates, ", or a power of two below"));
+    for (const Emitter& e : body.emitters)
+      if (!e.can_be_seen())
+        throw InvalidArgument("view: an emitter has no area or no known shape, so that no line of sight meets it");
+    return replicates;
+  }
+  /// Throws NumericalError if more light than admitted is lost on lines of sight.
+  void require_lines_kept(const std::vector<double>& lines, const std::vector<double>& lost, std::size_t count) const {
+    constexpr double few = 10.0;
+    const double all = std::accumulate(lines.begin(), lines.end(), 0.0),
+                 gone = std::accumulate(lost.begin(), lost.end(), 0.0),
+                 admitted = std::max(config_.largest_lost, few / double(count));
+    if (!(gone <= admitted * all))
+      throw NumericalError(message("light: ", gone / all, " of the lines of sight are lost, at most ", admitted,
+          ": the surface is open, or max_events is too small"));
+  }
+  /// Finds what Lambertian faces send in each replicate, colour by colour. Returns the mean ledger.
+  template <class Scene, Executor E, class Color> EnergyLedger sent_light(const Body& body,
+      const LitBody<Scene, Medium, Readout>& lit, const E& executor, std::vector<Color>& colors) const {
+    const FaceSet lambertian = sending_faces(body, lit.surface, lit.nodes, lit.symmetry, {});
+    std::vector<RayPattern> patterns;
+    for (std::size_t c = 0; c < colors.size(); ++c)
+      patterns.emplace_back(
+          emitters_of(body, int(c)), std::uint32_t(config_.rays_per_emitter / config_.replicates), lit.symmetry);
+    std::vector<EnergyLedger> ledgers(colors.front().sent.size());
+    executor.for_each(ledgers.size(), [&](std::size_t r) {
+      const auto sequence = [&](std::uint64_t use) { return OwenSobol{combine(config_.seed, 3 * r + use)}; };
+      PathTracer<Scene, Medium, Readout> path(
+          lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
+      const RadiosityTransport transport = trace_faces(lit, lambertian, sequence(1), path);
+      for (std::size_t c = 0; c < colors.size(); ++c) {
+        trace_emitters(lit, patterns[c], body.film_closes_m, sequence(0), path, nullptr);
+        Tally total = path.accounts().take();
+        colors[c].sent[r] = solve_radiosity(lit.nodes, transport, total);
+        for (const double w : total.ledger.channels) total.ledger.elsewhere += w;
+        total.ledger.channels.clear();
+        add_scaled(ledgers[r], total.ledger, 1.0);
+      }
+    });
+    EnergyLedger mean;
+    for (const EnergyLedger& one : ledgers) add_scaled(mean, one, 1.0 / double(ledgers.size()));
+    return mean;
+  }
   /// Throws InvalidArgument unless lamps and guide fit the scene.
   template <class Scene>
   static void check(const Body& body, const OpticalScene& surface, const Scene& scene, const RayGuide& guide) {
@@ -12512,14 +13050,16 @@ class Tracer {
         continue;
       }
       // Few ways from a face and an emitter lead through an opening.
-      const bool direct = !connected && beam.source.has_intensity() && !air;
+      const bool all = WholeReadout<Readout> && config_.exit_rays > 0 && beam.source.can_be_seen(),
+                 direct = all || (!connected && beam.source.has_intensity() && !air);
       double worth = 1.0;  // of the ray at hand, in those that are sent evenly
       const auto start = [&](const PrimaryRay& ray, double share, bool inside) {
         path.run({.ray = ray,
             .mirror = beam.mirror,
             .power_W = share * worth * beam.power_W,
             .inside = inside,
-            .gathers_direct = direct});
+            .gathers_direct = direct,
+            .gathers_all = all});
       };
       for (std::uint32_t i = 0; i < beam.rays; ++i) {
         std::array<double, 4> u = RayPattern::numbers(sequence, i);
@@ -14125,6 +14665,598 @@ inline void write_pad_responses(const std::string& path, const PadResponses& r, 
 
 #endif
 
+// ---- lumo/sense/localize/location_estimator.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_LOCATION_ESTIMATOR_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_LOCATION_ESTIMATOR_HPP
+
+namespace lumo::sense {
+
+/// Where the finger is touched, and how sure that is.
+struct ContactLocation {
+  double y_m = 0.0;
+  double variance_m2 = 0.0;       ///< of all errors
+  double amplitude = 0.0;         ///< of the response there, in the readout's unit
+  double bias_variance_m2 = 0.0;  ///< the part that stays the same from profile to profile
+  /// Of this profile's own information, without bias: for a filter that takes estimates as independent.
+  double noise_variance_m2 = 0.0;
+};
+
+/// Throws InvalidArgument unless positions of a profile are finite and ascend.
+inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
+  for (Eigen::Index i = 0; i < position_m.size(); ++i) {
+    require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
+    if (i > 0 && !(position_m[i] > position_m[i - 1]))
+      throw InvalidArgument(message("position ", i, " of a profile is ", position_m[i],
+          " m, must exceed its predecessor, ", position_m[i - 1], " m"));
+  }
+}
+
+/// Contacts by one profile and those before it. Always finite.
+struct LocationEstimate {
+  std::int64_t stamp_ns = 0;
+  int contacts = 0;                        ///< 0, 1 or 2
+  std::array<ContactLocation, 2> contact;  ///< the first `contacts` count, the stronger one first
+  double probability = 1.0;                ///< of this number of contacts under the model
+  /// The response is neither no contact nor any that the model knows: no place is given, and that means nothing.
+  bool unknown = false;
+};
+
+/// Can a response be worked with: are its values finite, and their squares?
+inline bool is_usable(const Profile& response) {
+  constexpr double largest = 1e100;
+  return (response.value.array().abs() <= largest).all();
+}
+
+/// Locates contacts from responses: profiles minus the unloaded reference.
+/// Laws: causal, the estimate depends on this and earlier responses only; always finite; a response that is not newer
+/// than its predecessor, or not usable (is_usable), changes only the answer's stamp, but that a gap without usable ones
+/// is forgotten; after `reset` the estimator is as new.
+template <class L>
+concept LocationEstimator = requires(L& localizer, const Profile& response) {
+  { localizer.update(response) } -> std::same_as<LocationEstimate>;
+  localizer.reset();
+};
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/localize/response_templates.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_RESPONSE_TEMPLATES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_RESPONSE_TEMPLATES_HPP
+
+namespace lumo::sense {
+
+/// What contacts at known places and loads do to the light along one pad: computed, or recorded. In any unit;
+/// `unloaded` is in the same one.
+struct ResponseTemplates {
+  Eigen::VectorXd position_m;          ///< of a response's values, ascending
+  Eigen::VectorXd unloaded;            ///< light at rest at each; empty: not known, responses are in the readout's unit
+  Eigen::VectorXd place_m;             ///< ascending
+  Eigen::VectorXd load_N;              ///< ascending, > 0
+  std::vector<Eigen::MatrixXd> value;  ///< by place: positions × loads
+  /// By place: what a contact does on top that comes from the side, one standard deviation of its angle; empty: not
+  /// known.
+  std::vector<Eigen::MatrixXd> sideways;
+};
+
+/// Throws InvalidArgument for parts that do not fit together or are not finite.
+inline void validate(const ResponseTemplates& t) {
+  const Eigen::Index positions = t.position_m.size(), places = t.place_m.size(), loads = t.load_N.size();
+  const auto require = [](bool good, const char* what) {
+    if (!good) throw InvalidArgument(message("templates of responses: ", what));
+  };
+  require(positions >= 3, "there must be at least 3 positions");
+  require_ascending_positions(t.position_m);
+  require(t.unloaded.size() == 0 || (t.unloaded.size() == positions && t.unloaded.allFinite() && t.unloaded.sum() > 0),
+      "light at rest must be finite, and there must be some");
+  require(places >= 2 && t.place_m.allFinite() && loads >= 1 && t.load_N.allFinite(),
+      "there must be at least 2 places and a load");
+  for (Eigen::Index k = 1; k < places; ++k) require(t.place_m[k] > t.place_m[k - 1], "places must ascend");
+  for (Eigen::Index k = 0; k < loads; ++k)
+    require(t.load_N[k] > (k > 0 ? t.load_N[k - 1] : 0.0), "loads must be positive and ascend");
+  require(Eigen::Index(t.value.size()) == places && (t.sideways.empty() || t.sideways.size() == t.value.size()),
+      "each place must have its responses");
+  for (const auto* list : {&t.value, &t.sideways})
+    for (const Eigen::MatrixXd& m : *list)
+      require(m.rows() == positions && m.cols() == loads && is_usable({0, m.reshaped(), 0.0}),
+          "a response is missing or not finite");
+}
+
+/// The response to one contact between the known places, at given positions.
+struct TemplateResponse {
+  Eigen::VectorXd value;
+  Eigen::VectorXd doubt;     ///< what two ways to go from place to place differ by
+  Eigen::VectorXd sideways;  ///< as in the templates; 0 where not known
+};
+
+/// Templates in between. From load to load linear, from 0 at 0 N, beyond the last load with its slope. From place to
+/// place the mean of two ways: each value changes linearly, or the shape moves along with the contact and changes
+/// linearly. The first is right for light that stays at an LED, the second for light that stays at the contact. Places
+/// beyond the first or last move with the contact.
+class TemplateField {
+ public:
+  /// Throws InvalidArgument for templates that do not fit together.
+  explicit TemplateField(ResponseTemplates templates) : t_(std::move(templates)) { validate(t_); }
+
+  const ResponseTemplates& templates() const { return t_; }
+  double first_place_m() const { return t_.place_m[0]; }
+  double last_place_m() const { return t_.place_m[t_.place_m.size() - 1]; }
+  double max_load_N() const { return t_.load_N[t_.load_N.size() - 1]; }
+
+  TemplateResponse at(const Eigen::VectorXd& position_m, double y_m, double load_N) const {
+    const Eigen::Index last = t_.place_m.size() - 1;
+    const auto above = std::upper_bound(t_.place_m.begin(), t_.place_m.end(), y_m) - t_.place_m.begin();
+    const Eigen::Index k = std::clamp<Eigen::Index>(above - 1, 0, last - 1);
+    const double gap = t_.place_m[k + 1] - t_.place_m[k], share = std::clamp((y_m - t_.place_m[k]) / gap, 0.0, 1.0);
+    const double beyond = y_m - (t_.place_m[k] + share * gap);
+    const auto between = [&](const std::vector<Eigen::MatrixXd>& list, double moved) {
+      const Eigen::VectorXd a = at_load(list[std::size_t(k)], load_N), b = at_load(list[std::size_t(k) + 1], load_N);
+      Eigen::VectorXd v(position_m.size());
+      for (Eigen::Index i = 0; i < v.size(); ++i) {
+        const double x = position_m[i] - beyond;
+        v[i] =
+            (1.0 - share) * sampled(a, x - moved * share * gap) + share * sampled(b, x + moved * (1.0 - share) * gap);
+      }
+      return v;
+    };
+    const Eigen::VectorXd stays = between(t_.value, 0.0), moves = between(t_.value, 1.0);
+    return {0.5 * (stays + moves), moves - stays,
+        t_.sideways.empty() ? Eigen::VectorXd(Eigen::VectorXd::Zero(position_m.size())) : between(t_.sideways, 0.0)};
+  }
+  /// Light at rest at given positions; none where it is not known.
+  Eigen::VectorXd unloaded_at(const Eigen::VectorXd& position_m) const {
+    if (t_.unloaded.size() == 0) return {};
+    Eigen::VectorXd v(position_m.size());
+    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = sampled(t_.unloaded, position_m[i]);
+    return v;
+  }
+
+ private:
+  Eigen::VectorXd at_load(const Eigen::MatrixXd& by_load, double load_N) const {
+    const Eigen::Index last = t_.load_N.size() - 1;
+    const auto above = std::upper_bound(t_.load_N.begin(), t_.load_N.end(), load_N) - t_.load_N.begin();
+    const Eigen::Index k = std::min<Eigen::Index>(above, last);
+    if (k == 0) return load_N / t_.load_N[0] * by_load.col(0);
+    const double share = (load_N - t_.load_N[k - 1]) / (t_.load_N[k] - t_.load_N[k - 1]);
+    return (1.0 - share) * by_load.col(k - 1) + share * by_load.col(k);
+  }
+  /// Linear between the positions, the end values beyond them.
+  double sampled(const Eigen::VectorXd& v, double x) const {
+    const Eigen::VectorXd& p = t_.position_m;
+    if (!(x > p[0])) return v[0];
+    if (!(x < p[p.size() - 1])) return v[v.size() - 1];
+    const Eigen::Index k = std::upper_bound(p.begin(), p.end(), x) - p.begin() - 1;
+    return v[k] + (x - p[k]) / (p[k + 1] - p[k]) * (v[k + 1] - v[k]);
+  }
+
+  ResponseTemplates t_;
+};
+
+/// A response at a known place and load, as a hold of a log has it.
+struct PressedResponse {
+  double y_m = 0.0, load_N = 0.0;
+  Eigen::VectorXd response;
+};
+
+/// Templates from recorded contacts, in their unit: the mean at each place and load. Loads that not all places have are
+/// left out. Throws InvalidArgument for fewer than two places, or no load that all of them have.
+inline ResponseTemplates recorded_templates(
+    const Eigen::VectorXd& position_m, const std::vector<PressedResponse>& pressed) {
+  std::map<double, std::map<double, std::pair<Eigen::VectorXd, int>>> sums;  // by place and load
+  std::map<double, std::size_t> places_with;                                 // by load
+  for (const PressedResponse& p : pressed) {
+    if (p.response.size() != position_m.size())
+      throw InvalidArgument(
+          message("recorded response has ", p.response.size(), " values, must have ", position_m.size()));
+    const bool seen = sums[p.y_m].contains(p.load_N);
+    auto& [sum, count] = sums[p.y_m][p.load_N];
+    sum = seen ? Eigen::VectorXd(sum + p.response) : p.response;
+    ++count;
+    places_with[p.load_N] += !seen;
+  }
+  ResponseTemplates t;
+  t.position_m = position_m;
+  std::vector<double> loads;
+  for (const auto& [load, places] : places_with)
+    if (load > 0.0 && places == sums.size()) loads.push_back(load);
+  if (sums.size() < 2 || loads.empty())
+    throw InvalidArgument(message("recorded responses are of ", sums.size(), " places with ", loads.size(),
+        " loads that all of them have, must be at least 2 places and a load"));
+  t.load_N = Eigen::Map<const Eigen::VectorXd>(loads.data(), Eigen::Index(loads.size()));
+  t.place_m.resize(Eigen::Index(sums.size()));
+  for (const auto& [place, by_load] : sums) {
+    t.place_m[Eigen::Index(t.value.size())] = place;
+    Eigen::MatrixXd value(position_m.size(), t.load_N.size());
+    for (Eigen::Index l = 0; l < t.load_N.size(); ++l) {
+      const auto& [sum, count] = by_load.at(t.load_N[l]);
+      value.col(l) = sum / double(count);
+    }
+    t.value.push_back(std::move(value));
+  }
+  validate(t);
+  return t;
+}
+
+/// Templates in the readout's unit [DN], by what the picture of the unloaded finger has for the templates' light at
+/// rest. Room light and the camera's black level are on top of it, so that the size is known to a quarter at best.
+/// Positions within 2.5 mm of a lamp, whose package shows through, are left out. Templates without light at rest stay
+/// as they are. Throws InvalidArgument where none of the light is seen.
+inline ResponseTemplates scaled_to(ResponseTemplates t, const Eigen::VectorXd& position_m,
+    const Eigen::VectorXd& unloaded_DN, const std::vector<double>& lamp_m) {
+  constexpr double near_m = 2.5e-3, room_DN = 5.0, room_sigma_DN = 5.0, fit_sigma_DN = 5.0;  // assumed
+  if (t.unloaded.size() == 0) return t;
+  const Eigen::VectorXd light = TemplateField(t).unloaded_at(position_m);
+  if (unloaded_DN.size() != position_m.size())
+    throw InvalidArgument(
+        message("unloaded profile has ", unloaded_DN.size(), " values, must have ", position_m.size()));
+  // Least squares of scale · light + room, with the room's prior.
+  const double by_room = 1.0 / (room_sigma_DN * room_sigma_DN), by_value = 1.0 / (fit_sigma_DN * fit_sigma_DN);
+  Eigen::Matrix2d normal{{0.0, 0.0}, {0.0, by_room}};
+  Eigen::Vector2d right(0.0, by_room * room_DN);
+  for (Eigen::Index i = 0; i < light.size(); ++i) {
+    if (std::any_of(lamp_m.begin(), lamp_m.end(), [&](double y) { return std::abs(position_m[i] - y) < near_m; }))
+      continue;
+    const Eigen::Vector2d row(light[i], 1.0);
+    normal += by_value * row * row.transpose();
+    right += by_value * unloaded_DN[i] * row;
+  }
+  const double scale = (normal(1, 1) * right[0] - normal(0, 1) * right[1]) / normal.determinant();
+  if (!(scale > 0.0) || !std::isfinite(scale))
+    throw InvalidArgument("unloaded profile shows none of the light that the pad's templates have at rest");
+  t.unloaded *= scale;
+  for (auto* list : {&t.value, &t.sideways})
+    for (Eigen::MatrixXd& m : *list) m *= scale;
+  return t;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/lab/pad_templates.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_PAD_TEMPLATES_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_PAD_TEMPLATES_HPP
+
+namespace lumo {
+
+/// Computed responses of a pad as templates for a localiser, per emitted power. Mirror images are among them where the
+/// pad has equal ends. `angle_sigma_rad`: how far contacts come from the side. Throws InputError for responses that do
+/// not fit together.
+inline sense::ResponseTemplates templates_of(const PadResponses& responses, double angle_sigma_rad = 0.5_deg) {
+  const PadLight light(responses);
+  sense::ResponseTemplates t;
+  t.position_m = responses.position_m;
+  t.unloaded = responses.unloaded;
+  t.load_N = responses.load_N;
+  const std::vector<double> places = light.places_m();
+  t.place_m = Eigen::Map<const Eigen::VectorXd>(places.data(), Eigen::Index(places.size()));
+  for (const double y : places) {
+    Eigen::MatrixXd value(t.position_m.size(), t.load_N.size()), sideways = value;
+    for (Eigen::Index l = 0; l < t.load_N.size(); ++l) {
+      value.col(l) = light.change(y, t.load_N[l]);
+      sideways.col(l) = light.change(y, t.load_N[l], angle_sigma_rad) - value.col(l);
+    }
+    t.value.push_back(std::move(value));
+    t.sideways.push_back(std::move(sideways));
+  }
+  return t;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/camera_cone.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_CAMERA_CONE_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_CAMERA_CONE_HPP
+
+namespace lumo {
+
+/// Light that leaves through each region of the body into the narrow cone that ends in a camera's lens [W]: what
+/// ExitPower counts, of one direction only. PinholeCamera has its picture.
+class CameraCone {
+ public:
+  static constexpr bool gathers_emitters = true;  ///< see WholeReadout
+
+  struct Config {
+    Vec3d position{0.0, 0.0, 0.0};  ///< of the lens [m]
+    Vec3d view{0.0, 0.0, 1.0};      ///< the way that it looks
+    double aperture_m = 0.48e-3;    ///< radius of its opening
+  };
+
+  CameraCone() : CameraCone(Config{}) {}
+  /// Throws InvalidArgument for numbers out of range.
+  explicit CameraCone(const Config& config) : config_(config), view_(config.view.normalized()) {
+    require_in_range("radius of the camera's opening", config.aperture_m * 1e3, 1e-6, 1e3, "mm");
+    if (!config.position.allFinite()) throw InvalidArgument("camera: its position is not finite");
+    if (!(std::abs(view_.norm() - 1.0) < 1e-9)) throw InvalidArgument("camera: its direction of view is none");
+    tangents(view_, right_, up_);
+  }
+
+  int channels(const Body& body) const { return body.regions; }
+  int channel(const Escape& escape) const {
+    const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
+    if (escape.region < 0 || !(toward > 0.0 && z > 0.0)) return -1;
+    const Vec3d hit = escape.position + (z / toward) * escape.direction;
+    return (hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m ? escape.region : -1;
+  }
+  int openings() const { return 1; }
+  Connection connect(int, const Vec3d& from, double u, double v) const {
+    return to_disc(config_.position, view_, config_.aperture_m, from, on_unit_disc(u, v, right_, up_));
+  }
+  /// nullopt unless the images of all regions are regions, and the camera stands in the plane. Throws as
+  /// region_images() does.
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
+    if (config_.position[axis] != 0.0 || view_[axis] != 0.0) return std::nullopt;
+    return ExitPower{}.image_channels(body, axis);
+  }
+
+ private:
+  Config config_;
+  Vec3d view_, right_, up_;
+};
+
+static_assert(WholeReadout<CameraCone>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/photodiode.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_PHOTODIODE_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_PHOTODIODE_HPP
+
+namespace lumo {
+
+/// A flat detector outside the body, a parallelogram or an ellipse. It sees light that falls on the side to which
+/// `half_u` × `half_v` points.
+struct Photodiode {
+  Vec3d center{0.0, 0.0, 0.0};       ///< [m]
+  Vec3d half_u{1e-3, 0.0, 0.0};      ///< half edge, or half axis [m]
+  Vec3d half_v{0.0, 1e-3, 0.0};      ///< likewise
+  bool round = false;                ///< an ellipse with these half axes
+  double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
+
+  double area_m2() const { return (round ? pi : 4.0) * half_u.cross(half_v).norm(); }
+  Vec3d normal() const { return half_u.cross(half_v).normalized(); }
+};
+
+/// Photodiodes, a channel each: the power that falls on them [W], as if none stood in another's light.
+class Photodiodes {
+ public:
+  /// Throws InvalidArgument for no photodiodes, or one without area or acceptance.
+  explicit Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::move(diodes)) {
+    if (diodes_.empty()) throw InvalidArgument("photodiodes: none given, at least one is needed");
+    for (const Photodiode& d : diodes_) {
+      if (!d.center.allFinite()) throw InvalidArgument("photodiode: its centre is not finite");
+      require_positive("area of a photodiode", d.area_m2(), "m2");
+      require_in_range("acceptance angle of a photodiode", d.acceptance_rad * 180.0 / pi, 0.1, 90.0, "deg");
+    }
+  }
+
+  int channels(const Body&) const { return int(diodes_.size()); }
+  /// The first one of several photodiodes behind each other.
+  int channel(const Escape& escape) const {
+    int best = -1;
+    double nearest = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < diodes_.size(); ++k) {
+      const Photodiode& d = diodes_[k];
+      if (!(escape.direction.dot(d.normal()) < 0.0) || !accepts(d, escape.direction)) continue;
+      const double way = (d.center - escape.position).dot(d.normal()) / escape.direction.dot(d.normal());
+      if (!(way > 0.0 && way < nearest)) continue;
+      const Vec3d p = escape.position + way * escape.direction - d.center, n = d.half_u.cross(d.half_v);
+      const double a = p.cross(d.half_v).dot(n) / n.squaredNorm(), b = d.half_u.cross(p).dot(n) / n.squaredNorm();
+      if (d.round ? a * a + b * b < 1.0 : std::abs(a) < 1.0 && std::abs(b) < 1.0) {
+        best = int(k);
+        nearest = way;
+      }
+    }
+    return best;
+  }
+  int openings() const { return int(diodes_.size()); }
+  Connection connect(int k, const Vec3d& from, double u, double v) const {
+    const Photodiode& d = diodes_[std::size_t(k)];
+    const Vec3d at = d.center + (d.round ? on_unit_disc(u, v, d.half_u, d.half_v)
+                                         : Vec3d((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
+    const Vec3d way = at - from;
+    const double length = way.norm();
+    if (!(length > 0.0)) return {};
+    const Vec3d direction = way / length;
+    if (!(direction.dot(d.normal()) < 0.0) || !accepts(d, direction)) return {};
+    return {direction, -direction.dot(d.normal()) * d.area_m2() / (length * length)};
+  }
+  /// Photodiode → its mirror image; nullopt if one has none.
+  std::optional<std::vector<int>> image_channels(const Body&, int axis) const {
+    Vec3d mirror = Vec3d::Ones();
+    mirror[axis] = -1.0;
+    std::vector<int> images;
+    for (const Photodiode& d : diodes_) {
+      const auto image = std::find_if(diodes_.begin(), diodes_.end(), [&](const Photodiode& o) {
+        return o.center == mirror.cwiseProduct(d.center) && o.normal() == mirror.cwiseProduct(d.normal()) &&
+               o.acceptance_rad == d.acceptance_rad && o.round == d.round &&
+               same_edges(o, mirror.cwiseProduct(d.half_u), mirror.cwiseProduct(d.half_v));
+      });
+      if (image == diodes_.end()) return std::nullopt;
+      images.push_back(int(image - diodes_.begin()));
+    }
+    return images;
+  }
+
+ private:
+  static bool same_edges(const Photodiode& d, const Vec3d& u, const Vec3d& v) {
+    return (d.half_u == u || d.half_u == -u) && (d.half_v == v || d.half_v == -v);
+  }
+  static bool accepts(const Photodiode& d, const Vec3d& direction) {
+    return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12;
+  }
+
+  std::vector<Photodiode> diodes_;
+};
+
+static_assert(ConnectedReadout<Photodiodes>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/optics/pinhole_camera.hpp
+#ifndef SINGLE_INCLUDE_LUMO_OPTICS_PINHOLE_CAMERA_HPP
+#define SINGLE_INCLUDE_LUMO_OPTICS_PINHOLE_CAMERA_HPP
+
+namespace lumo {
+
+/// A camera with one small round opening. Channel row·columns + column holds the power [W] that passes the opening into
+/// that pixel; pixels are numbered from the upper left corner of the upright image. The opening holds an ideal thin
+/// lens focused at `focus_m`: what lies at another distance z is blurred to a disc of about 2 aperture_m |z/focus_m −
+/// 1| there. There is no other approximation.
+class PinholeCamera {
+ public:
+  struct Config {
+    Vec3d position{0.0, 0.0, 0.0};                 ///< of the opening [m]
+    Vec3d view{0.0, 0.0, 1.0};                     ///< the way that the camera looks
+    Vec3d up{0.0, 1.0, 0.0};                       ///< upwards in the image; not along `view`
+    double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
+    int columns = 32;
+    int rows = 32;
+    double aperture_m = 0.25e-3;  ///< radius of the opening
+    double focus_m = 20e-3;       ///< distance along `view` that is sharp
+  };
+
+  /// Throws InvalidArgument for numbers out of range.
+  explicit PinholeCamera(const Config& config) : config_(config) {
+    require_in_range("columns of the camera", config.columns, 1, 4096, "");
+    require_in_range("rows of the camera", config.rows, 1, 4096, "");
+    require_in_range("field of view", config.field_of_view_rad * 180.0 / pi, 0.1, 170.0, "deg");
+    require_in_range("radius of the camera's opening", config.aperture_m * 1e3, 1e-6, 1e3, "mm");
+    require_positive("focus distance of the camera", config.focus_m, "m");
+    if (!config.position.allFinite()) throw InvalidArgument("camera: its position is not finite");
+    view_ = config.view.normalized();
+    right_ = view_.cross(config.up).normalized();
+    up_ = right_.cross(view_);
+    if (!(std::abs(up_.norm() - 1.0) < 1e-9))
+      throw InvalidArgument("camera: the directions of view and up are not finite, or are parallel");
+    half_width_ = std::tan(0.5 * config.field_of_view_rad);
+    half_height_ = half_width_ * config.rows / config.columns;
+  }
+
+  const Config& config() const { return config_; }
+  int channels(const Body&) const { return config_.columns * config_.rows; }
+  int channel(const Escape& escape) const {
+    const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
+    if (!(toward > 0.0 && z > 0.0)) return -1;
+    const Vec3d hit = escape.position + (z / toward) * escape.direction;
+    if (!((hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m)) return -1;
+    return pixel(hit - (config_.focus_m / toward) * escape.direction);
+  }
+  int openings() const { return 1; }
+  Connection connect(int, const Vec3d& from, double u, double v) const {
+    return to_disc(config_.position, view_, config_.aperture_m, from, on_unit_disc(u, v, right_, up_));
+  }
+  /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
+  int pixel(const Vec3d& p) const {
+    const Vec3d way = p - config_.position;
+    const double z = way.dot(view_);
+    return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
+  }
+  int pixels() const { return config_.columns * config_.rows; }
+  /// Through a place of the pixel, by the first two numbers, and a place of the opening, by the other two. The mean of
+  /// a pixel's lines times etendue_m2_sr() is the power that passes the opening into it: they count cos⁴ of their angle
+  /// to the axis, as light does behind a real lens (natural vignetting).
+  SightLine line(int pixel, const std::array<double, 4>& u) const {
+    const double column = pixel % config_.columns + u[0], row = pixel / config_.columns + u[1];
+    const Vec3d way = view_ + (2.0 * column / config_.columns - 1.0) * half_width_ * right_ +
+                      (1.0 - 2.0 * row / config_.rows) * half_height_ * up_,
+                at = config_.aperture_m * on_unit_disc(u[2], u[3], right_, up_);
+    const Vec3d d = (config_.focus_m * way - at).normalized();
+    return {config_.position + at, d, std::pow(d.dot(view_), 4)};
+  }
+  /// Area of the opening × solid angle of a pixel on the axis.
+  double etendue_m2_sr() const {
+    return pi * config_.aperture_m * config_.aperture_m * 4.0 * half_width_ * half_height_ / pixels();
+  }
+
+ private:
+  int pixel_of(double right, double up) const {
+    const double column = 0.5 * (right / half_width_ + 1.0) * config_.columns,
+                 row = 0.5 * (1.0 - up / half_height_) * config_.rows;
+    if (!(column >= 0.0 && column < config_.columns && row >= 0.0 && row < config_.rows)) return -1;
+    return int(row) * config_.columns + int(column);
+  }
+
+  Config config_;
+  Vec3d view_, right_, up_;
+  double half_width_, half_height_;  ///< of the image at distance 1
+};
+
+static_assert(ConnectedReadout<PinholeCamera> && View<PinholeCamera>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/lab/side_view.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_SIDE_VIEW_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_SIDE_VIEW_HPP
+
+namespace lumo {
+
+/// A camera before the side x > 0 of a pad, aimed at its middle. The same lens is a readout (CameraCone: power by
+/// region) and a picture (PinholeCamera).
+struct SideView {
+  double distance_m = 0.25;               ///< from what it is aimed at
+  double yaw_rad = 0.0, pitch_rad = 0.0;  ///< of where it stands: towards +y, and above the base plane
+  double roll_rad = 0.0;                  ///< about the line of sight
+  double along_m = 0.0, height_m = 0.0;   ///< of what it is aimed at, beside the middle of the side
+  double aperture_m = 0.48e-3;  ///< radius of the lens' opening: 1.93 mm at f/2 (Intel RealSense D435, colour)
+
+  /// From the pad towards the camera.
+  Vec3d back() const {
+    return {std::cos(pitch_rad) * std::cos(yaw_rad), std::cos(pitch_rad) * std::sin(yaw_rad), std::sin(pitch_rad)};
+  }
+  Vec3d position_m(const SideGeometry& side) const {
+    return Vec3d(side.half_width_m, along_m, 0.5 * (side.low_m + side.high_m) + height_m) + distance_m * back();
+  }
+  CameraCone cone(const SideGeometry& side) const {
+    return CameraCone({.position = position_m(side), .view = -back(), .aperture_m = aperture_m});
+  }
+  PinholeCamera picture(const SideGeometry& side, double focal_px, int columns, int rows) const {
+    const Vec3d up = Eigen::AngleAxisd(roll_rad, Eigen::Vector3d(-back())) * Eigen::Vector3d::UnitZ();
+    return PinholeCamera({.position = position_m(side),
+        .view = -back(),
+        .up = up,
+        .field_of_view_rad = 2.0 * std::atan(0.5 * columns / focal_px),
+        .columns = columns,
+        .rows = rows,
+        .aperture_m = aperture_m,
+        .focus_m = distance_m});
+  }
+};
+
+/// A row of square photodiodes that face the side x > 0 at half its height, each before the middle of one of `count`
+/// equal parts of |y| ≤ half_range_m.
+struct PhotodiodeRow {
+  int count = 11;
+  double half_range_m = 27.5e-3;
+  double gap_m = 5e-3;   ///< to the side
+  double edge_m = 2e-3;  ///< of a photodiode
+
+  Photodiodes before(const SideGeometry& side) const {
+    const double half = 0.5 * edge_m, x = side.half_width_m + gap_m, z = 0.5 * (side.low_m + side.high_m);
+    std::vector<Photodiode> row;
+    for (int k = 0; k < count; ++k) {
+      // Whole parts of the range: places on both sides of y = 0 are mirror images to the bit.
+      const double y = half_range_m * (2 * k + 1 - count) / count;
+      row.push_back({{x, y, z}, {0.0, 0.0, half}, {0.0, half, 0.0}});
+    }
+    return Photodiodes(std::move(row));
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/lab/protocol.hpp
 #ifndef SINGLE_INCLUDE_LUMO_LAB_PROTOCOL_HPP
 #define SINGLE_INCLUDE_LUMO_LAB_PROTOCOL_HPP
@@ -14314,7 +15446,8 @@ class VirtualRig {
 
   struct Contact {
     double y_m, tilt_rad, stick_Nm;
-    std::vector<double> load_N;  ///< of each step, as it came out
+    std::vector<double> load_N;       ///< of each step, as it came out
+    double from_s = 0.0, to_s = 1.0;  ///< first touch and leaving
   };
   /// Load over a stretch of time, linear.
   struct Phase {
@@ -14335,8 +15468,13 @@ class VirtualRig {
   void deform();
   void record_joints();
   void record_forces();
+  void place_cameras(RandomStream& once);
   void record_frames();
   Sampled at(double t_s) const;
+  /// Where the finger is touched at a time.
+  double place_m(int contact, double t_s) const;
+  Eigen::VectorXd side_light(const TruthSample& s, const Eigen::VectorXd& lamps) const;
+  Eigen::VectorXd one_by_one(const Eigen::VectorXd& light, const Eigen::VectorXd& lamps) const;
 
   const PadLight* light_;
   LabPlan plan_;
@@ -14351,8 +15489,10 @@ class VirtualRig {
   std::vector<SidePainter> painters_;
   std::vector<sense::FrameRecord> frames_;
   std::vector<TruthSample> truth_;
-  std::vector<int> view_;                ///< of each frame
-  std::vector<double> lamps_, room_DN_;  ///< at each frame
+  std::vector<int> view_;                     ///< of each frame
+  std::vector<double> lamps_, room_DN_;       ///< at each frame
+  std::vector<Eigen::VectorXd> lamp_change_;  ///< at each frame, of each LED by itself, relative; empty: none
+  double pad_off_m_ = 0.0, strip_off_m_ = 0.0;
   std::vector<sense::JointSample> joints_;
   std::vector<sense::WrenchSample> wrenches_;
   std::vector<sense::MarkerSample> markers_;
@@ -14398,7 +15538,8 @@ inline VirtualRig::VirtualRig(
     }
   }
   const PadResponses& r = light.responses();
-  per_DN_ = light.scale_to(rig_.camera.level_DN, rig_.camera.brightest_DN);
+  per_DN_ = rig_.camera.exposure_DN > 0.0 ? rig_.camera.exposure_DN
+                                          : light.scale_to(rig_.camera.level_DN, rig_.camera.brightest_DN);
 
   session_.title = plan_.title;
   session_.clock = "virtual";
@@ -14440,6 +15581,7 @@ inline void VirtualRig::lay_out_time() {
     add_segment(from, to, sense::SegmentKind::unloaded);
     if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, sense::SegmentKind::dark);
     t += c.rest_s;
+    contacts_[i].from_s = t;
     double load = 0.0;
     for (std::size_t k = 0; k < c.steps.size(); ++k) {
       const LoadStep& s = c.steps[k];
@@ -14452,6 +15594,7 @@ inline void VirtualRig::lay_out_time() {
     }
     phases_.push_back({t, t + release_s, load, 0.0, int(i)});
     t += release_s;
+    contacts_[i].to_s = t;
   }
   phases_.push_back({t, t + last_rest_s, 0.0, 0.0, -1});
   end_s_ = t + last_rest_s;
@@ -14503,13 +15646,20 @@ inline auto VirtualRig::at(double t_s) const -> Sampled {
       a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
 }
 
+inline double VirtualRig::place_m(int contact, double t_s) const {
+  const Contact& c = contacts_[std::size_t(contact)];
+  if (rig_.contact.slide_m == 0.0) return c.y_m;
+  const auto [from, to] = light_->reach_m();
+  return std::clamp(c.y_m + rig_.contact.slide_m * (t_s - c.from_s) / (c.to_s - c.from_s), from, to);
+}
+
 /// Joint by joint: what sticks and errs is each one's own.
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
   const double dt = 1.0 / m.hz;
   for (std::size_t i = 0; i < sampled_.size(); ++i)
-    joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints),
-        sense::JointVector(m.joints), sense::Effort::current_A});
+    joints_.push_back({lab_stamp(double(i) * dt + m.clock_offset_s), sense::JointVector(m.joints),
+        sense::JointVector(m.joints), sense::JointVector(m.joints), sense::Effort::current_A});
   for (int joint = 0; joint < m.joints; ++joint) {
     const bool last_joint = joint + 1 == m.joints;
     const std::uint64_t stream = last_joint ? 2 : 60;
@@ -14521,6 +15671,7 @@ inline void VirtualRig::record_joints() {
     std::vector<double> sticks;  // under each contact
     for (const Contact& c : contacts_)
       sticks.push_back(last_joint ? c.stick_Nm : noise_ * m.stiction_Nm * own.normal());
+    const double cogging_phase = 2.0 * pi * RandomStream(seed_, stream + 200).uniform();
     double rest_stick = 0.0, last_load = 0.0;
     int last = -1;
     bool moving = false;
@@ -14529,7 +15680,7 @@ inline void VirtualRig::record_joints() {
       const Sampled& s = sampled_[i];
       if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
       last = s.contact;
-      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m,
+      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + place_m(s.contact, t),
                    load = s.load_N * arm;
       double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt,
              friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
@@ -14545,7 +15696,9 @@ inline void VirtualRig::record_joints() {
         moving = phase < 1.0;
         friction = moving ? m.coulomb_Nm * std::tanh(v / rest_velocity) + m.viscous_Nm_s_per_rad * v : rest_stick;
       }
-      const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
+      if (m.backlash_rad > 0.0) q -= (s.contact < 0 ? 0.0 : 0.5) * m.backlash_rad;  // pressed against the other flank
+      double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
+      if (m.cogging_Nm > 0.0) torque += m.cogging_Nm * std::sin(m.cogging_periods * q + cogging_phase);
       sense::JointSample& sample = joints_[i];
       sample.position_rad[joint] = q;
       sample.velocity_rad_per_s[joint] = v + noise_ * m.velocity_sigma_rad_per_s * draws.normal();
@@ -14560,7 +15713,7 @@ inline void VirtualRig::record_forces() {
   const double bias = noise_ * c.sensor_bias_N * draws.normal();
   for (double t = 0.0; t < end_s_; t += 1.0 / c.sensor_hz) {
     const Sampled s = at(t);
-    const double y = s.contact < 0 ? 0.0 : contacts_[std::size_t(s.contact)].y_m;
+    const double y = s.contact < 0 ? 0.0 : place_m(s.contact, t);
     const auto jitter = [&] { return noise_ * c.sensor_sigma_N * draws.normal(); };
     const double fx = jitter(), fy = jitter(), fz = -s.load_N + bias + jitter();
     wrenches_.push_back({lab_stamp(t), Vec3d(fx, fy, fz), Vec3d(-y * s.load_N, 0.0, 0.0)});
@@ -14569,10 +15722,9 @@ inline void VirtualRig::record_forces() {
   }
 }
 
-inline void VirtualRig::record_frames() {
+/// Cameras for all views, and the finger as it was put together before them.
+inline void VirtualRig::place_cameras(RandomStream& once) {
   const CameraRig& c = rig_.camera;
-  const LightRig& l = rig_.light;
-  RandomStream once(seed_, 6), jitter(seed_, 7);
   // Placed by hand: where the picture does not show the whole pad, the camera is placed again.
   std::vector<SideCamera> cameras;
   for (int trial = 0;
@@ -14588,7 +15740,30 @@ inline void VirtualRig::record_frames() {
           CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad,
               set.along_m + v.place.along_m, set.height_m + v.place.height_m});
   }
-  for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
+  // Assembly: what is painted is off, what was aimed at is not.
+  RandomStream built(seed_, 120);
+  const AssemblyRig& a = rig_.assembly;
+  pad_off_m_ = a.pad_sigma_m * built.normal();
+  strip_off_m_ = a.strip_sigma_m * built.normal();
+  CameraRig placed = c;
+  placed.distance_m *= 1.0 + a.distance_sigma * built.normal();
+  const double distortion = a.distortion_sigma * built.normal();
+  SideGeometry lit = side_;
+  for (double& y : lit.lamp_m) y += strip_off_m_;
+  const bool as_drawn = placed.distance_m == c.distance_m && distortion == 0.0 && strip_off_m_ == 0.0;
+  for (const SideCamera& view : cameras)
+    painters_.emplace_back(as_drawn ? view : SideCamera(placed, lit, view.place(), distortion), rig_.light,
+        light_->responses().position_m, seed_);
+}
+
+inline void VirtualRig::record_frames() {
+  const CameraRig& c = rig_.camera;
+  const LightRig& l = rig_.light;
+  RandomStream once(seed_, 6), jitter(seed_, 7);
+  place_cameras(once);
+  std::vector<SlowNoise> one_lamp;
+  for (std::size_t k = 0; k < side_.lamp_m.size() && l.one_lamp_sigma > 0.0; ++k)
+    one_lamp.emplace_back(RandomStream(seed_, 130 + k), l.one_lamp_drift_s);
   LampNoise lamps(l, seed_, 8);
   SlowNoise room(RandomStream(seed_, 9), l.ambient_drift_s);
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s,
@@ -14606,12 +15781,16 @@ inline void VirtualRig::record_frames() {
     TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
-      truth = {truth.stamp_ns, s.contact, now.y_m, s.load_N, now.tilt_rad, s.equivalent_N,
-          light_->depth_m(now.y_m, s.equivalent_N)};
+      const double y = place_m(s.contact, t);
+      truth = {
+          truth.stamp_ns, s.contact, y, s.load_N, now.tilt_rad, s.equivalent_N, light_->depth_m(y, s.equivalent_N)};
     }
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
     view_.push_back(view);
+    lamp_change_.emplace_back(Eigen::Index(one_lamp.size()));
+    for (std::size_t k = 0; k < one_lamp.size(); ++k)
+      lamp_change_.back()[Eigen::Index(k)] = l.one_lamp_sigma * one_lamp[k].at(t);
     lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN *
                        (1.0 + noise_ * (l.ambient_drift * room.at(t) +
@@ -14619,12 +15798,50 @@ inline void VirtualRig::record_frames() {
   }
 }
 
+/// Light that each bin has, shared out between the LEDs by their distance.
+inline Eigen::VectorXd VirtualRig::one_by_one(const Eigen::VectorXd& light, const Eigen::VectorXd& lamps) const {
+  const Eigen::VectorXd& x = light_->responses().position_m;
+  Eigen::VectorXd changed = light;
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    double all = 0.0, change = 0.0;
+    for (Eigen::Index k = 0; k < lamps.size(); ++k) {
+      const double share = std::exp(-std::abs(x[i] - side_.lamp_m[std::size_t(k)]) / rig_.light.one_lamp_reach_m);
+      all += share;
+      change += share * lamps[k];
+    }
+    changed[i] *= 1.0 + change / all;
+  }
+  return changed;
+}
+
+/// What leaves the side. LEDs that are off along the finger take all light with them; silicone that is off takes the
+/// light of its ends.
+inline Eigen::VectorXd VirtualRig::side_light(const TruthSample& s, const Eigen::VectorXd& lamps) const {
+  Eigen::VectorXd light = light_->responses().unloaded;
+  const bool touched = s.contact >= 0;
+  if (pad_off_m_ == 0.0 && strip_off_m_ == 0.0) {
+    if (touched) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
+  } else {
+    light = light_->moved(light, strip_off_m_ + pad_off_m_);
+    if (touched) {
+      const AssemblyRig& a = rig_.assembly;
+      const double to_end = side_.half_length_m - std::abs(s.y_m),
+                   share = std::clamp((a.end_far_m - to_end) / (a.end_far_m - a.end_near_m), 0.0, 1.0),
+                   off = strip_off_m_ + share * pad_off_m_;
+      light += light_->moved(light_->change(s.y_m - off, s.equivalent_N, s.tilt_rad), off);
+    }
+  }
+  return lamps.size() > 0 ? one_by_one(light, lamps) : light;
+}
+
 inline sense::Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
-  Eigen::VectorXd light = light_->responses().unloaded;
-  if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
+  Eigen::VectorXd light = side_light(s, lamp_change_[k]);
   light *= per_DN_ * lamps_[k];
-  return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, RandomStream(seed_, 1000 + k));
+  Shadow shadow;
+  if (s.contact >= 0) shadow = {rig_.light.shadow, s.y_m, rig_.light.shadow_sigma_m};
+  return painters_[std::size_t(view_[k])].paint(
+      light, lamps_[k], room_DN_[k], noise_, RandomStream(seed_, 1000 + k), shadow);
 }
 
 }  // namespace lumo

@@ -435,6 +435,7 @@ struct Profile {
   Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
   /// Share of the raw values at the top of their range: profile values there are lower bounds.
   double saturated = 0.0;
+  double nearly_saturated = 0.0;  ///< share of 250 and more, where the readout counts them
 };
 
 /// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
@@ -4375,6 +4376,236 @@ template <ChunkCodec Codec = Uncompressed, class Picture> void write_mcap_log(
 
 #endif
 
+// ---- lumo/core/sobol.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+
+namespace lumo {
+
+/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
+constexpr std::uint64_t mix64(std::uint64_t x) {
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
+  return x ^ (x >> 31);
+}
+
+/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
+constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
+  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
+}
+
+/// A number in (0, 1) from a key.
+constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
+
+/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
+inline std::uint32_t nearest_power_of_two(double wish) {
+  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
+}
+
+constexpr std::uint32_t reverse_bits(std::uint32_t x) {
+  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
+  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
+  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
+  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
+  return (x >> 16) | (x << 16);
+}
+
+/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
+/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
+/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
+constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
+  x = reverse_bits(x);
+  x ^= x * 0x3d20adeau;
+  x += seed;
+  x *= (seed >> 16) | 1u;
+  x ^= x * 0x05526c56u;
+  x ^= x * 0x53a22864u;
+  return reverse_bits(x);
+}
+
+/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
+struct SobolSeed {
+  int degree;
+  std::uint32_t polynomial;
+  std::array<std::uint32_t, 7> m;
+};
+
+/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
+/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
+inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
+    {1, 0, {1}},
+    {2, 1, {1, 3}},
+    {3, 1, {1, 3, 1}},
+    {3, 2, {1, 1, 1}},
+    {4, 1, {1, 1, 3, 3}},
+    {4, 4, {1, 3, 5, 13}},
+    {5, 2, {1, 1, 5, 5, 17}},
+    {5, 4, {1, 1, 5, 5, 5}},
+    {5, 7, {1, 1, 7, 11, 19}},
+    {5, 11, {1, 1, 5, 1, 1}},
+    {5, 13, {1, 1, 1, 3, 11}},
+    {5, 14, {1, 3, 5, 5, 31}},
+    {6, 1, {1, 3, 3, 9, 7, 49}},
+    {6, 13, {1, 1, 1, 15, 21, 21}},
+    {6, 16, {1, 3, 1, 13, 27, 49}},
+    {6, 19, {1, 1, 1, 15, 7, 5}},
+    {6, 22, {1, 3, 1, 15, 13, 25}},
+    {6, 25, {1, 1, 5, 5, 19, 61}},
+    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
+    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
+    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
+    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
+    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
+    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
+    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
+    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
+    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
+    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
+    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
+    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
+    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
+}};
+
+/// A plain array, which a compiler fills faster than std::array.
+struct SobolTable {
+  std::uint32_t number[32][32];
+};
+
+/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
+constexpr SobolTable make_sobol_table() {
+  SobolTable table{};
+  auto& v = table.number;
+  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
+  for (std::size_t d = 1; d < 32; ++d) {
+    const SobolSeed& seed = sobol_seeds[d - 1];
+    const std::size_t s = std::size_t(seed.degree);
+    for (std::size_t k = 0; k < 32; ++k) {
+      if (k < s) {
+        v[d][k] = seed.m[k] << (31 - k);
+        continue;
+      }
+      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
+      for (std::size_t j = 1; j < s; ++j)
+        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
+    }
+  }
+  return table;
+}
+
+/// Made by the compiler, and so only where it is used.
+inline constexpr SobolTable sobol_table = make_sobol_table();
+
+/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
+struct Sobol {
+  static constexpr int dimensions = 32;
+
+  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
+  static std::uint32_t bits(std::uint32_t index, int dimension) {
+    std::uint32_t x = 0;
+    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
+      if (index & 1u) x ^= sobol_table.number[dimension][k];
+    return x;
+  }
+};
+
+/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
+/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
+/// keep a state and are not scrambled.
+struct OwenSobol {
+  std::uint64_t seed = 0;
+
+  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
+  double operator()(std::uint32_t index, int dimension) const {
+    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
+    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/statistics.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+
+namespace lumo {
+
+/// A number with a lower and an upper bound.
+struct Interval {
+  double value = 0.0, low = 0.0, high = 0.0;
+};
+
+/// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
+inline double median(std::vector<double> v) {
+  if (v.empty()) throw InvalidArgument("median of no numbers");
+  const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
+  std::nth_element(v.begin(), half, v.end());
+  return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
+}
+
+/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for
+/// none.
+inline double quantile(std::vector<double> v, double p) {
+  if (v.empty()) throw InvalidArgument("quantile of no numbers");
+  require_in_range("quantile", p, 0.0, 1.0, "");
+  std::sort(v.begin(), v.end());
+  const double place = p * double(v.size() - 1);
+  const auto i = std::size_t(place);
+  return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
+}
+
+/// Of ascending numbers the first of those `count` in a row that lie closest together; `count` is 1 to their number.
+inline std::size_t closest_together(const std::vector<double>& sorted, std::size_t count) {
+  std::size_t closest = 0;
+  for (std::size_t i = 1; i + count <= sorted.size(); ++i)
+    if (sorted[i + count - 1] - sorted[i] < sorted[closest + count - 1] - sorted[closest]) closest = i;
+  return closest;
+}
+
+/// Root mean square of the entries.
+inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) {
+  return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0;
+}
+
+/// Median of each row.
+inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
+  Eigen::VectorXd r(m.rows());
+  for (Eigen::Index i = 0; i < m.rows(); ++i) {
+    const Eigen::VectorXd row = m.row(i);
+    r[i] = median({row.data(), row.data() + row.size()});
+  }
+  return r;
+}
+
+/// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
+inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
+  if (all < 1 || right < 0 || right > all)
+    throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
+  const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
+  const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
+  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
+}
+
+/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
+class CountedNormals {
+ public:
+  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
+  double operator()() {
+    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))),
+                 turn = uniform(combine(seed_, count_ + 1));
+    count_ += 2;
+    return radius * std::cos(6.2831853071795864769 * turn);
+  }
+
+ private:
+  std::uint64_t seed_, count_ = 0;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/sense/profile/axis_map.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_AXIS_MAP_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_AXIS_MAP_HPP
@@ -4500,6 +4731,374 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   map.covariance = map.centroid_sigma_px * map.centroid_sigma_px * normal.inverse();
   return map;
 }
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/profile/strip.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_STRIP_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_STRIP_HPP
+
+namespace lumo::sense {
+
+/// Where along the finger a profile is averaged: bin i lies between edges i and i + 1.
+struct LongitudinalBins {
+  Eigen::VectorXd edges_m;  ///< ascending
+
+  /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
+  static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
+  /// Six equal parts of the same stretch, the decoder's. Source: the authors' public code
+  /// (dokkev/fingertip-design-framework, fig5c_decoder.py).
+  static LongitudinalBins parts() { return uniform(-27.5e-3, 27.5e-3, 6); }
+  static LongitudinalBins uniform(double from_m, double to_m, int count) {
+    require_in_range("number of bins", count, 1, 4096, "");
+    require_in_range("first edge", from_m, -10.0, 10.0, "m");
+    require_in_range("last edge", to_m, -10.0, 10.0, "m");
+    LongitudinalBins bins{Eigen::VectorXd::LinSpaced(count + 1, from_m, to_m)};
+    validate(bins);
+    return bins;
+  }
+
+  Eigen::Index size() const { return edges_m.size() - 1; }
+  Eigen::VectorXd centres_m() const {
+    const Eigen::VectorXd& edges = edges_m;
+    return 0.5 * (edges.head(size()) + edges.tail(size()));
+  }
+
+  /// Throws InvalidArgument unless there are at least two edges that ascend.
+  friend void validate(const LongitudinalBins& b) {
+    if (b.edges_m.size() < 2)
+      throw InvalidArgument(message("longitudinal bins have ", b.edges_m.size(), " edges, must have at least 2"));
+    for (Eigen::Index i = 1; i < b.edges_m.size(); ++i)
+      if (!(b.edges_m[i] > b.edges_m[i - 1]))
+        throw InvalidArgument(message("edge ", i, " of the longitudinal bins is ", b.edges_m[i],
+            " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
+  }
+};
+
+/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at
+/// right angles, in steps of whole pixels along the image's direction that is nearer to the axis.
+class Strip {
+ public:
+  struct Config {
+    AxisMap map;
+    LongitudinalBins bins = LongitudinalBins::regions();
+    /// The band's limits to the sides of the map's line; positive lies clockwise of the tip's direction in the image
+    /// (image y runs down).
+    double band_low_m = -8.0_mm, band_high_m = 8.0_mm;
+    int width = 640, height = 480;  ///< of the frames [px]
+    PixelFormat format = PixelFormat::bgr;
+    int row_step = 1;  ///< reads every n-th line along the finger: image rows, or columns for an upright finger
+    int lit = 1;       ///< the channel that is measured, as ImageView has it
+  };
+
+  /// Throws InvalidArgument for a band outside of the image or numbers out of range.
+  explicit Strip(const Config& config);
+
+  bool fits(const ImageView& image) const {
+    return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_;
+  }
+
+  /// Mean of value(pixels, reference pixels, byte) over each bin. Bytes of all channels are summed, which is faster
+  /// than to pick one of three.
+  template <class Value>
+  void sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean);
+
+  /// Share of bytes of the measured channel that are 255, on every eighth row read.
+  double saturated_share(const ImageView& image) const;
+
+ private:
+  struct Run {
+    int row, first, count;  ///< pixels
+    int place;              ///< first place along the axis; a run along the axis goes on from it, one across it stays
+  };
+
+  /// Bytes in a block of `sum_across`: whole pixels in either format.
+  static constexpr std::size_t lanes = 48;
+  /// Additions of bytes that 16 bits hold, less one.
+  static constexpr int narrow_turns = 256;
+  static constexpr double most_places = 65536.0;
+
+  class Places;
+  void lay_out(const Places& places, const Config& config, std::vector<int>& count);
+  template <class Value>
+  std::uint32_t sum_across(const std::uint8_t* p, const std::uint8_t* q, std::size_t bytes, Value value) const;
+  void mean_of_bins(Eigen::VectorXd& mean);
+  void flush();
+
+  int width_, height_, places_ = 0, channels_, channel_;
+  PixelFormat format_;
+  bool along_;  ///< the axis runs along image rows
+  std::vector<Run> runs_;
+  std::vector<double> inverse_count_;  ///< 1/pixels at each place
+  std::vector<double> edges_;          ///< of the bins, in places
+  std::vector<std::uint16_t> narrow_;  ///< bytes of the places; wrap after 257 rows
+  std::vector<std::uint32_t> wide_;
+  std::vector<double> integral_;  ///< of the mean, from the first place
+};
+
+/// Places along the axis. A pixel's place is its column (or row) sheared onto the axis, so that u = (place − origin) ·
+/// main; equal places have equal u. Place k covers [k − ½, k + ½).
+class Strip::Places {
+ public:
+  explicit Places(const Config& c)
+      : map_(c.map), along_(std::abs(c.map.direction.x()) >= std::abs(c.map.direction.y())), d_(c.map.direction) {
+    const double first_m = c.bins.edges_m[0], last_m = c.bins.edges_m[c.bins.size()];
+    const double scale = map_.scale_m_per_px(map_.u_px(0.5 * (first_m + last_m)));
+    low_px_ = c.band_low_m / scale;
+    high_px_ = c.band_high_m / scale;
+    for (const double y : {first_m, last_m})
+      if (const double u = map_.u_px(y); !(std::isfinite(u) && map_.scale_m_per_px(u) > 0.0 &&
+                                           1.0 + map_.coefficients[2] * u / map_.half_length_px > 0.0))
+        throw InvalidArgument(message("the axis map has no place in the image for y = ", 1e3 * y, " mm"));
+    main_ = along_ ? d_.x() : d_.y();
+    shear_ = along_ ? d_.y() / d_.x() : d_.x() / d_.y();
+    main_origin_ = along_ ? map_.origin_px.x() : map_.origin_px.y();
+    cross_origin_ = along_ ? map_.origin_px.y() : map_.origin_px.x();
+    const double from = std::min(of(first_m), of(last_m)), to = std::max(of(first_m), of(last_m));
+    if (!(to - from < most_places)) throw InvalidArgument("finger's bins reach far beyond the image");
+    base_ = int(std::floor(from + 0.5));
+    count_ = int(std::floor(to + 0.5)) - base_ + 1;
+  }
+
+  bool along() const { return along_; }
+  int base() const { return base_; }
+  int count() const { return count_; }
+  double of(double y_m) const { return main_origin_ + map_.u_px(y_m) / main_; }
+  double y_m(std::size_t place) const { return map_.y_m((double(base_) + double(place) - main_origin_) * main_); }
+  /// Place of a pixel, counted from the first one; nullopt outside of the band.
+  std::optional<int> at(int x, int y) const {
+    const double px = x - map_.origin_px.x(), py = y - map_.origin_px.y();
+    const double across = px * -d_.y() + py * d_.x();
+    if (across < low_px_ || across >= high_px_) return std::nullopt;
+    const double cross = along_ ? y : x;
+    const int place = (along_ ? x : y) + int(std::lround((cross - cross_origin_) * shear_)) - base_;
+    return place >= 0 && place < count_ ? std::optional(place) : std::nullopt;
+  }
+
+ private:
+  const AxisMap& map_;
+  bool along_;  ///< the axis runs along image rows
+  Eigen::Vector2d d_;
+  double low_px_, high_px_, main_, shear_, main_origin_, cross_origin_;
+  int base_, count_;
+};
+
+inline Strip::Strip(const Config& c)
+    : width_(c.width),
+      height_(c.height),
+      channels_(sense::channels(c.format)),
+      channel_(c.format == PixelFormat::bgr ? c.lit : 0),
+      format_(c.format) {
+  require_in_range("frame width", c.width, 1, max_image_side, "px");
+  require_in_range("frame height", c.height, 1, max_image_side, "px");
+  require_in_range("measured channel", c.lit, 0, 2, "");
+  require_in_range("row step", c.row_step, 1, c.height, "");
+  require_in_range("band's upper limit", c.band_high_m, c.band_low_m, 10.0, "m");
+  validate(c.bins);
+  const Places places(c);
+  along_ = places.along();
+  places_ = places.count();
+  std::vector<int> count(std::size_t(places_), 0);
+  lay_out(places, c, count);
+  for (std::size_t k = 0; k < count.size(); ++k) {
+    if (count[k] == 0)
+      throw InvalidArgument(
+          message("the finger's band leaves the image: no pixel at y = ", 1e3 * places.y_m(k), " mm"));
+    inverse_count_.push_back(1.0 / count[k]);
+  }
+  for (Eigen::Index i = 0; i < c.bins.edges_m.size(); ++i)
+    edges_.push_back(places.of(c.bins.edges_m[i]) + 0.5 - places.base());
+  for (double& e : edges_) e = std::clamp(e, 0.0, double(places_));
+  const std::size_t bytes = std::size_t(places_) * std::size_t(along_ ? channels_ : 1);
+  narrow_.resize(bytes);
+  wide_.resize(bytes);
+  integral_.resize(std::size_t(places_) + 1);
+}
+
+/// Runs of the band's pixels; `count` gets the number of pixels at each place. Only lines along the axis are left out,
+/// so that every place keeps some pixels.
+inline void Strip::lay_out(const Places& places, const Config& c, std::vector<int>& count) {
+  for (int y = 0; y < height_; y += along_ ? c.row_step : 1)
+    for (int x = 0; x < width_; x += along_ ? 1 : c.row_step) {
+      const std::optional<int> place = places.at(x, y);
+      if (!place) continue;
+      ++count[std::size_t(*place)];
+      const bool joins = !runs_.empty() && runs_.back().row == y && runs_.back().first + runs_.back().count == x &&
+                         *place == runs_.back().place + (along_ ? runs_.back().count : 0);
+      if (joins) ++runs_.back().count;
+      else runs_.push_back({y, x, 1, *place});
+    }
+}
+
+inline void Strip::flush() {
+  for (std::size_t i = 0; i < narrow_.size(); ++i) wide_[i] += narrow_[i];
+  std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
+}
+
+/// Sum over a run across the axis of the measured channel.
+template <class Value> std::uint32_t Strip::sum_across(
+    const std::uint8_t* __restrict p, const std::uint8_t* __restrict q, std::size_t bytes, Value value) const {
+  std::uint16_t lane[lanes] = {};
+  std::uint32_t total = 0;
+  const auto collect = [&] {
+    for (int k = channel_; k < int(lanes); k += channels_) total += lane[k];
+    std::memset(lane, 0, sizeof lane);
+  };
+  std::size_t i = 0;
+  for (int turns = 0; i + lanes <= bytes; i += lanes) {
+    for (std::size_t k = 0; k < lanes; ++k) lane[k] = std::uint16_t(lane[k] + value(p + i, q ? q + i : nullptr, k));
+    if (++turns == narrow_turns) {
+      collect();
+      turns = 0;
+    }
+  }
+  collect();
+  for (i += std::size_t(channel_); i < bytes; i += std::size_t(channels_)) total += value(p, q, i);
+  return total;
+}
+
+template <class Value>
+void Strip::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
+  std::fill(wide_.begin(), wide_.end(), 0u);
+  std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
+  int rows = 0, row = -1;
+  for (const Run& run : runs_) {
+    const std::uint8_t* __restrict p = image.row(run.row) + std::ptrdiff_t(run.first) * channels_;
+    const std::uint8_t* __restrict q =
+        reference ? reference->row(run.row) + std::ptrdiff_t(run.first) * channels_ : nullptr;
+    const std::size_t bytes = std::size_t(run.count) * std::size_t(channels_);
+    if (!along_) {
+      wide_[std::size_t(run.place)] += sum_across(p, q, bytes, value);
+      continue;
+    }
+    if (run.row != row) {
+      row = run.row;
+      if (++rows == narrow_turns) {
+        flush();
+        rows = 0;
+      }
+    }
+    std::uint16_t* __restrict to = narrow_.data() + std::ptrdiff_t(run.place) * channels_;
+    for (std::size_t i = 0; i < bytes; ++i)
+      to[i] = std::uint16_t(to[i] + value(p, q, i));  // -O3 makes vectors of it, which is four times as fast
+  }
+  if (along_) flush();
+  mean_of_bins(mean);
+}
+
+/// Mean of each bin from the sums at the places, by differences of the integral.
+inline void Strip::mean_of_bins(Eigen::VectorXd& mean) {
+  const int stride = along_ ? channels_ : 1, offset = along_ ? channel_ : 0;
+  for (int k = 0; k < places_; ++k)
+    integral_[std::size_t(k) + 1] =
+        integral_[std::size_t(k)] + wide_[std::size_t(k * stride + offset)] * inverse_count_[std::size_t(k)];
+  const auto up_to = [&](double place) {
+    const auto whole = std::min(std::size_t(place), integral_.size() - 2);
+    return integral_[whole] + (place - double(whole)) * (integral_[whole + 1] - integral_[whole]);
+  };
+  mean.resize(Eigen::Index(edges_.size()) - 1);
+  for (Eigen::Index i = 0; i < mean.size(); ++i) {
+    const double a = edges_[std::size_t(i)], b = edges_[std::size_t(i) + 1];
+    mean[i] = (up_to(b) - up_to(a)) / (b - a);
+  }
+}
+
+inline double Strip::saturated_share(const ImageView& image) const {
+  std::size_t full = 0, seen = 0;
+  constexpr int every = 8;
+  int row = -1, turn = every - 1;
+  for (const Run& run : runs_) {
+    if (run.row != row) {
+      row = run.row;
+      turn = (turn + 1) % every;
+    }
+    if (turn != 0) continue;
+    const std::uint8_t* p = image.row(run.row) + std::ptrdiff_t(run.first) * channels_ + channel_;
+    unsigned here = 0;
+    for (int i = 0; i < run.count; ++i) here += p[std::ptrdiff_t(i) * channels_] == 255;
+    full += here;
+    seen += std::size_t(run.count);
+  }
+  return seen ? double(full) / double(seen) : 0.0;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/profile/green_profile.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_GREEN_PROFILE_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_GREEN_PROFILE_HPP
+
+namespace lumo::sense {
+
+/// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
+/// Reads only the pixels of the finger's band. Sums are whole numbers, so their order does not matter.
+class GreenProfile {
+ public:
+  using Sample = Frame;
+
+  using Config = Strip::Config;
+
+  /// Throws InvalidArgument for a band outside the image or numbers out of range.
+  explicit GreenProfile(const Config& config) : strip_(config), centres_(config.bins.centres_m()) {}
+
+  bool read(const Frame& frame, Profile& profile) {
+    if (!strip_.fits(frame.image)) return false;
+    profile.stamp_ns = frame.stamp_ns;
+    strip_.sum(
+        frame.image, [](const std::uint8_t* p, const std::uint8_t*, std::size_t i) { return p[i]; }, nullptr,
+        profile.value);
+    profile.saturated = strip_.saturated_share(frame.image);
+    return true;
+  }
+  const Eigen::VectorXd& positions_m() const { return centres_; }
+
+ private:
+  Strip strip_;
+  Eigen::VectorXd centres_;
+};
+
+static_assert(Readout<GreenProfile>);
+
+/// Mean over each bin of green's excess over the unloaded image, pixel by pixel; darker pixels count 0 (paper, force
+/// estimation). Not linear near zero: noise leaves a positive mean there, which an unloaded reference of these profiles
+/// removes.
+class PositiveGreenProfile {
+ public:
+  using Sample = Frame;
+
+  /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
+  PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
+      : strip_(config), centres_(config.bins.centres_m()), unloaded_(std::move(unloaded)) {
+    if (!strip_.fits(unloaded_.view()))
+      throw InvalidArgument("unloaded image has not the size or format of the frames");
+  }
+
+  bool read(const Frame& frame, Profile& profile) {
+    if (!strip_.fits(frame.image)) return false;
+    profile.stamp_ns = frame.stamp_ns;
+    const ImageView reference = unloaded_.view();
+    strip_.sum(
+        frame.image,
+        [](const std::uint8_t* p, const std::uint8_t* q, std::size_t i) {
+          return std::uint8_t(p[i] > q[i] ? p[i] - q[i] : 0);
+        },
+        &reference, profile.value);
+    profile.saturated = strip_.saturated_share(frame.image);
+    return true;
+  }
+  const Eigen::VectorXd& positions_m() const { return centres_; }
+
+ private:
+  Strip strip_;
+  Eigen::VectorXd centres_;
+  Image unloaded_;
+};
+
+static_assert(Readout<PositiveGreenProfile>);
 
 }  // namespace lumo::sense
 
@@ -4721,6 +5320,588 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
 
 #endif
 
+// ---- lumo/sense/profile/unloaded_reference.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_REFERENCE_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_REFERENCE_HPP
+
+namespace lumo::sense {
+
+/// Mean profile of the unloaded finger and the scatter of single profiles about it. Responses are measured against it.
+class UnloadedReference {
+ public:
+  /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or
+  /// values that are not finite.
+  void add(const Profile& p) {
+    if (count_ == 0) mean_ = squares_ = Eigen::VectorXd::Zero(p.value.size());
+    if (p.value.size() != mean_.size())
+      throw InvalidArgument(message("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
+    if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
+    ++count_;
+    const Eigen::VectorXd before = p.value - mean_;
+    mean_ += before / double(count_);
+    squares_ += before.cwiseProduct(p.value - mean_);
+  }
+
+  int count() const { return count_; }
+  const Eigen::VectorXd& mean() const { return mean_; }
+  /// Standard deviation of one response at each position, the mean's own error included. It is at least `floor`: an
+  /// 8-bit camera that repeats a number is not free of noise, and at least set_least_noise's. Throws InvalidArgument
+  /// for a floor that is not positive.
+  Eigen::VectorXd noise(double floor = 0.02) const {
+    require_in_range("least noise of a profile", floor, 0.0, std::numeric_limits<double>::max(), "");
+    floor = std::max(floor, least_noise_);
+    if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
+    const double n = count_;
+    const Eigen::VectorXd& squares = squares_;
+    return (squares / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
+  }
+  /// What noise is at least, whatever the scatter [the profile's unit]: a codec's steps. Throws InvalidArgument.
+  void set_least_noise(double least) {
+    require_in_range("least noise of a reference", least, 0.0, std::numeric_limits<double>::max(), "");
+    least_noise_ = least;
+  }
+  /// Profile minus the mean. Lengths must agree (unchecked).
+  void subtract(std::type_identity_t<Profile>& p) const { p.value -= mean_; }
+
+ private:
+  int count_ = 0;
+  double least_noise_ = 0.0;
+  Eigen::VectorXd mean_, squares_;
+};
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/profile/unloaded_check.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_CHECK_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_CHECK_HPP
+
+namespace lumo::sense {
+
+/// How much of a picture is the last one again. A camera's noise changes most pixels from picture to picture; a video
+/// codec, or a camera that averages, repeats them.
+class RepeatedPixels {
+ public:
+  /// Pictures of one size and format; one that differs begins anew.
+  void add(const ImageView& v) {
+    if (v.empty()) return;
+    const bool follows = v.width == last_.width && v.height == last_.height && v.format == last_.format;
+    std::size_t lit = 0, same = 0;
+    if (follows) {
+      const ImageView before = last_.view();
+      const int bytes = v.width * channels(v.format);
+      for (int y = 0; y < v.height; ++y)
+        for (int i = 0; i < bytes; ++i) {
+          const int value = v.row(y)[i];
+          if (value < least_DN || value > most_DN) continue;
+          ++lit;
+          same += value == before.row(y)[i];
+        }
+      if (lit >= least_pixels && same < lit) share_.push_back(double(same) / double(lit));
+    }
+    last_ = Image::copy(v);
+  }
+  /// Share of the lit pixels (of each channel) that keep their very value, in the tenth of all pictures that repeat
+  /// most and are not wholly the last one again: a codec renews some pictures, a camera all. 0 where nothing is known.
+  double share() const { return share_.empty() ? 0.0 : quantile(share_, 0.9); }
+
+ private:
+  static constexpr int least_DN = 20, most_DN = 250;  ///< black and full pixels repeat by themselves
+  static constexpr std::size_t least_pixels = 100;
+  Image last_;
+  std::vector<double> share_;
+};
+
+/// Limits of what is believed of pictures that are said to show the unloaded finger; chosen on the virtual lab.
+struct UnloadedLimits {
+  std::size_t least = 8;          ///< pictures, below which none is left out
+  double light_sigmas = 9.0;      ///< from the others' light, in their scatter, beyond which a picture disagrees …
+  double light_share = 0.04;      ///< … if it is also this share of the light off
+  double left_sigmas = 5.0;       ///< the same once some were left out: what is like them goes, too
+  double shape_sigmas = 10.0;     ///< the same of one place against the others …
+  double shape_DN = 2.0;          ///< … if it is also this much
+  double repeated_share = 0.6;    ///< of unchanged pixels, above which scatter says little of the next second's
+  double fresh_share = 0.34;      ///< of pictures that are not the last one again, below which the same holds
+  double repeated_DN = 1.5;       ///< least noise of a profile's value then: a codec's steps
+  double repeated_scatter = 1.5;  ///< … or this many of the largest deviations in the stretch
+  double largest_scatter = 0.04;  ///< of one response, share of the light, that a finger at rest has
+};
+
+/// The reference of a stretch, and what was found in it.
+struct CheckedReference {
+  UnloadedReference reference;
+  int pictures = 0;          ///< of the stretch
+  int left_out = 0;          ///< that disagree with the rest of it
+  int repeated = 0;          ///< that are the one before again; they count once
+  bool repeats = false;      ///< pixels repeat from picture to picture, and noise has a floor
+  double least_noise = 0.0;  ///< that floor [DN]; 0: none
+  double scatter = 0.0;      ///< of one response, share of the light (median over the finger)
+  bool scatters = false;     ///< more than a finger at rest does
+  double together = 0.0;     ///< part of that scatter that all places have together, share of the light
+  double saturated = 0.0;    ///< share of full pixels, mean over the pictures
+};
+
+namespace detail {
+
+/// Half of a normal's values lie within so many standard deviations.
+inline constexpr double half_of_normal = 0.6744897501960817;
+
+/// Middle and scatter of the half of all numbers that lie closest together (the shorth: Andrews et al. 1972), in
+/// standard deviations of a normal.
+inline std::pair<double, double> closest_half(std::vector<double> v) {
+  std::sort(v.begin(), v.end());
+  const std::size_t h = v.size() / 2 + 1;
+  const std::size_t best = closest_together(v, h);
+  double sum = 0.0;
+  for (std::size_t i = best; i < best + h; ++i) sum += v[i];
+  return {sum / double(h), 0.5 * (v[best + h - 1] - v[best]) / half_of_normal};
+}
+
+/// Deviations from the pointwise median profile, each profile scaled to its light: profiles × places.
+inline Eigen::MatrixXd shape_deviations(const std::vector<const Profile*>& profiles) {
+  const auto n = Eigen::Index(profiles.size()), places = profiles.front()->value.size();
+  Eigen::MatrixXd value(places, n);
+  for (Eigen::Index k = 0; k < n; ++k) value.col(k) = profiles[std::size_t(k)]->value;
+  const Eigen::VectorXd middle = pointwise_median(value);
+  const double light = std::max(middle.mean(), 1e-9);
+  for (Eigen::Index k = 0; k < n; ++k) value.col(k) -= value.col(k).mean() / light * middle;
+  return value;
+}
+
+/// Those whose light is that of the closest half. Where some are far off, that half may hold some of them: what is left
+/// is then judged again by its own scatter, until it stays.
+inline std::vector<const Profile*> of_one_light(
+    const std::vector<const Profile*>& profiles, const UnloadedLimits& limits) {
+  std::vector<double> light;
+  for (const Profile* p : profiles) light.push_back(p->value.mean());
+  const std::pair<double, double> half = closest_half(light);  // clang 14 captures no structured bindings
+  double middle = half.first;
+  const auto within = [&](const std::vector<const Profile*>& from, double off) {
+    std::vector<const Profile*> kept;
+    for (const Profile* p : from)
+      if (std::abs(p->value.mean() - middle) <= std::max(off, limits.light_share * std::abs(middle))) kept.push_back(p);
+    return kept;
+  };
+  std::vector<const Profile*> kept = within(profiles, limits.light_sigmas * half.second);
+  for (std::size_t before = profiles.size(); kept.size() < before && kept.size() >= limits.least;) {
+    before = kept.size();
+    light.clear();
+    for (const Profile* p : kept) light.push_back(p->value.mean());
+    middle = median(light);
+    for (double& l : light) l = std::abs(l - middle);
+    kept = within(kept, limits.left_sigmas * median(light) / half_of_normal);
+  }
+  return kept;
+}
+
+}  // namespace detail
+
+/// The profiles that agree with each other: neither all their light nor that of one place is far off. `left_out` counts
+/// the others.
+inline std::vector<const Profile*> agreeing(
+    std::vector<const Profile*> profiles, int& left_out, const UnloadedLimits& limits = {}) {
+  if (profiles.size() < limits.least) return profiles;
+  const std::vector<const Profile*> alike = detail::of_one_light(profiles, limits);
+  const Eigen::MatrixXd deviation = detail::shape_deviations(alike).cwiseAbs();
+  const double typical = median({deviation.data(), deviation.data() + deviation.size()}) / detail::half_of_normal,
+               far = std::max(limits.shape_sigmas * typical, limits.shape_DN);
+  std::vector<const Profile*> kept;
+  for (std::size_t k = 0; k < alike.size(); ++k)
+    if (deviation.col(Eigen::Index(k)).maxCoeff() <= far) kept.push_back(alike[k]);
+  if (kept.empty()) kept = alike;
+  left_out += int(profiles.size() - kept.size());
+  return kept;
+}
+
+/// The reference from profiles that are said to be of the unloaded finger, in the order of time. `unchanged`: share of
+/// repeated pixels (RepeatedPixels). Without profiles its count is 0. Throws InvalidArgument as UnloadedReference::add.
+inline CheckedReference checked_reference(
+    const std::vector<const Profile*>& stretch, double unchanged = 0.0, const UnloadedLimits& limits = {}) {
+  CheckedReference r;
+  r.pictures = int(stretch.size());
+  std::vector<const Profile*> fresh;
+  for (const Profile* p : stretch)
+    if (fresh.empty() || p->value.size() != fresh.back()->value.size() || p->value != fresh.back()->value)
+      fresh.push_back(p);
+  r.repeated = r.pictures - int(fresh.size());
+  for (const Profile* p : fresh) {  // of one length and finite, or refused
+    UnloadedReference one;
+    one.add(*fresh.front());
+    one.add(*p);
+  }
+  if (fresh.empty()) return r;
+  const std::vector<const Profile*> kept = agreeing(fresh, r.left_out, limits);
+  for (const Profile* p : kept) r.reference.add(*p);
+  r.repeats = unchanged > limits.repeated_share || double(fresh.size()) < limits.fresh_share * double(r.pictures);
+  if (r.repeats) {
+    r.least_noise =
+        std::max(limits.repeated_DN, limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff());
+    r.reference.set_least_noise(r.least_noise);
+  }
+  const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));
+  r.scatter = median({share.data(), share.data() + share.size()});
+  std::vector<double> light;
+  for (const Profile* p : kept) {
+    light.push_back(p->value.mean());
+    r.saturated += p->saturated / double(kept.size());
+  }
+  r.together = rms(Eigen::Map<const Eigen::VectorXd>(light.data(), Eigen::Index(light.size())).array() -
+                   r.reference.mean().mean()) /
+               std::max(r.reference.mean().mean(), 1e-9);
+  r.scatters = !r.repeats && r.scatter > limits.largest_scatter;
+  return r;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/profile/finger_view.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_FINGER_VIEW_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_FINGER_VIEW_HPP
+
+namespace lumo::sense {
+
+/// The stretch of a log with the finger unloaded: the first segment of kind `unloaded`, or else the first half second.
+struct UnloadedStretch : Stretch {
+  static constexpr std::int64_t first_ns = 500'000'000;
+  bool chosen = false;  ///< by whoever knows the log: of what came before nothing is assumed
+
+  static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
+    const auto known = std::find_if(
+        s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
+    return known == s.segments.end() ? UnloadedStretch{{first_frame_ns, first_frame_ns + first_ns}}
+                                     : UnloadedStretch{{known->from_ns, known->to_ns}};
+  }
+};
+
+/// Mean of pictures of one size and format; pictures that differ from the first are left out.
+class MeanImage {
+ public:
+  void add(const ImageView& v) {
+    if (v.empty()) return;
+    const std::size_t bytes = std::size_t(v.width) * std::size_t(channels(v.format));
+    if (count_ == 0) {
+      mean_ = Image::black(v.width, v.height, v.format);
+      sum_.assign(bytes * std::size_t(v.height), 0);
+    }
+    if (v.width != mean_.width || v.height != mean_.height || v.format != mean_.format || count_ >= 1 << 16) return;
+    ++count_;
+    for (int y = 0; y < v.height; ++y)
+      for (std::size_t x = 0; x < bytes; ++x) sum_[std::size_t(y) * bytes + x] += v.row(y)[x];
+  }
+  int count() const { return count_; }
+  /// Rounded. Empty when nothing was added.
+  Image image() const {
+    Image m = mean_;
+    for (std::size_t i = 0; i < sum_.size(); ++i)
+      m.pixels[i] = std::uint8_t((sum_[i] + std::uint32_t(count_) / 2) / std::uint32_t(count_));
+    return m;
+  }
+
+ private:
+  Image mean_;
+  std::vector<std::uint32_t> sum_;
+  int count_ = 0;
+};
+
+/// A finger's place in a camera's pictures: the map along it from its LEDs, and the lit band to both sides.
+struct FingerView {
+  LedDetection leds;
+  double band_low_m = 0.0, band_high_m = 0.0;  ///< as GreenProfile::Config
+  int width = 0, height = 0;
+  PixelFormat format = PixelFormat::bgr;
+  int lit = 1;             ///< the channel in which the LEDs are seen, as ImageView has it
+  double unchanged = 0.0;  ///< share of lit pixels that a picture repeats of the last one (RepeatedPixels); 0: unknown
+
+  GreenProfile readout(const LongitudinalBins& bins) const {
+    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format, 1, lit});
+  }
+};
+
+/// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest
+/// surroundings. Across: positive clockwise of the tip's direction in the image, in m at the map's scale.
+inline std::pair<double, double> lit_band(
+    const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
+  constexpr double half = 0.5;    // of the row's light; and of a line's pixels, that it counts
+  constexpr int row_half_px = 8;  // what counts as beside the row
+  const double scale = map.scale_m_per_px(map.u_px(0.0));
+  const int reach = std::max(unloaded.width, unloaded.height);
+  std::vector<double> sum(std::size_t(2 * reach + 1), 0.0), count = sum;
+  for (int y = 0; y < unloaded.height; ++y)
+    for (int x = 0; x < unloaded.width; ++x) {
+      const Eigen::Vector2d p = Eigen::Vector2d(x, y) - map.origin_px;
+      if (std::abs(map.y_m(p.dot(map.direction))) > half_range_m) continue;
+      const long across = std::lround(-p.x() * map.direction.y() + p.y() * map.direction.x());
+      if (std::abs(across) > reach) continue;
+      sum[std::size_t(across + reach)] += unloaded.green(x, y);
+      count[std::size_t(across + reach)] += 1.0;
+    }
+  const double most = *std::max_element(count.begin(), count.end());
+  double dark = 255.0;
+  for (std::size_t i = 0; i < sum.size(); ++i)
+    if (count[i] > half * most) dark = std::min(dark, sum[i] / count[i]);
+  // The row itself shines; the light beside it counts.
+  std::vector<double> near;
+  for (int k = -row_half_px; k <= row_half_px; ++k)
+    if (const auto i = std::size_t(k + reach); count[i] > half * most) near.push_back(sum[i] / count[i]);
+  const double limit = dark + half * (median(near) - dark);
+  const auto lit = [&](int k) {
+    return count[std::size_t(k + reach)] > half * most &&
+           sum[std::size_t(k + reach)] / count[std::size_t(k + reach)] >= limit;
+  };
+  int low = 0, high = 0;
+  while (low > -reach && lit(low - 1)) --low;
+  while (high < reach && lit(high + 1)) ++high;
+  return {scale * (low - 0.5), scale * (high + 0.5)};
+}
+
+/// Throws InputError where the row of LEDs lies at nearly a right angle to the tip's direction as the session has it,
+/// so that a slight turn of the camera would decide which end is the tip.
+inline void require_tip_known(const AxisMap& map, const Session& session, const std::string& name) {
+  constexpr double farthest_deg = 70.0, deg_per_rad = 57.29577951308232;
+  const Eigen::Vector2d& d = map.direction;
+  const double cosine = d.dot(session.distal.normalized()),
+               turned_deg = deg_per_rad * std::acos(std::clamp(cosine, -1.0, 1.0));
+  if (turned_deg <= farthest_deg) return;
+  const bool upright = std::abs(d.y()) > std::abs(d.x());
+  throw InputError(message(name, ": the row of LEDs lies at ", std::lround(turned_deg), "° to the tip's direction, [",
+      session.distal.x(), ", ", session.distal.y(),
+      "], which does not say which end is the tip; state leds.distal in the "
+      "session: ",
+      upright ? "[0, 1] if the tip is below, [0, -1] if it is above"
+              : "[1, 0] if the tip is on the right, [-1, 0] if it is on the left"));
+}
+
+/// What may be wrong with the exposure of a picture without LEDs; empty: nothing.
+inline std::string exposure_hint(const ImageView& v) {
+  constexpr int dark_DN = 60;          // of the brightest value
+  constexpr double full_share = 0.02;  // of values at 255
+  int most = 0;
+  double full = 0.0;
+  const int bytes = v.empty() ? 0 : v.width * channels(v.format);
+  for (int y = 0; y < v.height && bytes > 0; ++y)
+    for (int i = 0; i < bytes; ++i) {
+      most = std::max<int>(most, v.row(y)[i]);
+      full += v.row(y)[i] == 255 ? 1.0 / (double(bytes) * v.height) : 0.0;
+    }
+  if (bytes > 0 && most < dark_DN)
+    return message("; the brightest value is ", most, " of 255: the pictures are under-exposed");
+  if (full > full_share)
+    return message("; ", std::lround(100.0 * full), " % of the values are 255: the pictures are over-exposed");
+  return "";
+}
+
+/// The LEDs, and the channel that they are seen in: green, unless another shows them alone or far brighter.
+struct LitChannel {
+  int lit = 1;
+  LedDetection leds;
+};
+
+/// nullopt where no channel shows the row.
+inline std::optional<LitChannel> find_leds(ImageView unloaded, const LedDetector& detector) {
+  constexpr double far_brighter = 2.5;  // contrast over green's, beyond which green sees the others' leak
+  std::optional<LitChannel> best;
+  double most = 0.0;
+  for (const int channel : {1, 0, 2}) {
+    if (channel != 1 && unloaded.format == PixelFormat::grey) continue;
+    unloaded.lit = channel;
+    const auto leds = detector.find(unloaded);
+    if (!leds) continue;
+    if (const double contrast = leds->contrast.minCoeff(); !best || contrast > most) {
+      best = LitChannel{channel, *leds};
+      most = contrast * (channel == 1 ? far_brighter : 1.0);
+    }
+  }
+  return best;
+}
+
+/// From a picture of the unloaded finger. Throws InputError, with `name` before the message, if it shows no LEDs, or
+/// the session does not say which end of their row is the tip.
+inline FingerView view_finger(ImageView unloaded, const Session& session, const std::string& name) {
+  std::optional<LitChannel> seen;
+  const double parallax = led_parallax(session);
+  if (!unloaded.empty())
+    seen = find_leds(unloaded, LedDetector{session.led_count, parallax * session.led_pitch_m,
+                                   parallax * session.led_first_y_m, session.distal});
+  if (!seen)
+    throw InputError(message(name, ": no row of ", session.led_count,
+        " LEDs is seen in the pictures of the unloaded finger", exposure_hint(unloaded)));
+  require_tip_known(seen->leds.map, session, name);
+  unloaded.lit = seen->lit;
+  const auto [low, high] = lit_band(unloaded, seen->leds.map);
+  return {seen->leds, low, high, unloaded.width, unloaded.height, unloaded.format, seen->lit};
+}
+
+/// Mean picture of the unloaded stretch, and the finger in it. Throws InputError.
+template <Camera C>
+FingerView view_finger(C& camera, const Session& session, const UnloadedStretch& stretch, const std::string& name) {
+  MeanImage mean;
+  RepeatedPixels repeated;
+  for (auto f = camera.next(); f && f->stamp_ns <= stretch.to_ns; f = camera.next())
+    if (stretch.holds(f->stamp_ns)) {
+      mean.add(f->image);
+      repeated.add(f->image);
+    }
+  if (mean.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
+  FingerView view = view_finger(mean.image().view(), session, name);
+  view.unchanged = repeated.share();
+  return view;
+}
+
+/// Profiles of all frames that the readout can read.
+template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
+  std::vector<Profile> list;
+  Profile p;
+  for (auto f = camera.next(); f; f = camera.next())
+    if (readout.read(*f, p)) list.push_back(p);
+  return list;
+}
+
+/// Of the profiles in the unloaded stretch that agree with each other. `unchanged`: FingerView's. Throws InputError
+/// when there are none.
+inline CheckedReference checked_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
+    const std::string& name, double unchanged = 0.0) {
+  std::vector<const Profile*> held;
+  for (const Profile& p : profiles)
+    if (stretch.holds(p.stamp_ns)) held.push_back(&p);
+  CheckedReference checked = checked_reference(held, unchanged);
+  if (checked.reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
+  return checked;
+}
+inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
+    const std::string& name, double unchanged = 0.0) {
+  return checked_reference(profiles, stretch, name, unchanged).reference;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/profile/bright_rows.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_BRIGHT_ROWS_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_BRIGHT_ROWS_HPP
+
+namespace lumo::sense {
+
+/// The paper's reading of a picture for location: rows across the finger, evenly spaced along its LEDs in the picture;
+/// of each the mean over the brightest tenth of green's excess over an unloaded picture, pixel by pixel, darker pixels
+/// 0 [DN]. A row's place is piecewise linear between the LEDs, and beyond the last ones as between the two next to
+/// the end. Source: the authors' public code (dokkev/fingertip-design-framework, contact_localization.py), by
+/// description. Rows and samples across are ours.
+class BrightRows {
+ public:
+  using Sample = Frame;
+
+  struct Config {
+    FingerView view;
+    Eigen::VectorXd led_m;         ///< of the LEDs in `view`, ascending
+    Image unloaded;                ///< median picture
+    double beyond_m = 11.0_mm;     ///< past the last LEDs, at most
+    int rows = 256, across = 128;  ///< samples
+    double brightest = 0.1;        ///< share of a row's samples that counts
+  };
+
+  /// Throws InvalidArgument where LEDs and places do not match, rows leave the picture altogether, or the unloaded
+  /// picture has another size.
+  explicit BrightRows(const Config& config) : config_(config) {
+    const FingerView& view = config_.view;
+    const Eigen::Index leds = config_.led_m.size();
+    if (leds < 2 || view.leds.centroid_px.cols() != leds)
+      throw InvalidArgument(message("rows: ", view.leds.centroid_px.cols(), " LEDs are seen at ", leds, " places"));
+    require_in_range("rows", config_.rows, 3, 4096, "");
+    require_in_range("samples across", config_.across, 1, 4096, "");
+    require_in_range("brightest share", config_.brightest, 1e-6, 1.0, "");
+    require_in_range("way past the LEDs", config_.beyond_m, 0.0, 1.0, "m");
+    const ImageView v = config_.unloaded.view();
+    if (v.width != view.width || v.height != view.height || v.format != view.format)
+      throw InvalidArgument("unloaded image has not the size or format of the frames");
+    lay_out();
+  }
+
+  bool read(const Frame& frame, Profile& profile) {
+    const FingerView& view = config_.view;
+    if (frame.image.empty() || frame.image.width != view.width || frame.image.height != view.height ||
+        frame.image.format != view.format)
+      return false;
+    profile.stamp_ns = frame.stamp_ns;
+    profile.value.resize(places_.size());
+    std::size_t full = 0, nearly = 0, all = 0;
+    for (std::size_t r = 0; r < samples_.size(); ++r) {
+      excess_.clear();
+      for (const auto& [x, y] : samples_[r]) {
+        const int now = frame.image.green(x, y), before = unloaded_green(x, y);
+        excess_.push_back(std::max(0, now - before));
+        full += now == 255;
+        nearly += now >= 250;
+        ++all;
+      }
+      profile.value[Eigen::Index(r)] = mean_of_brightest();
+    }
+    profile.saturated = double(full) / double(std::max<std::size_t>(1, all));
+    profile.nearly_saturated = double(nearly) / double(std::max<std::size_t>(1, all));
+    return true;
+  }
+  const Eigen::VectorXd& positions_m() const { return places_; }
+
+ private:
+  void lay_out() {
+    const FingerView& view = config_.view;
+    const AxisMap& map = view.leds.map;
+    const Eigen::Index leds = config_.led_m.size();
+    Eigen::VectorXd u(leds);
+    for (Eigen::Index k = 0; k < leds; ++k) u[k] = map.u_px(Eigen::Vector2d(view.leds.centroid_px.col(k)));
+    const auto slope = [&](Eigen::Index k) { return (u[k + 1] - u[k]) / (config_.led_m[k + 1] - config_.led_m[k]); };
+    const double from = u[0] - slope(0) * config_.beyond_m, to = u[leds - 1] + slope(leds - 2) * config_.beyond_m,
+                 scale = map.scale_m_per_px(0.5 * (from + to));
+    const Eigen::Vector2d along = map.direction, across(-along.y(), along.x());
+    places_.resize(config_.rows);
+    samples_.resize(std::size_t(config_.rows));
+    for (int r = 0; r < config_.rows; ++r) {
+      const double at = from + (to - from) * r / (config_.rows - 1);
+      Eigen::Index k = 0;
+      while (k + 2 < leds && at > u[k + 1]) ++k;
+      places_[r] = config_.led_m[k] + (at - u[k]) / slope(k);
+      for (int c = 0; c < config_.across; ++c) {
+        const double side =
+            (view.band_low_m + (view.band_high_m - view.band_low_m) * (c + 0.5) / config_.across) / scale;
+        const Eigen::Vector2d p = map.origin_px + at * along + side * across;
+        const long x = std::lround(p.x()), y = std::lround(p.y());
+        if (x >= 0 && y >= 0 && x < view.width && y < view.height)
+          samples_[std::size_t(r)].emplace_back(int(x), int(y));
+      }
+    }
+    if (std::all_of(samples_.begin(), samples_.end(), [](const auto& row) { return row.empty(); }))
+      throw InvalidArgument("the finger's rows leave the image");
+  }
+  int unloaded_green(int x, int y) const {
+    ImageView v = config_.unloaded.view();
+    v.lit = config_.view.lit;
+    return v.green(x, y);
+  }
+  double mean_of_brightest() {
+    if (excess_.empty()) return 0.0;
+    const auto count = std::max<std::size_t>(1, std::size_t(std::lround(config_.brightest * double(excess_.size()))));
+    const auto end = excess_.begin() + std::ptrdiff_t(count);
+    std::nth_element(excess_.begin(), end - 1, excess_.end(), std::greater<>());
+    double sum = 0.0;
+    for (auto e = excess_.begin(); e != end; ++e) sum += *e;
+    return sum / double(count);
+  }
+
+  Config config_;
+  Eigen::VectorXd places_;
+  std::vector<std::vector<std::pair<int, int>>> samples_;  ///< by row: pixels
+  std::vector<int> excess_;
+};
+
+static_assert(Readout<BrightRows>);
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/localize/location_estimator.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_LOCATION_ESTIMATOR_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_LOCATION_ESTIMATOR_HPP
@@ -4753,6 +5934,8 @@ struct LocationEstimate {
   int contacts = 0;                        ///< 0, 1 or 2
   std::array<ContactLocation, 2> contact;  ///< the first `contacts` count, the stronger one first
   double probability = 1.0;                ///< of this number of contacts under the model
+  /// The response is neither no contact nor any that the model knows: no place is given, and that means nothing.
+  bool unknown = false;
 };
 
 /// Can a response be worked with: are its values finite, and their squares?
@@ -5196,6 +6379,147 @@ static_assert(LocationEstimator<BayesLocalizer>);
 
 #endif
 
+// ---- lumo/sense/localize/paper_localizer.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_PAPER_LOCALIZER_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_PAPER_LOCALIZER_HPP
+
+namespace lumo::sense {
+
+/// The paper's localiser as its authors run it, on rows of the positive change of green (BrightRows): Gaussian filter
+/// along the finger, causal median of three frames, a threshold above what the unloaded rows have, and the centroid or
+/// the largest value of what stands above it. A contact whose light fails a gate has no place and is `unknown`. Source:
+/// the authors' public code (dokkev/fingertip-design-framework, contact_localization.py), by description.
+class PaperLocalizer {
+ public:
+  enum class Place { centroid, largest };  ///< the live code's, the force figure's
+
+  struct Config {
+    Eigen::VectorXd position_m;     ///< of the rows
+    std::vector<Profile> unloaded;  ///< at least one
+    Place place = Place::centroid;
+    double smoothing_rows = 2.0;  ///< standard deviation
+    double least_noise_DN = 0.75;
+    double threshold_noises = 4.0;
+    double least_evidence_DN = 4.0;  ///< sum over the rows
+    double least_contrast = 1.2;     ///< of largest to median row, each with `contrast_floor_DN` on top
+    double contrast_floor_DN = 0.75;
+    double most_entropy = 0.985;  ///< of the evidence, 1: even
+    double most_nearly_saturated = 0.25, most_saturated = 0.05;
+    double sigma_m = 6.0_mm;  ///< stated error of a place; the paper states none, its mean error was 5 mm
+  };
+
+  /// Throws InvalidArgument for lengths that differ or numbers out of range.
+  explicit PaperLocalizer(Config config) : config_(std::move(config)) {
+    const Eigen::Index n = config_.position_m.size();
+    if (n < 3 || config_.unloaded.empty())
+      throw InvalidArgument(message("paper's localiser has ", n, " rows and ", config_.unloaded.size(),
+          " unloaded profiles, must have at least 3 and 1"));
+    require_ascending_positions(config_.position_m);
+    require_in_range("smoothing", config_.smoothing_rows, 0.1, 100.0, "rows");
+    require_positive("least noise", config_.least_noise_DN, "DN");
+    require_positive("threshold", config_.threshold_noises, "noises");
+    require_positive("stated error of a place", config_.sigma_m, "m");
+    Eigen::MatrixXd rows(n, Eigen::Index(config_.unloaded.size()));
+    for (Eigen::Index k = 0; k < rows.cols(); ++k) {
+      const Profile& p = config_.unloaded[std::size_t(k)];
+      if (p.value.size() != n || !is_usable(p))
+        throw InvalidArgument(
+            message("unloaded profile has ", p.value.size(), " values, must have ", n, " finite ones"));
+      rows.col(k) = smoothed(p.value);
+    }
+    centre_ = pointwise_median(rows);
+    constexpr double sigmas_per_mad = 1.4826;  // of a normal distribution
+    noise_ =
+        (sigmas_per_mad * pointwise_median((rows.colwise() - centre_).cwiseAbs())).cwiseMax(config_.least_noise_DN);
+  }
+
+  void reset() {
+    seen_ = 0;
+    stamped_ = false;
+    last_ = {};
+  }
+
+  LocationEstimate update(const Profile& response) {
+    if (response.value.size() != config_.position_m.size())
+      throw InvalidArgument(
+          message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+    if ((stamped_ && response.stamp_ns <= stamp_ns_) || !is_usable(response)) {
+      last_.stamp_ns = response.stamp_ns;
+      return last_;
+    }
+    stamp_ns_ = response.stamp_ns;
+    stamped_ = true;
+    recent_[std::size_t(seen_++ % 3)] = smoothed(response.value);
+    last_ = answer(response, median_of_recent());
+    return last_;
+  }
+
+ private:
+  Eigen::VectorXd smoothed(const Eigen::VectorXd& v) const {
+    const auto reach = Eigen::Index(std::ceil(4.0 * config_.smoothing_rows)), n = v.size();
+    Eigen::VectorXd s(n);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      double sum = 0.0, whole = 0.0;
+      for (Eigen::Index k = -reach; k <= reach; ++k) {
+        const double away = double(k) / config_.smoothing_rows, weight = std::exp(-0.5 * away * away);
+        sum += weight * v[std::clamp<Eigen::Index>(i + k, 0, n - 1)];
+        whole += weight;
+      }
+      s[i] = sum / whole;
+    }
+    return s;
+  }
+  Eigen::VectorXd median_of_recent() const {
+    const auto count = Eigen::Index(std::min<std::int64_t>(seen_, 3));
+    Eigen::MatrixXd rows(config_.position_m.size(), count);
+    for (Eigen::Index k = 0; k < count; ++k) rows.col(k) = recent_[std::size_t(k)];
+    return pointwise_median(rows);
+  }
+  LocationEstimate answer(const Profile& response, const Eigen::VectorXd& rows) const {
+    LocationEstimate e{response.stamp_ns, 0, {}, 1.0};
+    const Eigen::VectorXd above = rows - centre_, evidence = (above - config_.threshold_noises * noise_).cwiseMax(0.0);
+    const double sum = evidence.sum();
+    Eigen::Index top = 0;
+    const double largest = evidence.maxCoeff(&top);
+    if (sum < config_.least_evidence_DN || !(largest > 0.0)) return e;
+    const double middle = median({rows.data(), rows.data() + rows.size()}), peak = rows.maxCoeff();
+    double entropy = 0.0;
+    for (const double v : evidence)
+      if (v > 0.0) entropy -= v / sum * std::log(v / sum);
+    entropy /= std::log(double(evidence.size()));
+    const double contrast = (peak + config_.contrast_floor_DN) / (middle + config_.contrast_floor_DN);
+    e.unknown = contrast < config_.least_contrast || entropy > config_.most_entropy ||
+                response.nearly_saturated > config_.most_nearly_saturated ||
+                response.saturated > config_.most_saturated;
+    if (e.unknown) return e;
+    const double row =
+                     evidence.dot(Eigen::VectorXd::LinSpaced(evidence.size(), 0.0, double(evidence.size() - 1))) / sum,
+                 variance = config_.sigma_m * config_.sigma_m;
+    e.contacts = 1;
+    e.contact[0] = {
+        config_.place == Place::largest ? config_.position_m[top] : place_of(row), variance, largest, variance, 0.0};
+    return e;
+  }
+  double place_of(double row) const {
+    const Eigen::VectorXd& x = config_.position_m;
+    const auto k = std::min(Eigen::Index(row), x.size() - 2);
+    return x[k] + (row - double(k)) * (x[k + 1] - x[k]);
+  }
+
+  Config config_;
+  Eigen::VectorXd centre_, noise_;
+  std::array<Eigen::VectorXd, 3> recent_;
+  LocationEstimate last_;
+  std::int64_t seen_ = 0, stamp_ns_ = 0;
+  bool stamped_ = false;
+};
+
+static_assert(LocationEstimator<PaperLocalizer>);
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/localize/peak_localizer.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_PEAK_LOCALIZER_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_PEAK_LOCALIZER_HPP
@@ -5309,233 +6633,607 @@ static_assert(LocationEstimator<PeakLocalizer>);
 
 #endif
 
-// ---- lumo/core/sobol.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+// ---- lumo/core/chi_squared.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_CHI_SQUARED_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_CHI_SQUARED_HPP
 
 namespace lumo {
 
-/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
-constexpr std::uint64_t mix64(std::uint64_t x) {
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
-  return x ^ (x >> 31);
-}
-
-/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
-constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
-  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
-}
-
-/// A number in (0, 1) from a key.
-constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
-
-/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
-inline std::uint32_t nearest_power_of_two(double wish) {
-  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
-}
-
-constexpr std::uint32_t reverse_bits(std::uint32_t x) {
-  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
-  return (x >> 16) | (x << 16);
-}
-
-/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
-/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
-/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
-constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
-  x = reverse_bits(x);
-  x ^= x * 0x3d20adeau;
-  x += seed;
-  x *= (seed >> 16) | 1u;
-  x ^= x * 0x05526c56u;
-  x ^= x * 0x53a22864u;
-  return reverse_bits(x);
-}
-
-/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
-struct SobolSeed {
-  int degree;
-  std::uint32_t polynomial;
-  std::array<std::uint32_t, 7> m;
-};
-
-/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
-/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
-inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
-    {1, 0, {1}},
-    {2, 1, {1, 3}},
-    {3, 1, {1, 3, 1}},
-    {3, 2, {1, 1, 1}},
-    {4, 1, {1, 1, 3, 3}},
-    {4, 4, {1, 3, 5, 13}},
-    {5, 2, {1, 1, 5, 5, 17}},
-    {5, 4, {1, 1, 5, 5, 5}},
-    {5, 7, {1, 1, 7, 11, 19}},
-    {5, 11, {1, 1, 5, 1, 1}},
-    {5, 13, {1, 1, 1, 3, 11}},
-    {5, 14, {1, 3, 5, 5, 31}},
-    {6, 1, {1, 3, 3, 9, 7, 49}},
-    {6, 13, {1, 1, 1, 15, 21, 21}},
-    {6, 16, {1, 3, 1, 13, 27, 49}},
-    {6, 19, {1, 1, 1, 15, 7, 5}},
-    {6, 22, {1, 3, 1, 15, 13, 25}},
-    {6, 25, {1, 1, 5, 5, 19, 61}},
-    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
-    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
-    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
-    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
-    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
-    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
-    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
-    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
-    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
-    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
-    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
-    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
-    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
-}};
-
-/// A plain array, which a compiler fills faster than std::array.
-struct SobolTable {
-  std::uint32_t number[32][32];
-};
-
-/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
-constexpr SobolTable make_sobol_table() {
-  SobolTable table{};
-  auto& v = table.number;
-  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
-  for (std::size_t d = 1; d < 32; ++d) {
-    const SobolSeed& seed = sobol_seeds[d - 1];
-    const std::size_t s = std::size_t(seed.degree);
-    for (std::size_t k = 0; k < 32; ++k) {
-      if (k < s) {
-        v[d][k] = seed.m[k] << (31 - k);
-        continue;
-      }
-      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
-      for (std::size_t j = 1; j < s; ++j)
-        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
-    }
+/// Probability that χ² of `freedom` degrees of freedom is below x: the regularised lower incomplete gamma function
+/// P(freedom/2, x/2) by its series (Abramowitz & Stegun 6.5.29). Throws InvalidArgument for numbers out of range.
+inline double chi_squared_below(double x, double freedom) {
+  require_in_range("degrees of freedom", freedom, 0.1, 1e4, "");
+  require_in_range("chi squared", x, 0.0, 1e6, "");
+  const double a = 0.5 * freedom, h = 0.5 * x;
+  if (!(h > 0.0)) return 0.0;
+  if (h > a + 20.0 * std::sqrt(a) + 60.0) return 1.0;  // what is left is below 1e-12
+  double term = std::exp(a * std::log(h) - h - std::lgamma(a + 1.0)), sum = term;
+  for (double k = 1.0; term > 1e-17 * sum; ++k) {
+    term *= h / (a + k);
+    sum += term;
   }
-  return table;
+  return std::min(1.0, sum);
 }
 
-/// Made by the compiler, and so only where it is used.
-inline constexpr SobolTable sobol_table = make_sobol_table();
-
-/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
-struct Sobol {
-  static constexpr int dimensions = 32;
-
-  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
-  static std::uint32_t bits(std::uint32_t index, int dimension) {
-    std::uint32_t x = 0;
-    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= sobol_table.number[dimension][k];
-    return x;
+/// What χ² stays below with the given probability. Throws InvalidArgument for numbers out of range.
+inline double chi_squared_quantile(double freedom, double probability) {
+  require_in_range("probability", probability, 0.0, 1.0 - 1e-9, "");
+  double low = 0.0, high = freedom + 20.0 * std::sqrt(freedom) + 120.0;
+  for (int k = 0; k < 60; ++k) {
+    const double middle = 0.5 * (low + high);
+    (chi_squared_below(middle, freedom) < probability ? low : high) = middle;
   }
-};
-
-/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
-/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
-/// keep a state and are not scrambled.
-struct OwenSobol {
-  std::uint64_t seed = 0;
-
-  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
-  double operator()(std::uint32_t index, int dimension) const {
-    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
-    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
-  }
-};
+  return 0.5 * (low + high);
+}
 
 }  // namespace lumo
 
 #endif
 
-// ---- lumo/core/statistics.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+// ---- lumo/sense/localize/response_templates.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_RESPONSE_TEMPLATES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_RESPONSE_TEMPLATES_HPP
 
-namespace lumo {
+namespace lumo::sense {
 
-/// A number with a lower and an upper bound.
-struct Interval {
-  double value = 0.0, low = 0.0, high = 0.0;
+/// What contacts at known places and loads do to the light along one pad: computed, or recorded. In any unit;
+/// `unloaded` is in the same one.
+struct ResponseTemplates {
+  Eigen::VectorXd position_m;          ///< of a response's values, ascending
+  Eigen::VectorXd unloaded;            ///< light at rest at each; empty: not known, responses are in the readout's unit
+  Eigen::VectorXd place_m;             ///< ascending
+  Eigen::VectorXd load_N;              ///< ascending, > 0
+  std::vector<Eigen::MatrixXd> value;  ///< by place: positions × loads
+  /// By place: what a contact does on top that comes from the side, one standard deviation of its angle; empty: not
+  /// known.
+  std::vector<Eigen::MatrixXd> sideways;
 };
 
-/// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
-inline double median(std::vector<double> v) {
-  if (v.empty()) throw InvalidArgument("median of no numbers");
-  const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
-  std::nth_element(v.begin(), half, v.end());
-  return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
+/// Throws InvalidArgument for parts that do not fit together or are not finite.
+inline void validate(const ResponseTemplates& t) {
+  const Eigen::Index positions = t.position_m.size(), places = t.place_m.size(), loads = t.load_N.size();
+  const auto require = [](bool good, const char* what) {
+    if (!good) throw InvalidArgument(message("templates of responses: ", what));
+  };
+  require(positions >= 3, "there must be at least 3 positions");
+  require_ascending_positions(t.position_m);
+  require(t.unloaded.size() == 0 || (t.unloaded.size() == positions && t.unloaded.allFinite() && t.unloaded.sum() > 0),
+      "light at rest must be finite, and there must be some");
+  require(places >= 2 && t.place_m.allFinite() && loads >= 1 && t.load_N.allFinite(),
+      "there must be at least 2 places and a load");
+  for (Eigen::Index k = 1; k < places; ++k) require(t.place_m[k] > t.place_m[k - 1], "places must ascend");
+  for (Eigen::Index k = 0; k < loads; ++k)
+    require(t.load_N[k] > (k > 0 ? t.load_N[k - 1] : 0.0), "loads must be positive and ascend");
+  require(Eigen::Index(t.value.size()) == places && (t.sideways.empty() || t.sideways.size() == t.value.size()),
+      "each place must have its responses");
+  for (const auto* list : {&t.value, &t.sideways})
+    for (const Eigen::MatrixXd& m : *list)
+      require(m.rows() == positions && m.cols() == loads && is_usable({0, m.reshaped(), 0.0}),
+          "a response is missing or not finite");
 }
 
-/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for
-/// none.
-inline double quantile(std::vector<double> v, double p) {
-  if (v.empty()) throw InvalidArgument("quantile of no numbers");
-  require_in_range("quantile", p, 0.0, 1.0, "");
-  std::sort(v.begin(), v.end());
-  const double place = p * double(v.size() - 1);
-  const auto i = std::size_t(place);
-  return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
-}
+/// The response to one contact between the known places, at given positions.
+struct TemplateResponse {
+  Eigen::VectorXd value;
+  Eigen::VectorXd doubt;     ///< what two ways to go from place to place differ by
+  Eigen::VectorXd sideways;  ///< as in the templates; 0 where not known
+};
 
-/// Of ascending numbers the first of those `count` in a row that lie closest together; `count` is 1 to their number.
-inline std::size_t closest_together(const std::vector<double>& sorted, std::size_t count) {
-  std::size_t closest = 0;
-  for (std::size_t i = 1; i + count <= sorted.size(); ++i)
-    if (sorted[i + count - 1] - sorted[i] < sorted[closest + count - 1] - sorted[closest]) closest = i;
-  return closest;
-}
-
-/// Root mean square of the entries.
-inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) {
-  return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0;
-}
-
-/// Median of each row.
-inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
-  Eigen::VectorXd r(m.rows());
-  for (Eigen::Index i = 0; i < m.rows(); ++i) {
-    const Eigen::VectorXd row = m.row(i);
-    r[i] = median({row.data(), row.data() + row.size()});
-  }
-  return r;
-}
-
-/// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
-inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
-  if (all < 1 || right < 0 || right > all)
-    throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
-  const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
-  const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
-  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
-}
-
-/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
-class CountedNormals {
+/// Templates in between. From load to load linear, from 0 at 0 N, beyond the last load with its slope. From place to
+/// place the mean of two ways: each value changes linearly, or the shape moves along with the contact and changes
+/// linearly. The first is right for light that stays at an LED, the second for light that stays at the contact. Places
+/// beyond the first or last move with the contact.
+class TemplateField {
  public:
-  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
-  double operator()() {
-    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))),
-                 turn = uniform(combine(seed_, count_ + 1));
-    count_ += 2;
-    return radius * std::cos(6.2831853071795864769 * turn);
+  /// Throws InvalidArgument for templates that do not fit together.
+  explicit TemplateField(ResponseTemplates templates) : t_(std::move(templates)) { validate(t_); }
+
+  const ResponseTemplates& templates() const { return t_; }
+  double first_place_m() const { return t_.place_m[0]; }
+  double last_place_m() const { return t_.place_m[t_.place_m.size() - 1]; }
+  double max_load_N() const { return t_.load_N[t_.load_N.size() - 1]; }
+
+  TemplateResponse at(const Eigen::VectorXd& position_m, double y_m, double load_N) const {
+    const Eigen::Index last = t_.place_m.size() - 1;
+    const auto above = std::upper_bound(t_.place_m.begin(), t_.place_m.end(), y_m) - t_.place_m.begin();
+    const Eigen::Index k = std::clamp<Eigen::Index>(above - 1, 0, last - 1);
+    const double gap = t_.place_m[k + 1] - t_.place_m[k], share = std::clamp((y_m - t_.place_m[k]) / gap, 0.0, 1.0);
+    const double beyond = y_m - (t_.place_m[k] + share * gap);
+    const auto between = [&](const std::vector<Eigen::MatrixXd>& list, double moved) {
+      const Eigen::VectorXd a = at_load(list[std::size_t(k)], load_N), b = at_load(list[std::size_t(k) + 1], load_N);
+      Eigen::VectorXd v(position_m.size());
+      for (Eigen::Index i = 0; i < v.size(); ++i) {
+        const double x = position_m[i] - beyond;
+        v[i] =
+            (1.0 - share) * sampled(a, x - moved * share * gap) + share * sampled(b, x + moved * (1.0 - share) * gap);
+      }
+      return v;
+    };
+    const Eigen::VectorXd stays = between(t_.value, 0.0), moves = between(t_.value, 1.0);
+    return {0.5 * (stays + moves), moves - stays,
+        t_.sideways.empty() ? Eigen::VectorXd(Eigen::VectorXd::Zero(position_m.size())) : between(t_.sideways, 0.0)};
+  }
+  /// Light at rest at given positions; none where it is not known.
+  Eigen::VectorXd unloaded_at(const Eigen::VectorXd& position_m) const {
+    if (t_.unloaded.size() == 0) return {};
+    Eigen::VectorXd v(position_m.size());
+    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = sampled(t_.unloaded, position_m[i]);
+    return v;
   }
 
  private:
-  std::uint64_t seed_, count_ = 0;
+  Eigen::VectorXd at_load(const Eigen::MatrixXd& by_load, double load_N) const {
+    const Eigen::Index last = t_.load_N.size() - 1;
+    const auto above = std::upper_bound(t_.load_N.begin(), t_.load_N.end(), load_N) - t_.load_N.begin();
+    const Eigen::Index k = std::min<Eigen::Index>(above, last);
+    if (k == 0) return load_N / t_.load_N[0] * by_load.col(0);
+    const double share = (load_N - t_.load_N[k - 1]) / (t_.load_N[k] - t_.load_N[k - 1]);
+    return (1.0 - share) * by_load.col(k - 1) + share * by_load.col(k);
+  }
+  /// Linear between the positions, the end values beyond them.
+  double sampled(const Eigen::VectorXd& v, double x) const {
+    const Eigen::VectorXd& p = t_.position_m;
+    if (!(x > p[0])) return v[0];
+    if (!(x < p[p.size() - 1])) return v[v.size() - 1];
+    const Eigen::Index k = std::upper_bound(p.begin(), p.end(), x) - p.begin() - 1;
+    return v[k] + (x - p[k]) / (p[k + 1] - p[k]) * (v[k + 1] - v[k]);
+  }
+
+  ResponseTemplates t_;
 };
 
-}  // namespace lumo
+/// A response at a known place and load, as a hold of a log has it.
+struct PressedResponse {
+  double y_m = 0.0, load_N = 0.0;
+  Eigen::VectorXd response;
+};
+
+/// Templates from recorded contacts, in their unit: the mean at each place and load. Loads that not all places have are
+/// left out. Throws InvalidArgument for fewer than two places, or no load that all of them have.
+inline ResponseTemplates recorded_templates(
+    const Eigen::VectorXd& position_m, const std::vector<PressedResponse>& pressed) {
+  std::map<double, std::map<double, std::pair<Eigen::VectorXd, int>>> sums;  // by place and load
+  std::map<double, std::size_t> places_with;                                 // by load
+  for (const PressedResponse& p : pressed) {
+    if (p.response.size() != position_m.size())
+      throw InvalidArgument(
+          message("recorded response has ", p.response.size(), " values, must have ", position_m.size()));
+    const bool seen = sums[p.y_m].contains(p.load_N);
+    auto& [sum, count] = sums[p.y_m][p.load_N];
+    sum = seen ? Eigen::VectorXd(sum + p.response) : p.response;
+    ++count;
+    places_with[p.load_N] += !seen;
+  }
+  ResponseTemplates t;
+  t.position_m = position_m;
+  std::vector<double> loads;
+  for (const auto& [load, places] : places_with)
+    if (load > 0.0 && places == sums.size()) loads.push_back(load);
+  if (sums.size() < 2 || loads.empty())
+    throw InvalidArgument(message("recorded responses are of ", sums.size(), " places with ", loads.size(),
+        " loads that all of them have, must be at least 2 places and a load"));
+  t.load_N = Eigen::Map<const Eigen::VectorXd>(loads.data(), Eigen::Index(loads.size()));
+  t.place_m.resize(Eigen::Index(sums.size()));
+  for (const auto& [place, by_load] : sums) {
+    t.place_m[Eigen::Index(t.value.size())] = place;
+    Eigen::MatrixXd value(position_m.size(), t.load_N.size());
+    for (Eigen::Index l = 0; l < t.load_N.size(); ++l) {
+      const auto& [sum, count] = by_load.at(t.load_N[l]);
+      value.col(l) = sum / double(count);
+    }
+    t.value.push_back(std::move(value));
+  }
+  validate(t);
+  return t;
+}
+
+/// Templates in the readout's unit [DN], by what the picture of the unloaded finger has for the templates' light at
+/// rest. Room light and the camera's black level are on top of it, so that the size is known to a quarter at best.
+/// Positions within 2.5 mm of a lamp, whose package shows through, are left out. Templates without light at rest stay
+/// as they are. Throws InvalidArgument where none of the light is seen.
+inline ResponseTemplates scaled_to(ResponseTemplates t, const Eigen::VectorXd& position_m,
+    const Eigen::VectorXd& unloaded_DN, const std::vector<double>& lamp_m) {
+  constexpr double near_m = 2.5e-3, room_DN = 5.0, room_sigma_DN = 5.0, fit_sigma_DN = 5.0;  // assumed
+  if (t.unloaded.size() == 0) return t;
+  const Eigen::VectorXd light = TemplateField(t).unloaded_at(position_m);
+  if (unloaded_DN.size() != position_m.size())
+    throw InvalidArgument(
+        message("unloaded profile has ", unloaded_DN.size(), " values, must have ", position_m.size()));
+  // Least squares of scale · light + room, with the room's prior.
+  const double by_room = 1.0 / (room_sigma_DN * room_sigma_DN), by_value = 1.0 / (fit_sigma_DN * fit_sigma_DN);
+  Eigen::Matrix2d normal{{0.0, 0.0}, {0.0, by_room}};
+  Eigen::Vector2d right(0.0, by_room * room_DN);
+  for (Eigen::Index i = 0; i < light.size(); ++i) {
+    if (std::any_of(lamp_m.begin(), lamp_m.end(), [&](double y) { return std::abs(position_m[i] - y) < near_m; }))
+      continue;
+    const Eigen::Vector2d row(light[i], 1.0);
+    normal += by_value * row * row.transpose();
+    right += by_value * unloaded_DN[i] * row;
+  }
+  const double scale = (normal(1, 1) * right[0] - normal(0, 1) * right[1]) / normal.determinant();
+  if (!(scale > 0.0) || !std::isfinite(scale))
+    throw InvalidArgument("unloaded profile shows none of the light that the pad's templates have at rest");
+  t.unloaded *= scale;
+  for (auto* list : {&t.value, &t.sideways})
+    for (Eigen::MatrixXd& m : *list) m *= scale;
+  return t;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/localize/template_localizer.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_TEMPLATE_LOCALIZER_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_TEMPLATE_LOCALIZER_HPP
+
+namespace lumo::sense {
+
+/// Locates one contact on a pad whose responses are known. Each response is judged by itself: of no contact, or of one
+/// at a place and load of a grid, each a Gaussian about its template. Its covariance holds noise, lamps that drift one
+/// by one and together, ambient light, the tool's shadow, and how far this pad may be from the templates': size, shape,
+/// the silicone glued off along the finger, the map of the picture, the angle of the contact. A response is `unknown`,
+/// and gives no place, where χ² says that the best of these does not explain it, or where any smooth change of light,
+/// of whatever size and either sign, is the likelier explanation.
+class TemplateLocalizer {
+ public:
+  struct Config {
+    Eigen::VectorXd position_m;    ///< of the profile's values
+    Eigen::VectorXd noise;         ///< standard deviation of each, unloaded
+    Eigen::VectorXd unloaded;      ///< mean profile of the unloaded finger
+    ResponseTemplates templates;   ///< in the profile's unit
+    std::vector<double> lamp_m{};  ///< where the LEDs are, ascending; empty: they do not drift one by one
+    double from_m = -27.5_mm, to_m = 27.5_mm, spacing_m = 0.5_mm;  ///< grid of places
+    double least_load_N = 0.5;       ///< the grid's first load; the last is the templates'
+    double load_ratio = 1.5;         ///< from load to load of the grid, about
+    double lamp_sigma = 0.005;       ///< relative change of all lamps together; assumed, as all below
+    double one_lamp_sigma = 0.005;   ///< of each lamp by itself
+    double ambient_sigma = 0.3;      ///< change of ambient light, in the profile's unit
+    double size_sigma = 0.25;        ///< of a response, relative to its template
+    double shape_sigma = 0.08;       ///< of a response's value, relative to the template's largest
+    double shape_length_m = 4.0_mm;  ///< over which errors of shape are alike
+    double pad_sigma_m = 1.0_mm;     ///< how far off the silicone may be glued along the finger
+    double map_sigma_m = 0.3_mm;     ///< of the map from the picture, where a response is seen
+    double origin_sigma_m = 0.6_mm;  ///< of the LEDs on the finger, which no picture shows
+    double most_size_sigmas = 3.0;   ///< that a response's size may be off its template's, or it is unknown
+    /// Of the tool in the room's light, about the contact, in the profile's unit; 0: none. What lets shadows pass lets
+    /// other pads' responses pass, too.
+    double shadow_sigma = 0.0;
+    double shadow_width_m = 10.0_mm;  ///< its standard deviation along the finger
+    double false_alarm = 0.01;        ///< share of known responses that are called unknown, at most
+    double least_probability = 0.99;  ///< of a contact against none, that one is reported
+    double unknown_odds = 0.3;  ///< before anything is seen, of a change that is not the pad's against one that is
+    double least_change = 0.25,
+           most_change = 256.0;  ///< sizes of a change that is not the pad's, in the profile's unit
+  };
+
+  /// Throws InvalidArgument for lengths that differ or numbers out of range.
+  explicit TemplateLocalizer(Config config);
+
+  void reset() { fresh_ = true; }
+  LocationEstimate update(const Profile& response);
+
+  const Eigen::VectorXd& grid_m() const { return grid_; }
+  const Eigen::VectorXd& loads_N() const { return loads_; }
+  /// Posterior of the place given one contact, of the newest response; sums to 1.
+  const Eigen::VectorXd& place() const { return place_; }
+  /// χ² of the newest response under the template that explains it best and under no contact, and the limit beyond
+  /// which it is unknown.
+  double chi2_contact() const { return chi2_contact_; }
+  double chi2_free() const { return chi2_free_; }
+  double chi2_limit() const { return limit_; }
+  /// Mean response to a contact at a grid's place, at a load: what the localiser expects.
+  Eigen::VectorXd expected(double y_m, double load_N) const { return field_.at(config_.position_m, y_m, load_N).value; }
+
+ private:
+  static constexpr Eigen::Index most_components = 24;  ///< of a response, the smoothest ones, that are compared
+  static constexpr Eigen::Index terms = 6;             ///< size, glue, map, way between places, angle, shadow
+  static constexpr double most_cells = 1024.0;
+  static constexpr double farthest = 1e6;  ///< standard deviations that a component may be off
+
+  static void require_valid(const Config& c);
+  void whiten();
+  void lay_out_templates();
+  void lay_out(Eigen::Index number, double y_m, double load_N);
+  double log_odds_of_any_change() const;
+  LocationEstimate answer(std::int64_t stamp_ns) const;
+
+  Config config_;
+  TemplateField field_;
+  Eigen::VectorXd grid_, loads_;
+  Eigen::MatrixXd to_components_;  ///< components × positions: unloaded scatter has unit variance in each
+  Eigen::VectorXd smoothness_;     ///< of each component: variance of an error of shape of size 1
+  // By template, the loads vary fastest: χ² = z²·weight − 2 z·matched + own − |narrow z|².
+  Eigen::MatrixXd weight_, matched_;  ///< templates × components
+  Eigen::MatrixXd narrow_;            ///< (templates · terms) × components
+  Eigen::VectorXd own_, log_det_, noise_share_, peak_;
+  Eigen::VectorXd component_, square_, chi2_, likelihood_, narrowed_, place_;
+  double limit_ = 0.0, chi2_contact_ = 0.0, chi2_free_ = 0.0, log_odds_ = 0.0, log_odds_unknown_ = 0.0, size_off_ = 0.0;
+  Eigen::Index best_ = 0;
+  std::int64_t stamp_ns_ = 0;
+  bool fresh_ = true;
+};
+
+inline TemplateLocalizer::TemplateLocalizer(Config config) : config_(std::move(config)), field_(config_.templates) {
+  require_valid(config_);
+  whiten();
+  lay_out_templates();
+}
+
+inline void TemplateLocalizer::require_valid(const Config& c) {
+  const Eigen::Index n = c.position_m.size();
+  if (n < 3 || c.noise.size() != n || c.unloaded.size() != n)
+    throw InvalidArgument(message("localiser has ", n, " positions, ", c.noise.size(), " noises and ",
+        c.unloaded.size(), " unloaded values, must have as many, at least 3"));
+  for (Eigen::Index i = 0; i < n; ++i) require_in_range("noise of a profile's value", c.noise[i], 1e-100, 1e100, "");
+  require_ascending_positions(c.position_m);
+  if (!is_usable({0, c.unloaded, 0.0})) throw InvalidArgument("localiser: unloaded values must be finite");
+  for (std::size_t k = 0; k < c.lamp_m.size(); ++k) {
+    require_in_range("place of a lamp", c.lamp_m[k], -10.0, 10.0, "m");
+    if (k > 0) require_positive("way from lamp to lamp", c.lamp_m[k] - c.lamp_m[k - 1], "m");
+  }
+  require_positive("grid spacing", c.spacing_m, "m");
+  require_in_range("grid's start", c.from_m, -10.0, 10.0, "m");
+  require_in_range("grid's end", c.to_m, c.from_m + 2.0 * c.spacing_m, c.from_m + most_cells * c.spacing_m, "m");
+  require_in_range("first load of the grid", c.least_load_N, 1e-3, 1e3, "N");
+  require_in_range("ratio of the grid's loads", c.load_ratio, 1.05, 10.0, "");
+  require_in_range("relative change of the lamps", c.lamp_sigma, 0.0, 1e3, "");
+  require_in_range("relative change of one lamp", c.one_lamp_sigma, 0.0, 1e3, "");
+  require_in_range("change of ambient light", c.ambient_sigma, 0.0, 1e6, "");
+  require_in_range("error of a response's size", c.size_sigma, 0.0, 1e3, "");
+  require_in_range("error of a response's shape", c.shape_sigma, 0.0, 1e3, "");
+  require_positive("length of an error of shape", c.shape_length_m, "m");
+  require_in_range("shift of the pad", c.pad_sigma_m, 0.0, 1.0, "m");
+  require_in_range("error of the map", c.map_sigma_m, 0.0, 1.0, "m");
+  require_in_range("error of the LEDs' place", c.origin_sigma_m, 0.0, 1.0, "m");
+  require_in_range("standard deviations of a response's size", c.most_size_sigmas, 0.1, 1e3, "");
+  require_in_range("shadow of the tool", c.shadow_sigma, 0.0, 1e6, "");
+  require_positive("width of the tool's shadow", c.shadow_width_m, "m");
+  require_in_range("false alarms", c.false_alarm, 1e-9, 0.5, "");
+  require_in_range("least probability of a contact", c.least_probability, 0.5, 1.0 - 1e-9, "");
+  require_in_range("odds of a change that is not the pad's", c.unknown_odds, 1e-9, 1e9, "");
+  require_positive("least change of light", c.least_change, "");
+  require_in_range("largest change of light", c.most_change, c.least_change, 1e6, "");
+}
+
+/// Components in which the scatter of unloaded profiles is white and errors of shape are independent, the smoothest
+/// first.
+inline void TemplateLocalizer::whiten() {
+  const Eigen::VectorXd &x = config_.position_m, &rest = config_.unloaded;
+  const Eigen::Index n = x.size();
+  Eigen::MatrixXd scatter = config_.noise.cwiseAbs2().asDiagonal();
+  scatter.array() += config_.ambient_sigma * config_.ambient_sigma;
+  scatter += config_.lamp_sigma * config_.lamp_sigma * rest * rest.transpose();
+  const auto& lamps = config_.lamp_m;
+  for (std::size_t k = 0; k < lamps.size(); ++k) {  // a lamp's share falls linearly to 0 at its neighbours
+    Eigen::VectorXd light = rest;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      if (k > 0 && x[i] < lamps[k]) light[i] *= std::max(0.0, (x[i] - lamps[k - 1]) / (lamps[k] - lamps[k - 1]));
+      if (k + 1 < lamps.size() && x[i] > lamps[k])
+        light[i] *= std::max(0.0, (lamps[k + 1] - x[i]) / (lamps[k + 1] - lamps[k]));
+    }
+    scatter += config_.one_lamp_sigma * config_.one_lamp_sigma * light * light.transpose();
+  }
+  const Eigen::LLT<Eigen::MatrixXd> root(scatter);
+  Eigen::MatrixXd shape(n, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index j = 0; j < n; ++j) {
+      const double apart = (x[i] - x[j]) / config_.shape_length_m;
+      shape(i, j) = std::exp(-0.5 * apart * apart);
+    }
+  const Eigen::MatrixXd half = root.matrixL().solve(shape);
+  const Eigen::MatrixXd whole = root.matrixL().solve(half.transpose());
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(0.5 * (whole + whole.transpose()));  // ascending
+  const Eigen::Index m = std::min(n, most_components);
+  const Eigen::MatrixXd smooth = axes.eigenvectors().rightCols(m).rowwise().reverse();
+  smoothness_ = axes.eigenvalues().tail(m).reverse().cwiseMax(0.0);
+  to_components_ = root.matrixL().transpose().solve(smooth).transpose();
+}
+
+inline void TemplateLocalizer::lay_out_templates() {
+  const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
+  grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
+  const double most = std::max(field_.max_load_N(), config_.least_load_N * config_.load_ratio);
+  const auto loads =
+      Eigen::Index(std::ceil(std::log(most / config_.least_load_N) / std::log(config_.load_ratio) - 1e-9)) + 1;
+  loads_ = Eigen::VectorXd::LinSpaced(loads, std::log(config_.least_load_N), std::log(most)).array().exp();
+  const Eigen::Index m = to_components_.rows(), count = cells * loads;
+  weight_.resize(count, m);
+  matched_.resize(count, m);
+  narrow_.resize(count * terms, m);
+  own_.resize(count);
+  log_det_.resize(count);
+  noise_share_.resize(count);
+  peak_.resize(count);
+  for (Eigen::Index i = 0; i < cells; ++i)
+    for (Eigen::Index l = 0; l < loads; ++l) lay_out(i * loads + l, grid_[i], loads_[l]);
+  place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
+  limit_ = chi_squared_quantile(double(m), 1.0 - config_.false_alarm);
+}
+
+/// What one template needs for its χ², by the matrix inversion lemma: a diagonal and a few terms.
+inline void TemplateLocalizer::lay_out(Eigen::Index number, double y_m, double load_N) {
+  const Eigen::VectorXd& x = config_.position_m;
+  constexpr double step_m = 0.25_mm;
+  const auto component = [&](const Eigen::VectorXd& v) { return Eigen::VectorXd(to_components_ * v); };
+  const TemplateResponse here = field_.at(x, y_m, load_N);
+  const Eigen::VectorXd before = field_.at(x, y_m - step_m, load_N).value,
+                        after = field_.at(x, y_m + step_m, load_N).value,
+                        left = field_.at(x.array() - step_m, y_m, load_N).value,
+                        right = field_.at(x.array() + step_m, y_m, load_N).value;
+  const Eigen::VectorXd by_place = (after - before) / (2.0 * step_m), along = (right - left) / (2.0 * step_m);
+  const Eigen::VectorXd middle = component(here.value);
+  Eigen::MatrixXd off(middle.size(), terms);
+  off.col(0) = config_.size_sigma * middle;
+  off.col(1) = config_.pad_sigma_m * component(by_place + along);  // pad and light move, LEDs and contact stay
+  off.col(2) = config_.map_sigma_m * component(along);
+  off.col(3) = component(here.doubt);
+  off.col(4) = component(here.sideways);
+  const Eigen::VectorXd away = (x.array() - y_m) / config_.shadow_width_m;
+  off.col(5) = config_.shadow_sigma * component((-0.5 * away.array().square()).exp());
+  Eigen::Index top = 0;
+  const double largest = here.value.cwiseAbs().maxCoeff(&top), shape = config_.shape_sigma * largest;
+  const Eigen::VectorXd diagonal = 1.0 + shape * shape * smoothness_.array();
+  const Eigen::VectorXd inverse = diagonal.cwiseInverse();
+  const Eigen::MatrixXd weighted = inverse.asDiagonal() * off;
+  const Eigen::MatrixXd inner = Eigen::MatrixXd::Identity(terms, terms) + off.transpose() * weighted;
+  const Eigen::LLT<Eigen::MatrixXd> root(inner);
+  const auto explained = [&](const Eigen::VectorXd& v) {  // Σ⁻¹ v
+    return Eigen::VectorXd(inverse.cwiseProduct(v) - weighted * root.solve(weighted.transpose() * v));
+  };
+  weight_.row(number) = inverse.transpose();
+  narrow_.middleRows(number * terms, terms) = root.matrixL().solve(weighted.transpose());
+  matched_.row(number) = explained(middle).transpose();
+  own_[number] = middle.dot(matched_.row(number));
+  log_det_[number] =
+      diagonal.array().log().sum() + 2.0 * Eigen::VectorXd(root.matrixLLT().diagonal()).array().log().sum();
+  const Eigen::VectorXd slope = component(by_place), aim = explained(slope);
+  const double information = slope.dot(aim);
+  noise_share_[number] = information > 0.0 ? std::min(1.0, aim.squaredNorm() / information) : 1.0;
+  peak_[number] = here.value[top];
+}
+
+inline LocationEstimate TemplateLocalizer::update(const Profile& response) {
+  if (response.value.size() != config_.position_m.size())
+    throw InvalidArgument(
+        message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+  if (!fresh_ && response.stamp_ns <= stamp_ns_) return answer(response.stamp_ns);
+  if (!is_usable(response)) return answer(response.stamp_ns);
+  fresh_ = false;
+  stamp_ns_ = response.stamp_ns;
+  component_.noalias() = to_components_ * response.value;
+  component_ = component_.cwiseMax(-farthest).cwiseMin(farthest);
+  square_ = component_.cwiseAbs2();
+  chi2_free_ = square_.sum();
+  narrowed_.noalias() = narrow_ * component_;
+  chi2_.noalias() = weight_ * square_;
+  chi2_.noalias() -= 2.0 * (matched_ * component_);
+  const Eigen::Index count = own_.size(), loads = loads_.size();
+  chi2_ += own_;
+  for (Eigen::Index k = 0; k < count; ++k) chi2_[k] -= narrowed_.segment<terms>(k * terms).squaredNorm();
+  likelihood_ = -0.5 * (chi2_ + log_det_);
+  likelihood_.array() += 0.5 * chi2_free_;  // logarithms, against no contact
+  const double top = likelihood_.maxCoeff(&best_);
+  chi2_contact_ = chi2_[best_];
+  size_off_ = config_.size_sigma * (matched_.row(best_).dot(component_) - own_[best_]);
+  double sum = 0.0;
+  for (Eigen::Index i = 0; i < place_.size(); ++i) {
+    place_[i] = (likelihood_.segment(i * loads, loads).array() - top).exp().sum();
+    sum += place_[i];
+  }
+  place_ /= sum;
+  log_odds_ = top + std::log(sum / double(count));
+  log_odds_unknown_ = log_odds_of_any_change() + std::log(config_.unknown_odds);
+  return answer(stamp_ns_);
+}
+
+/// Log of the Bayes factor of a smooth Gaussian change, its size unknown, against no contact.
+inline double TemplateLocalizer::log_odds_of_any_change() const {
+  double top = -std::numeric_limits<double>::infinity(), sum = 0.0;
+  int sizes = 0;
+  for (double size = config_.least_change; size <= config_.most_change * 1.0001; size *= 2.0) {
+    double log_factor = 0.0;
+    for (Eigen::Index i = 0; i < square_.size(); ++i) {
+      const double more = size * size * smoothness_[i];
+      log_factor += 0.5 * (square_[i] * more / (1.0 + more) - std::log1p(more));
+    }
+    sum = log_factor > top ? sum * std::exp(top - log_factor) + 1.0 : sum + std::exp(log_factor - top);
+    top = std::max(top, log_factor);
+    ++sizes;
+  }
+  return top + std::log(sum / sizes);
+}
+
+inline LocationEstimate TemplateLocalizer::answer(std::int64_t stamp_ns) const {
+  LocationEstimate e{stamp_ns, 0, {}, 1.0};
+  if (fresh_) return e;
+  const double contact = 1.0 / (1.0 + std::exp(-std::clamp(log_odds_, -700.0, 700.0)));
+  const bool touched = contact >= config_.least_probability;
+  e.probability = touched ? contact : 1.0 - contact;
+  // Gaussian sizes may be negative: a response that is upside down would be its template's of a size far off.
+  const bool explained = std::min(chi2_contact_, chi2_free_) <= limit_ && log_odds_unknown_ <= std::max(log_odds_, 0.0);
+  e.unknown = !explained || (touched && std::abs(size_off_) > config_.most_size_sigmas);
+  if (e.unknown || !touched) return e;
+  const GridMoments m = moments_about_mode(grid_, place_);
+  const double cell2 = config_.spacing_m * config_.spacing_m / 12.0,
+               origin2 = config_.origin_sigma_m * config_.origin_sigma_m, all = m.variance + cell2,
+               noise = noise_share_[best_] * all;
+  e.contacts = 1;
+  e.contact[0] = {m.mean, all + origin2, peak_[best_], all - noise + origin2, noise};
+  return e;
+}
+
+static_assert(LocationEstimator<TemplateLocalizer>);
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/localize/sensibility.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_SENSIBILITY_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_LOCALIZE_SENSIBILITY_HPP
+
+namespace lumo::sense {
+
+/// How well contacts at one load can be located, by what the localiser says of its own templates.
+struct Sensibility {
+  double load_N = 0.0;
+  double share = 0.0;         ///< of the places, at which a contact is located within `good_half_width_m`
+  double half_width_m = 0.0;  ///< of the 90 % interval, median over the places with a location; 0: none has one
+};
+
+inline constexpr double good_half_width_m = 5.0_mm;  ///< of a 90 % interval: the width of the paper's regions
+inline constexpr double least_sensible_share = 0.5;  ///< of the places; below, a pad is called insensible
+inline constexpr double sensible_reach_m = 24.0_mm;  ///< places to both sides of the middle
+inline constexpr double sensible_load_N = 5.0;       ///< at which a pad is judged
+
+/// No picture is needed: templates and covariance alone decide which places can be distinguished.
+inline Sensibility sensibility(TemplateLocalizer localizer, double load_N) {
+  constexpr double half_of_90_percent = 1.6448536269514722;
+  Sensibility s{load_N};
+  std::vector<double> half_widths;
+  int places = 0, good = 0;
+  std::int64_t stamp_ns = 0;
+  const Eigen::VectorXd grid = localizer.grid_m();
+  localizer.reset();
+  for (const double y : grid) {
+    if (std::abs(y) > sensible_reach_m) continue;
+    ++places;
+    localizer.reset();
+    const LocationEstimate e = localizer.update({++stamp_ns, localizer.expected(y, load_N), 0.0});
+    if (e.contacts != 1) continue;
+    half_widths.push_back(half_of_90_percent * std::sqrt(e.contact[0].variance_m2));
+    good += half_widths.back() <= good_half_width_m;
+  }
+  if (places > 0) s.share = double(good) / places;
+  if (!half_widths.empty()) s.half_width_m = median(half_widths);
+  return s;
+}
+
+/// Can contacts on the pad be located at all?
+inline bool is_sensible(const Sensibility& s) { return s.share >= least_sensible_share; }
+
+/// The localiser of computed templates before any picture is seen: its light at rest has the mean `level_DN`, and a
+/// value scatters by `noise_DN`, as in pictures of 640 × 480 (assumed). Throws InvalidArgument for templates without
+/// light at rest.
+inline TemplateLocalizer unseen_localizer(const ResponseTemplates& templates, const Eigen::VectorXd& position_m,
+    const std::vector<double>& lamp_m, double level_DN = 70.0, double noise_DN = 0.2) {
+  TemplateLocalizer::Config c;
+  c.position_m = position_m;
+  c.noise = Eigen::VectorXd::Constant(position_m.size(), noise_DN);
+  c.templates = templates;
+  c.unloaded = TemplateField(templates).unloaded_at(position_m);
+  if (c.unloaded.size() == 0)
+    throw InvalidArgument("templates have no light at rest, which gives responses their size");
+  const double scale = level_DN / c.unloaded.mean();
+  c.unloaded *= scale;
+  for (auto* list : {&c.templates.value, &c.templates.sideways})
+    for (Eigen::MatrixXd& m : *list) m *= scale;
+  c.lamp_m = lamp_m;
+  return TemplateLocalizer(c);
+}
+
+}  // namespace lumo::sense
 
 #endif
 
@@ -6185,6 +7883,7 @@ enum class Fault : std::uint32_t {
   frame_saturated,
   led_dead,          ///< dark about one LED
   exposure_changed,  ///< by its metadata, or all lights together
+  response_unknown,  ///< light that is neither no contact nor any that the localiser knows (TemplateLocalizer)
   camera_lost,       ///< the source has failed
   joint_dropped,
   joint_missing,
@@ -6218,8 +7917,8 @@ class Faults {
 inline std::string to_string(Faults faults) {
   static constexpr std::array<const char*, std::size_t(Fault::count)> names{"frame_dropped", "frames_missing",
       "frame_repeated", "frame_late", "frame_time", "frame_corrupt", "frame_black", "frame_saturated", "led_dead",
-      "exposure_changed", "camera_lost", "joint_dropped", "joint_missing", "joint_time", "joint_not_finite",
-      "torque_stuck", "torque_spike", "torque_saturated", "position_jump", "actuator_lost"};
+      "exposure_changed", "response_unknown", "camera_lost", "joint_dropped", "joint_missing", "joint_time",
+      "joint_not_finite", "torque_stuck", "torque_spike", "torque_saturated", "position_jump", "actuator_lost"};
   std::string text;
   for (std::size_t i = 0; i < names.size(); ++i)
     if (faults.has(Fault(i))) text += (text.empty() ? "" : " ") + std::string(names[i]);
@@ -6794,427 +8493,6 @@ class FrameMonitor {
 
 #endif
 
-// ---- lumo/sense/profile/strip.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_STRIP_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_STRIP_HPP
-
-namespace lumo::sense {
-
-/// Where along the finger a profile is averaged: bin i lies between edges i and i + 1.
-struct LongitudinalBins {
-  Eigen::VectorXd edges_m;  ///< ascending
-
-  /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
-  static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
-  /// Six equal parts of the same stretch, the decoder's. Source: the authors' public code
-  /// (dokkev/fingertip-design-framework, fig5c_decoder.py).
-  static LongitudinalBins parts() { return uniform(-27.5e-3, 27.5e-3, 6); }
-  static LongitudinalBins uniform(double from_m, double to_m, int count) {
-    require_in_range("number of bins", count, 1, 4096, "");
-    require_in_range("first edge", from_m, -10.0, 10.0, "m");
-    require_in_range("last edge", to_m, -10.0, 10.0, "m");
-    LongitudinalBins bins{Eigen::VectorXd::LinSpaced(count + 1, from_m, to_m)};
-    validate(bins);
-    return bins;
-  }
-
-  Eigen::Index size() const { return edges_m.size() - 1; }
-  Eigen::VectorXd centres_m() const {
-    const Eigen::VectorXd& edges = edges_m;
-    return 0.5 * (edges.head(size()) + edges.tail(size()));
-  }
-
-  /// Throws InvalidArgument unless there are at least two edges that ascend.
-  friend void validate(const LongitudinalBins& b) {
-    if (b.edges_m.size() < 2)
-      throw InvalidArgument(message("longitudinal bins have ", b.edges_m.size(), " edges, must have at least 2"));
-    for (Eigen::Index i = 1; i < b.edges_m.size(); ++i)
-      if (!(b.edges_m[i] > b.edges_m[i - 1]))
-        throw InvalidArgument(message("edge ", i, " of the longitudinal bins is ", b.edges_m[i],
-            " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
-  }
-};
-
-/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at
-/// right angles, in steps of whole pixels along the image's direction that is nearer to the axis.
-class Strip {
- public:
-  struct Config {
-    AxisMap map;
-    LongitudinalBins bins = LongitudinalBins::regions();
-    /// The band's limits to the sides of the map's line; positive lies clockwise of the tip's direction in the image
-    /// (image y runs down).
-    double band_low_m = -8.0_mm, band_high_m = 8.0_mm;
-    int width = 640, height = 480;  ///< of the frames [px]
-    PixelFormat format = PixelFormat::bgr;
-    int row_step = 1;  ///< reads every n-th line along the finger: image rows, or columns for an upright finger
-    int lit = 1;       ///< the channel that is measured, as ImageView has it
-  };
-
-  /// Throws InvalidArgument for a band outside of the image or numbers out of range.
-  explicit Strip(const Config& config);
-
-  bool fits(const ImageView& image) const {
-    return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_;
-  }
-
-  /// Mean of value(pixels, reference pixels, byte) over each bin. Bytes of all channels are summed, which is faster
-  /// than to pick one of three.
-  template <class Value>
-  void sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean);
-
-  /// Share of bytes of the measured channel that are 255, on every eighth row read.
-  double saturated_share(const ImageView& image) const;
-
- private:
-  struct Run {
-    int row, first, count;  ///< pixels
-    int place;              ///< first place along the axis; a run along the axis goes on from it, one across it stays
-  };
-
-  /// Bytes in a block of `sum_across`: whole pixels in either format.
-  static constexpr std::size_t lanes = 48;
-  /// Additions of bytes that 16 bits hold, less one.
-  static constexpr int narrow_turns = 256;
-  static constexpr double most_places = 65536.0;
-
-  class Places;
-  void lay_out(const Places& places, const Config& config, std::vector<int>& count);
-  template <class Value>
-  std::uint32_t sum_across(const std::uint8_t* p, const std::uint8_t* q, std::size_t bytes, Value value) const;
-  void mean_of_bins(Eigen::VectorXd& mean);
-  void flush();
-
-  int width_, height_, places_ = 0, channels_, channel_;
-  PixelFormat format_;
-  bool along_;  ///< the axis runs along image rows
-  std::vector<Run> runs_;
-  std::vector<double> inverse_count_;  ///< 1/pixels at each place
-  std::vector<double> edges_;          ///< of the bins, in places
-  std::vector<std::uint16_t> narrow_;  ///< bytes of the places; wrap after 257 rows
-  std::vector<std::uint32_t> wide_;
-  std::vector<double> integral_;  ///< of the mean, from the first place
-};
-
-/// Places along the axis. A pixel's place is its column (or row) sheared onto the axis, so that u = (place − origin) ·
-/// main; equal places have equal u. Place k covers [k − ½, k + ½).
-class Strip::Places {
- public:
-  explicit Places(const Config& c)
-      : map_(c.map), along_(std::abs(c.map.direction.x()) >= std::abs(c.map.direction.y())), d_(c.map.direction) {
-    const double first_m = c.bins.edges_m[0], last_m = c.bins.edges_m[c.bins.size()];
-    const double scale = map_.scale_m_per_px(map_.u_px(0.5 * (first_m + last_m)));
-    low_px_ = c.band_low_m / scale;
-    high_px_ = c.band_high_m / scale;
-    for (const double y : {first_m, last_m})
-      if (const double u = map_.u_px(y); !(std::isfinite(u) && map_.scale_m_per_px(u) > 0.0 &&
-                                           1.0 + map_.coefficients[2] * u / map_.half_length_px > 0.0))
-        throw InvalidArgument(message("the axis map has no place in the image for y = ", 1e3 * y, " mm"));
-    main_ = along_ ? d_.x() : d_.y();
-    shear_ = along_ ? d_.y() / d_.x() : d_.x() / d_.y();
-    main_origin_ = along_ ? map_.origin_px.x() : map_.origin_px.y();
-    cross_origin_ = along_ ? map_.origin_px.y() : map_.origin_px.x();
-    const double from = std::min(of(first_m), of(last_m)), to = std::max(of(first_m), of(last_m));
-    if (!(to - from < most_places)) throw InvalidArgument("finger's bins reach far beyond the image");
-    base_ = int(std::floor(from + 0.5));
-    count_ = int(std::floor(to + 0.5)) - base_ + 1;
-  }
-
-  bool along() const { return along_; }
-  int base() const { return base_; }
-  int count() const { return count_; }
-  double of(double y_m) const { return main_origin_ + map_.u_px(y_m) / main_; }
-  double y_m(std::size_t place) const { return map_.y_m((double(base_) + double(place) - main_origin_) * main_); }
-  /// Place of a pixel, counted from the first one; nullopt outside of the band.
-  std::optional<int> at(int x, int y) const {
-    const double px = x - map_.origin_px.x(), py = y - map_.origin_px.y();
-    const double across = px * -d_.y() + py * d_.x();
-    if (across < low_px_ || across >= high_px_) return std::nullopt;
-    const double cross = along_ ? y : x;
-    const int place = (along_ ? x : y) + int(std::lround((cross - cross_origin_) * shear_)) - base_;
-    return place >= 0 && place < count_ ? std::optional(place) : std::nullopt;
-  }
-
- private:
-  const AxisMap& map_;
-  bool along_;  ///< the axis runs along image rows
-  Eigen::Vector2d d_;
-  double low_px_, high_px_, main_, shear_, main_origin_, cross_origin_;
-  int base_, count_;
-};
-
-inline Strip::Strip(const Config& c)
-    : width_(c.width),
-      height_(c.height),
-      channels_(sense::channels(c.format)),
-      channel_(c.format == PixelFormat::bgr ? c.lit : 0),
-      format_(c.format) {
-  require_in_range("frame width", c.width, 1, max_image_side, "px");
-  require_in_range("frame height", c.height, 1, max_image_side, "px");
-  require_in_range("measured channel", c.lit, 0, 2, "");
-  require_in_range("row step", c.row_step, 1, c.height, "");
-  require_in_range("band's upper limit", c.band_high_m, c.band_low_m, 10.0, "m");
-  validate(c.bins);
-  const Places places(c);
-  along_ = places.along();
-  places_ = places.count();
-  std::vector<int> count(std::size_t(places_), 0);
-  lay_out(places, c, count);
-  for (std::size_t k = 0; k < count.size(); ++k) {
-    if (count[k] == 0)
-      throw InvalidArgument(
-          message("the finger's band leaves the image: no pixel at y = ", 1e3 * places.y_m(k), " mm"));
-    inverse_count_.push_back(1.0 / count[k]);
-  }
-  for (Eigen::Index i = 0; i < c.bins.edges_m.size(); ++i)
-    edges_.push_back(places.of(c.bins.edges_m[i]) + 0.5 - places.base());
-  for (double& e : edges_) e = std::clamp(e, 0.0, double(places_));
-  const std::size_t bytes = std::size_t(places_) * std::size_t(along_ ? channels_ : 1);
-  narrow_.resize(bytes);
-  wide_.resize(bytes);
-  integral_.resize(std::size_t(places_) + 1);
-}
-
-/// Runs of the band's pixels; `count` gets the number of pixels at each place. Only lines along the axis are left out,
-/// so that every place keeps some pixels.
-inline void Strip::lay_out(const Places& places, const Config& c, std::vector<int>& count) {
-  for (int y = 0; y < height_; y += along_ ? c.row_step : 1)
-    for (int x = 0; x < width_; x += along_ ? 1 : c.row_step) {
-      const std::optional<int> place = places.at(x, y);
-      if (!place) continue;
-      ++count[std::size_t(*place)];
-      const bool joins = !runs_.empty() && runs_.back().row == y && runs_.back().first + runs_.back().count == x &&
-                         *place == runs_.back().place + (along_ ? runs_.back().count : 0);
-      if (joins) ++runs_.back().count;
-      else runs_.push_back({y, x, 1, *place});
-    }
-}
-
-inline void Strip::flush() {
-  for (std::size_t i = 0; i < narrow_.size(); ++i) wide_[i] += narrow_[i];
-  std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
-}
-
-/// Sum over a run across the axis of the measured channel.
-template <class Value> std::uint32_t Strip::sum_across(
-    const std::uint8_t* __restrict p, const std::uint8_t* __restrict q, std::size_t bytes, Value value) const {
-  std::uint16_t lane[lanes] = {};
-  std::uint32_t total = 0;
-  const auto collect = [&] {
-    for (int k = channel_; k < int(lanes); k += channels_) total += lane[k];
-    std::memset(lane, 0, sizeof lane);
-  };
-  std::size_t i = 0;
-  for (int turns = 0; i + lanes <= bytes; i += lanes) {
-    for (std::size_t k = 0; k < lanes; ++k) lane[k] = std::uint16_t(lane[k] + value(p + i, q ? q + i : nullptr, k));
-    if (++turns == narrow_turns) {
-      collect();
-      turns = 0;
-    }
-  }
-  collect();
-  for (i += std::size_t(channel_); i < bytes; i += std::size_t(channels_)) total += value(p, q, i);
-  return total;
-}
-
-template <class Value>
-void Strip::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
-  std::fill(wide_.begin(), wide_.end(), 0u);
-  std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
-  int rows = 0, row = -1;
-  for (const Run& run : runs_) {
-    const std::uint8_t* __restrict p = image.row(run.row) + std::ptrdiff_t(run.first) * channels_;
-    const std::uint8_t* __restrict q =
-        reference ? reference->row(run.row) + std::ptrdiff_t(run.first) * channels_ : nullptr;
-    const std::size_t bytes = std::size_t(run.count) * std::size_t(channels_);
-    if (!along_) {
-      wide_[std::size_t(run.place)] += sum_across(p, q, bytes, value);
-      continue;
-    }
-    if (run.row != row) {
-      row = run.row;
-      if (++rows == narrow_turns) {
-        flush();
-        rows = 0;
-      }
-    }
-    std::uint16_t* __restrict to = narrow_.data() + std::ptrdiff_t(run.place) * channels_;
-    for (std::size_t i = 0; i < bytes; ++i)
-      to[i] = std::uint16_t(to[i] + value(p, q, i));  // -O3 makes vectors of it, which is four times as fast
-  }
-  if (along_) flush();
-  mean_of_bins(mean);
-}
-
-/// Mean of each bin from the sums at the places, by differences of the integral.
-inline void Strip::mean_of_bins(Eigen::VectorXd& mean) {
-  const int stride = along_ ? channels_ : 1, offset = along_ ? channel_ : 0;
-  for (int k = 0; k < places_; ++k)
-    integral_[std::size_t(k) + 1] =
-        integral_[std::size_t(k)] + wide_[std::size_t(k * stride + offset)] * inverse_count_[std::size_t(k)];
-  const auto up_to = [&](double place) {
-    const auto whole = std::min(std::size_t(place), integral_.size() - 2);
-    return integral_[whole] + (place - double(whole)) * (integral_[whole + 1] - integral_[whole]);
-  };
-  mean.resize(Eigen::Index(edges_.size()) - 1);
-  for (Eigen::Index i = 0; i < mean.size(); ++i) {
-    const double a = edges_[std::size_t(i)], b = edges_[std::size_t(i) + 1];
-    mean[i] = (up_to(b) - up_to(a)) / (b - a);
-  }
-}
-
-inline double Strip::saturated_share(const ImageView& image) const {
-  std::size_t full = 0, seen = 0;
-  constexpr int every = 8;
-  int row = -1, turn = every - 1;
-  for (const Run& run : runs_) {
-    if (run.row != row) {
-      row = run.row;
-      turn = (turn + 1) % every;
-    }
-    if (turn != 0) continue;
-    const std::uint8_t* p = image.row(run.row) + std::ptrdiff_t(run.first) * channels_ + channel_;
-    unsigned here = 0;
-    for (int i = 0; i < run.count; ++i) here += p[std::ptrdiff_t(i) * channels_] == 255;
-    full += here;
-    seen += std::size_t(run.count);
-  }
-  return seen ? double(full) / double(seen) : 0.0;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/profile/green_profile.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_GREEN_PROFILE_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_GREEN_PROFILE_HPP
-
-namespace lumo::sense {
-
-/// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
-/// Reads only the pixels of the finger's band. Sums are whole numbers, so their order does not matter.
-class GreenProfile {
- public:
-  using Sample = Frame;
-
-  using Config = Strip::Config;
-
-  /// Throws InvalidArgument for a band outside the image or numbers out of range.
-  explicit GreenProfile(const Config& config) : strip_(config), centres_(config.bins.centres_m()) {}
-
-  bool read(const Frame& frame, Profile& profile) {
-    if (!strip_.fits(frame.image)) return false;
-    profile.stamp_ns = frame.stamp_ns;
-    strip_.sum(
-        frame.image, [](const std::uint8_t* p, const std::uint8_t*, std::size_t i) { return p[i]; }, nullptr,
-        profile.value);
-    profile.saturated = strip_.saturated_share(frame.image);
-    return true;
-  }
-  const Eigen::VectorXd& positions_m() const { return centres_; }
-
- private:
-  Strip strip_;
-  Eigen::VectorXd centres_;
-};
-
-static_assert(Readout<GreenProfile>);
-
-/// Mean over each bin of green's excess over the unloaded image, pixel by pixel; darker pixels count 0 (paper, force
-/// estimation). Not linear near zero: noise leaves a positive mean there, which an unloaded reference of these profiles
-/// removes.
-class PositiveGreenProfile {
- public:
-  using Sample = Frame;
-
-  /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
-  PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
-      : strip_(config), centres_(config.bins.centres_m()), unloaded_(std::move(unloaded)) {
-    if (!strip_.fits(unloaded_.view()))
-      throw InvalidArgument("unloaded image has not the size or format of the frames");
-  }
-
-  bool read(const Frame& frame, Profile& profile) {
-    if (!strip_.fits(frame.image)) return false;
-    profile.stamp_ns = frame.stamp_ns;
-    const ImageView reference = unloaded_.view();
-    strip_.sum(
-        frame.image,
-        [](const std::uint8_t* p, const std::uint8_t* q, std::size_t i) {
-          return std::uint8_t(p[i] > q[i] ? p[i] - q[i] : 0);
-        },
-        &reference, profile.value);
-    profile.saturated = strip_.saturated_share(frame.image);
-    return true;
-  }
-  const Eigen::VectorXd& positions_m() const { return centres_; }
-
- private:
-  Strip strip_;
-  Eigen::VectorXd centres_;
-  Image unloaded_;
-};
-
-static_assert(Readout<PositiveGreenProfile>);
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/profile/unloaded_reference.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_REFERENCE_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_REFERENCE_HPP
-
-namespace lumo::sense {
-
-/// Mean profile of the unloaded finger and the scatter of single profiles about it. Responses are measured against it.
-class UnloadedReference {
- public:
-  /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or
-  /// values that are not finite.
-  void add(const Profile& p) {
-    if (count_ == 0) mean_ = squares_ = Eigen::VectorXd::Zero(p.value.size());
-    if (p.value.size() != mean_.size())
-      throw InvalidArgument(message("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
-    if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
-    ++count_;
-    const Eigen::VectorXd before = p.value - mean_;
-    mean_ += before / double(count_);
-    squares_ += before.cwiseProduct(p.value - mean_);
-  }
-
-  int count() const { return count_; }
-  const Eigen::VectorXd& mean() const { return mean_; }
-  /// Standard deviation of one response at each position, the mean's own error included. It is at least `floor`: an
-  /// 8-bit camera that repeats a number is not free of noise, and at least set_least_noise's. Throws InvalidArgument
-  /// for a floor that is not positive.
-  Eigen::VectorXd noise(double floor = 0.02) const {
-    require_in_range("least noise of a profile", floor, 0.0, std::numeric_limits<double>::max(), "");
-    floor = std::max(floor, least_noise_);
-    if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
-    const double n = count_;
-    const Eigen::VectorXd& squares = squares_;
-    return (squares / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
-  }
-  /// What noise is at least, whatever the scatter [the profile's unit]: a codec's steps. Throws InvalidArgument.
-  void set_least_noise(double least) {
-    require_in_range("least noise of a reference", least, 0.0, std::numeric_limits<double>::max(), "");
-    least_noise_ = least;
-  }
-  /// Profile minus the mean. Lengths must agree (unchecked).
-  void subtract(std::type_identity_t<Profile>& p) const { p.value -= mean_; }
-
- private:
-  int count_ = 0;
-  double least_noise_ = 0.0;
-  Eigen::VectorXd mean_, squares_;
-};
-
-}  // namespace lumo::sense
-
-#endif
-
 // ---- lumo/sense/force/force_estimator.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_ESTIMATOR_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_FORCE_FORCE_ESTIMATOR_HPP
@@ -7377,7 +8655,8 @@ class ForceEstimator {
     unloaded_.subtract(profile_);
     location_ = localizer_.update(profile_);
     const std::int64_t taken = f.stamp_ns - std::int64_t(1e9 * config_.frame_delay_s);
-    if (location_.contacts == 0) filter_.add_no_contact(taken);
+    if (location_.unknown) note(Fault::response_unknown);
+    else if (location_.contacts == 0) filter_.add_no_contact(taken);
     if (location_.contacts == 1) {
       // The filter has the localiser's offset as a state, and takes noises as independent.
       const ContactLocation& c = location_.contact[0];
@@ -7616,412 +8895,6 @@ inline JointReference identify_joints(std::span<const JointSample> samples,
 
 #endif
 
-// ---- lumo/sense/profile/unloaded_check.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_CHECK_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_UNLOADED_CHECK_HPP
-
-namespace lumo::sense {
-
-/// How much of a picture is the last one again. A camera's noise changes most pixels from picture to picture; a video
-/// codec, or a camera that averages, repeats them.
-class RepeatedPixels {
- public:
-  /// Pictures of one size and format; one that differs begins anew.
-  void add(const ImageView& v) {
-    if (v.empty()) return;
-    const bool follows = v.width == last_.width && v.height == last_.height && v.format == last_.format;
-    std::size_t lit = 0, same = 0;
-    if (follows) {
-      const ImageView before = last_.view();
-      const int bytes = v.width * channels(v.format);
-      for (int y = 0; y < v.height; ++y)
-        for (int i = 0; i < bytes; ++i) {
-          const int value = v.row(y)[i];
-          if (value < least_DN || value > most_DN) continue;
-          ++lit;
-          same += value == before.row(y)[i];
-        }
-      if (lit >= least_pixels && same < lit) share_.push_back(double(same) / double(lit));
-    }
-    last_ = Image::copy(v);
-  }
-  /// Share of the lit pixels (of each channel) that keep their very value, in the tenth of all pictures that repeat
-  /// most and are not wholly the last one again: a codec renews some pictures, a camera all. 0 where nothing is known.
-  double share() const { return share_.empty() ? 0.0 : quantile(share_, 0.9); }
-
- private:
-  static constexpr int least_DN = 20, most_DN = 250;  ///< black and full pixels repeat by themselves
-  static constexpr std::size_t least_pixels = 100;
-  Image last_;
-  std::vector<double> share_;
-};
-
-/// Limits of what is believed of pictures that are said to show the unloaded finger; chosen on the virtual lab.
-struct UnloadedLimits {
-  std::size_t least = 8;          ///< pictures, below which none is left out
-  double light_sigmas = 9.0;      ///< from the others' light, in their scatter, beyond which a picture disagrees …
-  double light_share = 0.04;      ///< … if it is also this share of the light off
-  double left_sigmas = 5.0;       ///< the same once some were left out: what is like them goes, too
-  double shape_sigmas = 10.0;     ///< the same of one place against the others …
-  double shape_DN = 2.0;          ///< … if it is also this much
-  double repeated_share = 0.6;    ///< of unchanged pixels, above which scatter says little of the next second's
-  double fresh_share = 0.34;      ///< of pictures that are not the last one again, below which the same holds
-  double repeated_DN = 1.5;       ///< least noise of a profile's value then: a codec's steps
-  double repeated_scatter = 1.5;  ///< … or this many of the largest deviations in the stretch
-  double largest_scatter = 0.04;  ///< of one response, share of the light, that a finger at rest has
-};
-
-/// The reference of a stretch, and what was found in it.
-struct CheckedReference {
-  UnloadedReference reference;
-  int pictures = 0;          ///< of the stretch
-  int left_out = 0;          ///< that disagree with the rest of it
-  int repeated = 0;          ///< that are the one before again; they count once
-  bool repeats = false;      ///< pixels repeat from picture to picture, and noise has a floor
-  double least_noise = 0.0;  ///< that floor [DN]; 0: none
-  double scatter = 0.0;      ///< of one response, share of the light (median over the finger)
-  bool scatters = false;     ///< more than a finger at rest does
-  double together = 0.0;     ///< part of that scatter that all places have together, share of the light
-  double saturated = 0.0;    ///< share of full pixels, mean over the pictures
-};
-
-namespace detail {
-
-/// Half of a normal's values lie within so many standard deviations.
-inline constexpr double half_of_normal = 0.6744897501960817;
-
-/// Middle and scatter of the half of all numbers that lie closest together (the shorth: Andrews et al. 1972), in
-/// standard deviations of a normal.
-inline std::pair<double, double> closest_half(std::vector<double> v) {
-  std::sort(v.begin(), v.end());
-  const std::size_t h = v.size() / 2 + 1;
-  const std::size_t best = closest_together(v, h);
-  double sum = 0.0;
-  for (std::size_t i = best; i < best + h; ++i) sum += v[i];
-  return {sum / double(h), 0.5 * (v[best + h - 1] - v[best]) / half_of_normal};
-}
-
-/// Deviations from the pointwise median profile, each profile scaled to its light: profiles × places.
-inline Eigen::MatrixXd shape_deviations(const std::vector<const Profile*>& profiles) {
-  const auto n = Eigen::Index(profiles.size()), places = profiles.front()->value.size();
-  Eigen::MatrixXd value(places, n);
-  for (Eigen::Index k = 0; k < n; ++k) value.col(k) = profiles[std::size_t(k)]->value;
-  const Eigen::VectorXd middle = pointwise_median(value);
-  const double light = std::max(middle.mean(), 1e-9);
-  for (Eigen::Index k = 0; k < n; ++k) value.col(k) -= value.col(k).mean() / light * middle;
-  return value;
-}
-
-/// Those whose light is that of the closest half. Where some are far off, that half may hold some of them: what is left
-/// is then judged again by its own scatter, until it stays.
-inline std::vector<const Profile*> of_one_light(
-    const std::vector<const Profile*>& profiles, const UnloadedLimits& limits) {
-  std::vector<double> light;
-  for (const Profile* p : profiles) light.push_back(p->value.mean());
-  const std::pair<double, double> half = closest_half(light);  // clang 14 captures no structured bindings
-  double middle = half.first;
-  const auto within = [&](const std::vector<const Profile*>& from, double off) {
-    std::vector<const Profile*> kept;
-    for (const Profile* p : from)
-      if (std::abs(p->value.mean() - middle) <= std::max(off, limits.light_share * std::abs(middle))) kept.push_back(p);
-    return kept;
-  };
-  std::vector<const Profile*> kept = within(profiles, limits.light_sigmas * half.second);
-  for (std::size_t before = profiles.size(); kept.size() < before && kept.size() >= limits.least;) {
-    before = kept.size();
-    light.clear();
-    for (const Profile* p : kept) light.push_back(p->value.mean());
-    middle = median(light);
-    for (double& l : light) l = std::abs(l - middle);
-    kept = within(kept, limits.left_sigmas * median(light) / half_of_normal);
-  }
-  return kept;
-}
-
-}  // namespace detail
-
-/// The profiles that agree with each other: neither all their light nor that of one place is far off. `left_out` counts
-/// the others.
-inline std::vector<const Profile*> agreeing(
-    std::vector<const Profile*> profiles, int& left_out, const UnloadedLimits& limits = {}) {
-  if (profiles.size() < limits.least) return profiles;
-  const std::vector<const Profile*> alike = detail::of_one_light(profiles, limits);
-  const Eigen::MatrixXd deviation = detail::shape_deviations(alike).cwiseAbs();
-  const double typical = median({deviation.data(), deviation.data() + deviation.size()}) / detail::half_of_normal,
-               far = std::max(limits.shape_sigmas * typical, limits.shape_DN);
-  std::vector<const Profile*> kept;
-  for (std::size_t k = 0; k < alike.size(); ++k)
-    if (deviation.col(Eigen::Index(k)).maxCoeff() <= far) kept.push_back(alike[k]);
-  if (kept.empty()) kept = alike;
-  left_out += int(profiles.size() - kept.size());
-  return kept;
-}
-
-/// The reference from profiles that are said to be of the unloaded finger, in the order of time. `unchanged`: share of
-/// repeated pixels (RepeatedPixels). Without profiles its count is 0. Throws InvalidArgument as UnloadedReference::add.
-inline CheckedReference checked_reference(
-    const std::vector<const Profile*>& stretch, double unchanged = 0.0, const UnloadedLimits& limits = {}) {
-  CheckedReference r;
-  r.pictures = int(stretch.size());
-  std::vector<const Profile*> fresh;
-  for (const Profile* p : stretch)
-    if (fresh.empty() || p->value.size() != fresh.back()->value.size() || p->value != fresh.back()->value)
-      fresh.push_back(p);
-  r.repeated = r.pictures - int(fresh.size());
-  for (const Profile* p : fresh) {  // of one length and finite, or refused
-    UnloadedReference one;
-    one.add(*fresh.front());
-    one.add(*p);
-  }
-  if (fresh.empty()) return r;
-  const std::vector<const Profile*> kept = agreeing(fresh, r.left_out, limits);
-  for (const Profile* p : kept) r.reference.add(*p);
-  r.repeats = unchanged > limits.repeated_share || double(fresh.size()) < limits.fresh_share * double(r.pictures);
-  if (r.repeats) {
-    r.least_noise =
-        std::max(limits.repeated_DN, limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff());
-    r.reference.set_least_noise(r.least_noise);
-  }
-  const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));
-  r.scatter = median({share.data(), share.data() + share.size()});
-  std::vector<double> light;
-  for (const Profile* p : kept) {
-    light.push_back(p->value.mean());
-    r.saturated += p->saturated / double(kept.size());
-  }
-  r.together = rms(Eigen::Map<const Eigen::VectorXd>(light.data(), Eigen::Index(light.size())).array() -
-                   r.reference.mean().mean()) /
-               std::max(r.reference.mean().mean(), 1e-9);
-  r.scatters = !r.repeats && r.scatter > limits.largest_scatter;
-  return r;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
-// ---- lumo/sense/profile/finger_view.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_FINGER_VIEW_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_FINGER_VIEW_HPP
-
-namespace lumo::sense {
-
-/// The stretch of a log with the finger unloaded: the first segment of kind `unloaded`, or else the first half second.
-struct UnloadedStretch : Stretch {
-  static constexpr std::int64_t first_ns = 500'000'000;
-  bool chosen = false;  ///< by whoever knows the log: of what came before nothing is assumed
-
-  static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
-    const auto known = std::find_if(
-        s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
-    return known == s.segments.end() ? UnloadedStretch{{first_frame_ns, first_frame_ns + first_ns}}
-                                     : UnloadedStretch{{known->from_ns, known->to_ns}};
-  }
-};
-
-/// Mean of pictures of one size and format; pictures that differ from the first are left out.
-class MeanImage {
- public:
-  void add(const ImageView& v) {
-    if (v.empty()) return;
-    const std::size_t bytes = std::size_t(v.width) * std::size_t(channels(v.format));
-    if (count_ == 0) {
-      mean_ = Image::black(v.width, v.height, v.format);
-      sum_.assign(bytes * std::size_t(v.height), 0);
-    }
-    if (v.width != mean_.width || v.height != mean_.height || v.format != mean_.format || count_ >= 1 << 16) return;
-    ++count_;
-    for (int y = 0; y < v.height; ++y)
-      for (std::size_t x = 0; x < bytes; ++x) sum_[std::size_t(y) * bytes + x] += v.row(y)[x];
-  }
-  int count() const { return count_; }
-  /// Rounded. Empty when nothing was added.
-  Image image() const {
-    Image m = mean_;
-    for (std::size_t i = 0; i < sum_.size(); ++i)
-      m.pixels[i] = std::uint8_t((sum_[i] + std::uint32_t(count_) / 2) / std::uint32_t(count_));
-    return m;
-  }
-
- private:
-  Image mean_;
-  std::vector<std::uint32_t> sum_;
-  int count_ = 0;
-};
-
-/// A finger's place in a camera's pictures: the map along it from its LEDs, and the lit band to both sides.
-struct FingerView {
-  LedDetection leds;
-  double band_low_m = 0.0, band_high_m = 0.0;  ///< as GreenProfile::Config
-  int width = 0, height = 0;
-  PixelFormat format = PixelFormat::bgr;
-  int lit = 1;             ///< the channel in which the LEDs are seen, as ImageView has it
-  double unchanged = 0.0;  ///< share of lit pixels that a picture repeats of the last one (RepeatedPixels); 0: unknown
-
-  GreenProfile readout(const LongitudinalBins& bins) const {
-    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format, 1, lit});
-  }
-};
-
-/// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest
-/// surroundings. Across: positive clockwise of the tip's direction in the image, in m at the map's scale.
-inline std::pair<double, double> lit_band(
-    const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
-  constexpr double half = 0.5;    // of the row's light; and of a line's pixels, that it counts
-  constexpr int row_half_px = 8;  // what counts as beside the row
-  const double scale = map.scale_m_per_px(map.u_px(0.0));
-  const int reach = std::max(unloaded.width, unloaded.height);
-  std::vector<double> sum(std::size_t(2 * reach + 1), 0.0), count = sum;
-  for (int y = 0; y < unloaded.height; ++y)
-    for (int x = 0; x < unloaded.width; ++x) {
-      const Eigen::Vector2d p = Eigen::Vector2d(x, y) - map.origin_px;
-      if (std::abs(map.y_m(p.dot(map.direction))) > half_range_m) continue;
-      const long across = std::lround(-p.x() * map.direction.y() + p.y() * map.direction.x());
-      if (std::abs(across) > reach) continue;
-      sum[std::size_t(across + reach)] += unloaded.green(x, y);
-      count[std::size_t(across + reach)] += 1.0;
-    }
-  const double most = *std::max_element(count.begin(), count.end());
-  double dark = 255.0;
-  for (std::size_t i = 0; i < sum.size(); ++i)
-    if (count[i] > half * most) dark = std::min(dark, sum[i] / count[i]);
-  // The row itself shines; the light beside it counts.
-  std::vector<double> near;
-  for (int k = -row_half_px; k <= row_half_px; ++k)
-    if (const auto i = std::size_t(k + reach); count[i] > half * most) near.push_back(sum[i] / count[i]);
-  const double limit = dark + half * (median(near) - dark);
-  const auto lit = [&](int k) {
-    return count[std::size_t(k + reach)] > half * most &&
-           sum[std::size_t(k + reach)] / count[std::size_t(k + reach)] >= limit;
-  };
-  int low = 0, high = 0;
-  while (low > -reach && lit(low - 1)) --low;
-  while (high < reach && lit(high + 1)) ++high;
-  return {scale * (low - 0.5), scale * (high + 0.5)};
-}
-
-/// Throws InputError where the row of LEDs lies at nearly a right angle to the tip's direction as the session has it,
-/// so that a slight turn of the camera would decide which end is the tip.
-inline void require_tip_known(const AxisMap& map, const Session& session, const std::string& name) {
-  constexpr double farthest_deg = 70.0, deg_per_rad = 57.29577951308232;
-  const Eigen::Vector2d& d = map.direction;
-  const double cosine = d.dot(session.distal.normalized()),
-               turned_deg = deg_per_rad * std::acos(std::clamp(cosine, -1.0, 1.0));
-  if (turned_deg <= farthest_deg) return;
-  const bool upright = std::abs(d.y()) > std::abs(d.x());
-  throw InputError(message(name, ": the row of LEDs lies at ", std::lround(turned_deg), "° to the tip's direction, [",
-      session.distal.x(), ", ", session.distal.y(),
-      "], which does not say which end is the tip; state leds.distal in the "
-      "session: ",
-      upright ? "[0, 1] if the tip is below, [0, -1] if it is above"
-              : "[1, 0] if the tip is on the right, [-1, 0] if it is on the left"));
-}
-
-/// What may be wrong with the exposure of a picture without LEDs; empty: nothing.
-inline std::string exposure_hint(const ImageView& v) {
-  constexpr int dark_DN = 60;          // of the brightest value
-  constexpr double full_share = 0.02;  // of values at 255
-  int most = 0;
-  double full = 0.0;
-  const int bytes = v.empty() ? 0 : v.width * channels(v.format);
-  for (int y = 0; y < v.height && bytes > 0; ++y)
-    for (int i = 0; i < bytes; ++i) {
-      most = std::max<int>(most, v.row(y)[i]);
-      full += v.row(y)[i] == 255 ? 1.0 / (double(bytes) * v.height) : 0.0;
-    }
-  if (bytes > 0 && most < dark_DN)
-    return message("; the brightest value is ", most, " of 255: the pictures are under-exposed");
-  if (full > full_share)
-    return message("; ", std::lround(100.0 * full), " % of the values are 255: the pictures are over-exposed");
-  return "";
-}
-
-/// The LEDs, and the channel that they are seen in: green, unless another shows them alone or far brighter.
-struct LitChannel {
-  int lit = 1;
-  LedDetection leds;
-};
-
-/// nullopt where no channel shows the row.
-inline std::optional<LitChannel> find_leds(ImageView unloaded, const LedDetector& detector) {
-  constexpr double far_brighter = 2.5;  // contrast over green's, beyond which green sees the others' leak
-  std::optional<LitChannel> best;
-  double most = 0.0;
-  for (const int channel : {1, 0, 2}) {
-    if (channel != 1 && unloaded.format == PixelFormat::grey) continue;
-    unloaded.lit = channel;
-    const auto leds = detector.find(unloaded);
-    if (!leds) continue;
-    if (const double contrast = leds->contrast.minCoeff(); !best || contrast > most) {
-      best = LitChannel{channel, *leds};
-      most = contrast * (channel == 1 ? far_brighter : 1.0);
-    }
-  }
-  return best;
-}
-
-/// From a picture of the unloaded finger. Throws InputError, with `name` before the message, if it shows no LEDs, or
-/// the session does not say which end of their row is the tip.
-inline FingerView view_finger(ImageView unloaded, const Session& session, const std::string& name) {
-  std::optional<LitChannel> seen;
-  const double parallax = led_parallax(session);
-  if (!unloaded.empty())
-    seen = find_leds(unloaded, LedDetector{session.led_count, parallax * session.led_pitch_m,
-                                   parallax * session.led_first_y_m, session.distal});
-  if (!seen)
-    throw InputError(message(name, ": no row of ", session.led_count,
-        " LEDs is seen in the pictures of the unloaded finger", exposure_hint(unloaded)));
-  require_tip_known(seen->leds.map, session, name);
-  unloaded.lit = seen->lit;
-  const auto [low, high] = lit_band(unloaded, seen->leds.map);
-  return {seen->leds, low, high, unloaded.width, unloaded.height, unloaded.format, seen->lit};
-}
-
-/// Mean picture of the unloaded stretch, and the finger in it. Throws InputError.
-template <Camera C>
-FingerView view_finger(C& camera, const Session& session, const UnloadedStretch& stretch, const std::string& name) {
-  MeanImage mean;
-  RepeatedPixels repeated;
-  for (auto f = camera.next(); f && f->stamp_ns <= stretch.to_ns; f = camera.next())
-    if (stretch.holds(f->stamp_ns)) {
-      mean.add(f->image);
-      repeated.add(f->image);
-    }
-  if (mean.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
-  FingerView view = view_finger(mean.image().view(), session, name);
-  view.unchanged = repeated.share();
-  return view;
-}
-
-/// Profiles of all frames that the readout can read.
-template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
-  std::vector<Profile> list;
-  Profile p;
-  for (auto f = camera.next(); f; f = camera.next())
-    if (readout.read(*f, p)) list.push_back(p);
-  return list;
-}
-
-/// Of the profiles in the unloaded stretch that agree with each other. `unchanged`: FingerView's. Throws InputError
-/// when there are none.
-inline CheckedReference checked_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
-    const std::string& name, double unchanged = 0.0) {
-  std::vector<const Profile*> held;
-  for (const Profile& p : profiles)
-    if (stretch.holds(p.stamp_ns)) held.push_back(&p);
-  CheckedReference checked = checked_reference(held, unchanged);
-  if (checked.reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
-  return checked;
-}
-inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
-    const std::string& name, double unchanged = 0.0) {
-  return checked_reference(profiles, stretch, name, unchanged).reference;
-}
-
-}  // namespace lumo::sense
-
-#endif
-
 // ---- lumo/sense/force/finger_model.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_FINGER_MODEL_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_FORCE_FINGER_MODEL_HPP
@@ -8062,6 +8935,37 @@ inline BayesLocalizer bayes_localizer(const FingerOptics& finger) {
 /// The localiser at the brightest place. Throws InvalidArgument without view or unloaded pictures.
 inline PeakLocalizer peak_localizer(const FingerOptics& finger) {
   return PeakLocalizer({finger.readout().positions_m(), finger.unloaded.noise()});
+}
+
+/// How sure templates are of the pad at hand: computed ones of a pad of this design, or recorded ones of this very pad.
+enum class TemplateSource { computed, recorded };
+
+/// Settings of the localiser of a pad whose responses are known; `lamp_m`: where its LEDs are. The scatter at rest is
+/// the mean over 9 neighbouring positions: a short unloaded stretch does not tell one position's own. Throws
+/// InvalidArgument without view or unloaded pictures, or where these show none of the templates' light.
+inline TemplateLocalizer::Config template_config(const FingerOptics& finger, const ResponseTemplates& templates,
+    const std::vector<double>& lamp_m, TemplateSource source = TemplateSource::computed) {
+  constexpr Eigen::Index neighbours = 4;  // to each side
+  TemplateLocalizer::Config c;
+  c.position_m = finger.readout().positions_m();
+  const Eigen::VectorXd noise = finger.unloaded.noise();
+  const Eigen::Index n = noise.size();
+  c.noise.resize(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Index from = std::max<Eigen::Index>(0, i - neighbours), to = std::min(n - 1, i + neighbours);
+    c.noise[i] = rms(noise.segment(from, to - from + 1));
+  }
+  c.unloaded = finger.unloaded.mean();
+  c.lamp_m = lamp_m;
+  c.from_m = finger.from_m;
+  c.to_m = finger.to_m;
+  c.templates = scaled_to(templates, c.position_m, c.unloaded, lamp_m);
+  if (source == TemplateSource::recorded) {
+    c.size_sigma = 0.15;
+    c.shape_sigma = 0.12;  // places may lie 10 mm apart
+    c.pad_sigma_m = 0.2_mm;
+  }
+  return c;
 }
 
 /// What is assumed of a finger's streams and of what sticks in its joints; chosen on the virtual lab.
@@ -8595,6 +9499,7 @@ template <class MakeLocalizer> std::vector<FrameEstimate> locate(
     finger.unloaded.subtract(p);
     e.force.state = EstimatorState::vision_only;
     e.location = localizer.update(p);
+    if (e.location.unknown) e.force.faults.add(Fault::response_unknown);
     list.push_back(std::move(e));
   }
   return list;
@@ -9543,9 +10448,15 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
     Eigen::VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
   };
 
-  /// `x`: d × n, normalised; `y`: n, standardised.
-  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior)
-      : size_(x.cols()), y_(y), kernel_(kernel), prior_(prior), squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
+  /// `x`: d × n, normalised; `y`: n, standardised; `known_noise`: n variances besides the one that is fitted, or none.
+  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior,
+      Eigen::VectorXd known_noise = {})
+      : size_(x.cols()),
+        y_(y),
+        known_noise_(std::move(known_noise)),
+        kernel_(kernel),
+        prior_(prior),
+        squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
     for (Eigen::Index k = 0, first = 0; k < size_; ++k) {
       const Eigen::Index below = size_ - 1 - k;
       squares_.middleRows(first, below) =
@@ -9567,6 +10478,7 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
       covariance(k, k) = 1.0 + h.noise;
       covariance.col(k).tail(n - 1 - k) = correlation.col(0).segment(first, n - 1 - k);
     }
+    if (known_noise_.size() > 0) covariance.diagonal() += known_noise_;
     const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
     if (factor.info() != Eigen::Success) return value;
 
@@ -9610,7 +10522,7 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
 
  private:
   Eigen::Index size_;
-  Eigen::VectorXd y_;
+  Eigen::VectorXd y_, known_noise_;
   Kernel kernel_;
   HyperparameterPrior prior_;
   Eigen::MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle
@@ -9782,6 +10694,7 @@ struct TrainingData {
   Eigen::MatrixXd x;
   Eigen::VectorXd y;
   Eigen::VectorXd lower, upper;
+  Eigen::VectorXd errors = {};  ///< standard errors of the outputs, n, if they are known; empty otherwise
 };
 
 /// Lower Cholesky factor of a covariance, and the addition to its diagonal that it took.
@@ -9826,14 +10739,15 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   static GaussianProcess fit(const TrainingData& data, const Config& config = {}) {
     GaussianProcess gp(data, config);
     const Eigen::Index n = gp.size();
-    const MarginalLikelihood<Kernel> likelihood(gp.x_, gp.y_, config.kernel, gp.prior());
+    const MarginalLikelihood<Kernel> likelihood = gp.likelihood();
     std::vector<Minimum> optima;
     if (n <= config.subset) {
       optima = gp.optima(likelihood, n);
     } else {
       std::vector<Eigen::Index> some;
       for (Eigen::Index i = 0; i < config.subset; ++i) some.push_back(i * n / config.subset);
-      const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior());
+      const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior(),
+          gp.known_noise_.size() ? Eigen::VectorXd(gp.known_noise_(some)) : Eigen::VectorXd());
       gp.config_.search.value_tolerance = 1e-5;  // a start needs no more
       const std::vector<Minimum> found = gp.optima(coarse, config.subset);
       gp.config_.search = config.search;
@@ -9873,8 +10787,21 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   Eigen::Index size() const { return x_.cols(); }
   /// (log p(y) + log prior) / n of the standardised outputs: what fit() maximises.
   double objective() const {
-    const auto value = MarginalLikelihood<Kernel>(x_, y_, config_.kernel, prior())(hyperparameters_, false);
+    const auto value = likelihood()(hyperparameters_, false);
     return (value.log_likelihood + value.log_prior) / double(size());
+  }
+  /// By how much the data are likelier (in the logarithm) than to a model of the same kind with hardly any noise.
+  double evidence_of_noise() const {
+    Config quiet = config_;
+    quiet.prior = prior();
+    quiet.prior->max_noise = quiet.prior->min_noise;
+    GaussianProcess other = *this;
+    other.config_ = quiet;
+    const MarginalLikelihood<Kernel> without = other.likelihood();
+    double best = -std::numeric_limits<double>::infinity();
+    for (const Minimum& o : other.optima(without, size()))
+      best = std::max(best, without(unpack(o.x), false).log_likelihood);
+    return likelihood()(hyperparameters_, false).log_likelihood - best;
   }
 
   /// Mean and variance of the latent function (without observation noise) at the columns of `x`. All that takes places
@@ -9948,8 +10875,9 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   double output_scale() const { return output_scale_; }
 
  private:
-  Eigen::MatrixXd x_;  ///< normalised
-  Eigen::VectorXd y_;  ///< standardised
+  Eigen::MatrixXd x_;            ///< normalised
+  Eigen::VectorXd y_;            ///< standardised
+  Eigen::VectorXd known_noise_;  ///< variances of the observations that are known, standardised; empty: none
   Eigen::VectorXd lower_, inverse_width_;
   double output_mean_ = 0.0, output_scale_ = 1.0;
   Hyperparameters hyperparameters_;
@@ -9981,11 +10909,19 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     output_mean_ = mean * size;
     output_scale_ = constant ? 1.0 : deviation * size;
     y_ = constant ? Eigen::VectorXd::Zero(n) : Eigen::VectorXd((scaled.array() - mean) / deviation);
+    if (data.errors.size() == 0) return;
+    if (data.errors.size() != n || !data.errors.allFinite() || data.errors.minCoeff() < 0.0)
+      throw InvalidArgument(
+          message("Gaussian process: needs ", n, " finite standard errors >= 0, has ", data.errors.size()));
+    constexpr double largest = 1e3;  // of a standard deviation of the outputs: such an observation says nothing
+    known_noise_ = (data.errors.array() / output_scale_).min(largest).square().matrix();
   }
+  MarginalLikelihood<Kernel> likelihood() const { return {x_, y_, config_.kernel, prior(), known_noise_}; }
   void condition(const Hyperparameters& h) {
     hyperparameters_ = h;
     Eigen::MatrixXd covariance = correlation(x_, x_);
     covariance.diagonal().array() += h.noise;
+    if (known_noise_.size() > 0) covariance.diagonal() += known_noise_;
     for (jitter_ = 0.0;; jitter_ = next_jitter(jitter_)) {
       if (jitter_ > largest_jitter)
         throw InvalidArgument("Gaussian process: covariance is not positive definite, even with a jitter of 1e-4");

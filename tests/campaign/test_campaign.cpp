@@ -1,3 +1,4 @@
+#include "campaign/cheap_campaign.hpp"
 #include "campaign/store_test.hpp"
 #include "catch.hpp"
 #include "lumo/campaign/campaign.hpp"
@@ -17,31 +18,16 @@ using namespace lumo;
 
 namespace {
 
-using Cheap = Optimizer<RbfKernel, LogNehvi, FreshCandidates>;
+using Cheap = cheap_campaign::Search;
 
-/// Two objectives on a lattice of three variables under one constraint.
-Problem cheap_problem(int evaluations) {
-  Problem p;
-  p.space.variables = {{"a", 0.0, 10.0, 0.5, ""}, {"b", 0.0, 10.0, 0.5, ""}, {"c", 1.0, 6.0, 0.5, ""}};
-  p.space.constraints = {{.name = "a + b", .coefficients = {1.0, 1.0, 0.0}, .upper = 12.0, .unit = ""}};
-  p.objectives = {{"f", true, 0.0}, {"g", true, 0.0}};
-  p.initial = {{1.0, 1.0, 1.0}, {5.0, 5.0, 3.0}};
-  p.evaluations = evaluations;
-  p.seed = 3;
-  return p;
+TrialResult cheap(const Design& x) {
+  return {cheap_campaign::outputs(x), false, "", std::string(500, 'r'), "took some time"};
 }
-
-std::vector<double> cheap_outputs(const Design& x) {
-  return {std::exp(-0.05 * ((x[0] - 7.0) * (x[0] - 7.0) + (x[1] - 3.0) * (x[1] - 3.0))) + 0.1 * x[2],
-      std::exp(-0.05 * ((x[0] - 2.0) * (x[0] - 2.0) + (x[1] - 8.0) * (x[1] - 8.0))) + 1.0 / x[2]};
-}
-
-TrialResult cheap(const Design& x) { return {cheap_outputs(x), false, "", std::string(500, 'r'), "took some time"}; }
 
 const auto unwatched = [](const auto&, int, const TrialResult&) {};
 
 template <class Log> CampaignState<Cheap> state_of(const Log& log, int evaluations) {
-  CampaignState<Cheap> state(Cheap(cheap_problem(evaluations)));
+  CampaignState<Cheap> state(Cheap(cheap_campaign::problem(evaluations)));
   state.read(log.entries());
   return state;
 }
@@ -50,11 +36,11 @@ template <class Log> CampaignState<Cheap> state_of(const Log& log, int evaluatio
 
 TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result") {
   MemoryJournal log("p");
-  Cheap alone(cheap_problem(20));
-  while (const auto t = alone.ask()) alone.tell(t->id, cheap_outputs(t->x));
+  Cheap alone(cheap_campaign::problem(20));
+  while (const auto t = alone.ask()) alone.tell(t->id, cheap_campaign::outputs(t->x));
   int watched = 0;
   const OptimizerStatus end = run_campaign(
-      log, Cheap(cheap_problem(20)), cheap, [&](const CampaignState<Cheap>& s, int id, const TrialResult& v) {
+      log, Cheap(cheap_campaign::problem(20)), cheap, [&](const CampaignState<Cheap>& s, int id, const TrialResult& v) {
         ++watched;
         CHECK(s.optimizer().observed() == watched);
         CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
@@ -68,9 +54,9 @@ TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result"
   CHECK(state.optimizer().hypervolume() == alone.hypervolume());
 
   SECTION("and goes on with a larger budget as if it had always been so large") {
-    run_campaign(log, Cheap(cheap_problem(26)), cheap, unwatched);
+    run_campaign(log, Cheap(cheap_campaign::problem(26)), cheap, unwatched);
     MemoryJournal whole("p");
-    run_campaign(whole, Cheap(cheap_problem(26)), cheap, unwatched);
+    run_campaign(whole, Cheap(cheap_campaign::problem(26)), cheap, unwatched);
     const auto a = log.entries(), b = whole.entries();
     REQUIRE(a.size() == b.size());
     for (std::size_t k = 0; k < a.size(); ++k) CHECK(a[k].content == b[k].content);
@@ -87,7 +73,7 @@ TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried
       return TrialResult{{}, true, "press d = 10 mm: out of memory", "", ""};
     return cheap(x);
   };
-  run_campaign(log, Cheap(cheap_problem(25)), failing, unwatched);
+  run_campaign(log, Cheap(cheap_campaign::problem(25)), failing, unwatched);
   const auto state = state_of(log, 25);
   CHECK(state.optimizer().observed() == 25);
   int final = 0, again = 0;
@@ -109,9 +95,9 @@ TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried
   const auto mostly_failing = [&](const Design& x) {
     return ++calls % 3 == 0 ? cheap(x) : TrialResult{{}, false, "press: inverted", "", ""};
   };
-  CHECK_THROWS_AS(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched), CampaignError);
+  CHECK_THROWS_AS(run_campaign(bad, Cheap(cheap_campaign::problem(25)), mostly_failing, unwatched), CampaignError);
   CHECK(calls == 7);  // 5 of 7 failed
-  CHECK_THROWS_WITH(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched),
+  CHECK_THROWS_WITH(run_campaign(bad, Cheap(cheap_campaign::problem(25)), mostly_failing, unwatched),
       Catch::Contains("5 of 7 evaluations failed") && Catch::Contains("press: inverted"));
   CHECK(calls == 7);
 }
@@ -120,13 +106,13 @@ TEST_CASE("Outputs that no optimiser takes are a failure of the design, and the 
   const double nan = std::nan("");
   for (const auto& outputs : std::vector<std::vector<double>>{{1.0, nan}, {1.0}, {1.0, 2.0, 3.0}, {1e200, 1.0}}) {
     const TemporaryFolder folder;
-    SqliteJournal log(folder / "store", "p");
+    SqliteStore log(folder / "store", "p");
     int calls = 0;
     const auto once_bad = [&](const Design& x) {
       return ++calls == 3 ? TrialResult{outputs, false, "", "what was there", ""} : cheap(x);
     };
     std::string seen;
-    CHECK(run_campaign(log, Cheap(cheap_problem(12)), once_bad,
+    CHECK(run_campaign(log, Cheap(cheap_campaign::problem(12)), once_bad,
               [&](const auto&, int, const TrialResult& v) { seen += v.why; }) == OptimizerStatus::finished);
     log.verify();
     const auto state = state_of(log, 12);
@@ -144,11 +130,11 @@ TEST_CASE("A campaign that the machine's failures stopped goes on where they hav
   MemoryJournal log("p");
   const auto no_memory = [](const Design&) { return TrialResult{{}, true, "mesh: out of memory", "", ""}; };
   for (int run = 1; run <= 6; ++run) {  // ten designs use up their tries
-    CHECK_THROWS_WITH(run_campaign(log, Cheap(cheap_problem(12)), no_memory, unwatched),
+    CHECK_THROWS_WITH(run_campaign(log, Cheap(cheap_campaign::problem(12)), no_memory, unwatched),
         Catch::Contains("5 of 5 evaluations failed"));
     CHECK(log.entries().size() == std::size_t(1 + 2 * 5 * run));
   }
-  CHECK(run_campaign(log, Cheap(cheap_problem(12)), cheap, unwatched) == OptimizerStatus::finished);
+  CHECK(run_campaign(log, Cheap(cheap_campaign::problem(12)), cheap, unwatched) == OptimizerStatus::finished);
   CHECK(state_of(log, 12).optimizer().observed() == 12);
 }
 
@@ -161,7 +147,7 @@ struct OvertakenJournal : MemoryJournal {
   bool answered = false;
   bool claim(std::int64_t number) {
     if (!std::exchange(answered, true))
-      append([](const auto&) { return std::optional(tell_entry(0, cheap_outputs({1.0, 1.0, 1.0}))); });
+      append([](const auto&) { return std::optional(tell_entry(0, cheap_campaign::outputs({1.0, 1.0, 1.0}))); });
     return MemoryJournal::claim(number);
   }
 };
@@ -175,7 +161,7 @@ TEST_CASE("What another process answered in the meantime is neither evaluated ag
   const auto watch = [&](const auto&, int id, const TrialResult&) { CHECK(watched.insert(id).second); };
   OvertakenJournal log("p");
   log.append([](const auto&) { return std::optional(ask_entry(0, {1.0, 1.0, 1.0})); });
-  run_campaign(log, Cheap(cheap_problem(12)), counted, watch);
+  run_campaign(log, Cheap(cheap_campaign::problem(12)), counted, watch);
   CHECK(attempts.count({1.0, 1.0, 1.0}) == 0);
   CHECK(watched.count(0) == 0);
   CHECK(watched.size() == 11);
@@ -184,10 +170,10 @@ TEST_CASE("What another process answered in the meantime is neither evaluated ag
   watched.clear();
   const auto overtaken = [&](const Design& x) {
     if (x == Design{1.0, 1.0, 1.0})
-      slow.append([&](const auto&) { return std::optional(tell_entry(0, cheap_outputs(x))); });
+      slow.append([&](const auto&) { return std::optional(tell_entry(0, cheap_campaign::outputs(x))); });
     return cheap(x);
   };
-  run_campaign(slow, Cheap(cheap_problem(12)), overtaken, watch);
+  run_campaign(slow, Cheap(cheap_campaign::problem(12)), overtaken, watch);
   CHECK(watched.count(0) == 0);
   CHECK(watched.size() == 11);
 }
@@ -213,9 +199,9 @@ int kill_and_resume(const std::string& store, const std::string& journal, int ki
   std::uniform_real_distribution<double> moment(0.0, 0.2);
   for (int killed = 0;; ++killed) {
     const pid_t pid = start_child([&] {
-      SqliteJournal log(store, "p");
+      SqliteStore log(store, "p");
       run_campaign(
-          log, Cheap(cheap_problem(160)),
+          log, Cheap(cheap_campaign::problem(160)),
           [&](const Design& x) {
             std::ofstream(journal, std::ios::app) << x[0] << ' ' << x[1] << ' ' << x[2] << std::endl;
             return cheap(x);
@@ -237,15 +223,15 @@ int kill_and_resume(const std::string& store, const std::string& journal, int ki
 
 void killed_campaigns(int kills) {
   const TemporaryFolder folder;
-  SqliteJournal whole(folder / "whole", "p");
-  run_campaign(whole, Cheap(cheap_problem(160)), cheap, unwatched);
+  SqliteStore whole(folder / "whole", "p");
+  run_campaign(whole, Cheap(cheap_campaign::problem(160)), cheap, unwatched);
   std::mt19937 random(11);
   for (int n = 0, run = 0; n < kills; ++run) {
     const std::string store = folder / ("store" + std::to_string(run)),
                       journal = folder / ("journal" + std::to_string(run));
     const int here = kill_and_resume(store, journal, kills - n, random);
     n += here;
-    const SqliteJournal log(store);
+    const SqliteStore log(store);
     log.verify();
     CHECK(log.digest() == whole.digest());
     const auto state = state_of(log, 160);
@@ -268,14 +254,14 @@ TEST_CASE("1000 kills at random moments", "[long]") { killed_campaigns(1000); }
 TEST_CASE("Three processes on one store, of which some are killed: each design once") {
   const TemporaryFolder folder;
   const std::string store = folder / "store", journal = folder / "journal";
-  { SqliteJournal log(store, "p"); }
+  { SqliteStore log(store, "p"); }
   const auto start = [&] {
     return start_child([&] {
-      SqliteJournal log(store, "p");
+      SqliteStore log(store, "p");
       CampaignConfig config;
       config.poll_s = 0.01;
       run_campaign(
-          log, Cheap(cheap_problem(40)),
+          log, Cheap(cheap_campaign::problem(40)),
           [&](const Design& x) {
             std::ofstream(journal, std::ios::app) << ask_entry(int(getpid()), x).content + '\n';  // in one write
             std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -302,7 +288,7 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
     CHECK(WIFEXITED(status));
     CHECK(WEXITSTATUS(status) == 0);
   }
-  const SqliteJournal log(store);
+  const SqliteStore log(store);
   log.verify();
   const auto state = state_of(log, 40);
   CHECK(state.optimizer().observed() == 40);

@@ -54,11 +54,11 @@ int in_child(const std::function<void()>& work) {
 
 }  // namespace
 
-TEMPLATE_TEST_CASE("A journal gives back what was put in, in order", "", MemoryJournal, SqliteJournal) {
+TEMPLATE_TEST_CASE("A journal gives back what was put in, in order", "", MemoryJournal, SqliteStore) {
   const TemporaryFolder folder;
   TestType log = [&] {
     if constexpr (std::is_same_v<TestType, MemoryJournal>) return MemoryJournal("problem 1");
-    else return SqliteJournal(folder / "store", "problem 1");
+    else return SqliteStore(folder / "store", "problem 1");
   }();
   fill(log, 5);
   const auto list = log.entries();
@@ -75,51 +75,51 @@ TEMPLATE_TEST_CASE("A journal gives back what was put in, in order", "", MemoryJ
 
 TEST_CASE("A store is the same whether it was opened once or often, and notes do not enter its digest") {
   const TemporaryFolder folder;
-  SqliteJournal once(folder / "once", "p");
+  SqliteStore once(folder / "once", "p");
   fill(once, 8);
   for (std::size_t k = 1; k <= 8; ++k) {
-    SqliteJournal again(folder / "often", "p");
+    SqliteStore again(folder / "often", "p");
     again.append([&](const auto&) {
       JournalEntry e = entry(k);
       e.notes = "took " + std::to_string(std::rand()) + " s";
       return std::optional(e);
     });
   }
-  const SqliteJournal often(folder / "often");
+  const SqliteStore often(folder / "often");
   CHECK(once.digest() == often.digest());
   CHECK(once.digest() == once.digest(8));
-  CHECK(once.digest(0) == SqliteJournal(folder / "empty", "p").digest());  // of the problem alone
-  CHECK(once.digest(0) != SqliteJournal(folder / "other", "q").digest());
+  CHECK(once.digest(0) == SqliteStore(folder / "empty", "p").digest());  // of the problem alone
+  CHECK(once.digest(0) != SqliteStore(folder / "other", "q").digest());
   often.verify();
 }
 
 TEST_CASE("A store refuses another problem and says what differs, and what is no store is refused, too") {
   const TemporaryFolder folder;
-  { SqliteJournal log(folder / "store", "material DS\nensemble flat\nseed 1"); }
+  { SqliteStore log(folder / "store", "material DS\nensemble flat\nseed 1"); }
   try {
-    SqliteJournal log(folder / "store", "material DS\nensemble curved\nseed 1");
+    SqliteStore log(folder / "store", "material DS\nensemble curved\nseed 1");
     FAIL("opened");
   } catch (const StoreError& e) {
     CHECK(e.reason() == StoreError::Reason::different);
     CHECK(std::string(e.what()).find("ensemble flat") != std::string::npos);
     CHECK(std::string(e.what()).find("ensemble curved") != std::string::npos);
   }
-  CHECK(reason_of([&] { SqliteJournal log(folder / "missing"); }) == StoreError::Reason::unusable);
-  CHECK(reason_of([&] { SqliteJournal log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
+  CHECK(reason_of([&] { SqliteStore log(folder / "missing"); }) == StoreError::Reason::unusable);
+  CHECK(reason_of([&] { SqliteStore log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
   folder.write("text",
       "this is a diary and no store, and long enough to look like a file with a header of some kind, which it "
       "does not have");
-  CHECK(reason_of([&] { SqliteJournal log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
+  CHECK(reason_of([&] { SqliteStore log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
   CHECK(folder.read("text").starts_with("this is a diary"));
 }
 
 TEST_CASE("Flipped bits and cut files are found, or do no harm") {
   const TemporaryFolder folder;
   {
-    SqliteJournal log(folder / "store", "p");
+    SqliteStore log(folder / "store", "p");
     fill(log, 40);
   }
-  const std::string good = folder.read("store"), digest = SqliteJournal(folder / "store").digest();
+  const std::string good = folder.read("store"), digest = SqliteStore(folder / "store").digest();
   std::mt19937 random(7);
   int found = 0;
   for (int trial = 0; trial < 1000; ++trial) {
@@ -128,7 +128,7 @@ TEST_CASE("Flipped bits and cut files are found, or do no harm") {
     else bad[random() % bad.size()] ^= char(1 << random() % 8);
     folder.write("bad", bad);
     try {
-      const SqliteJournal log(folder / "bad");
+      const SqliteStore log(folder / "bad");
       const auto list = log.entries();
       REQUIRE(list.size() == 41);
       for (std::size_t k = 1; k < list.size(); ++k) {
@@ -146,7 +146,7 @@ TEST_CASE("Flipped bits and cut files are found, or do no harm") {
 TEST_CASE("A flipped bit in notes, which no digest covers, leaves the log as it is") {
   const TemporaryFolder folder;
   {
-    SqliteJournal log(folder / "store", "p");
+    SqliteStore log(folder / "store", "p");
     fill(log, 3);
   }
   std::string bad = folder.read("store");
@@ -154,17 +154,17 @@ TEST_CASE("A flipped bit in notes, which no digest covers, leaves the log as it 
   REQUIRE(at != std::string::npos);
   bad[at + 10] ^= char(0x80);
   folder.write("bad", bad);
-  const SqliteJournal log(folder / "bad");
+  const SqliteStore log(folder / "bad");
   log.verify();
   CHECK(log.entries()[2].notes != entry(2).notes);
   CHECK(log.entries()[2].content == entry(2).content);
-  CHECK(log.digest() == SqliteJournal(folder / "store").digest());
+  CHECK(log.digest() == SqliteStore(folder / "store").digest());
 }
 
 TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read is named") {
   const TemporaryFolder folder;
   {
-    SqliteJournal log(folder / "store", "p");
+    SqliteStore log(folder / "store", "p");
     fill(log, 40);
   }
   const std::string good = folder.read("store");
@@ -184,7 +184,7 @@ TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read
     std::fill_n(bad.begin() + std::ptrdiff_t(from), page, '\0');
     folder.write("bad", bad);
     try {
-      const SqliteJournal log(folder / "bad");
+      const SqliteStore log(folder / "bad");
       FAIL("opened");
     } catch (const StoreError& e) {
       INFO(e.what());
@@ -200,14 +200,14 @@ TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read
 TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
   const TemporaryFolder folder;
   const std::size_t count = 60;
-  SqliteJournal whole(folder / "whole", "p");
+  SqliteStore whole(folder / "whole", "p");
   fill(whole, count);
   std::mt19937 random(3);
   int kills = 0;
   for (;;) {
     const pid_t pid = fork();
     if (pid == 0) {
-      SqliteJournal log(folder / "store", "p");
+      SqliteStore log(folder / "store", "p");
       fill(log, count);
       _exit(0);
     }
@@ -219,7 +219,7 @@ TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
     if (WIFEXITED(status)) break;
   }
   CHECK(kills > 0);
-  const SqliteJournal log(folder / "store");
+  const SqliteStore log(folder / "store");
   CHECK(log.entries().size() == count + 1);
   CHECK(log.digest() == whole.digest());
   log.verify();
@@ -228,7 +228,7 @@ TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
 TEST_CASE("A store is read although its writer was killed in the middle of a write") {
   const TemporaryFolder folder;
   {
-    SqliteJournal log(folder / "store", "p");
+    SqliteStore log(folder / "store", "p");
     fill(log, 3);
   }
   sqlite3* writer = nullptr;
@@ -240,20 +240,20 @@ TEST_CASE("A store is read although its writer was killed in the middle of a wri
         std::string(folder / "killed") + suffix);  // as a kill leaves them
   CHECK(fs::file_size(folder / "killed") > 200'000);
   sqlite3_close(writer);
-  const auto list = SqliteJournal(folder / "killed").entries();
+  const auto list = SqliteStore(folder / "killed").entries();
   REQUIRE(list.size() == 4);
-  CHECK(SqliteJournal(folder / "killed").record(3) == entry(3).record);
+  CHECK(SqliteStore(folder / "killed").record(3) == entry(3).record);
 }
 
 TEST_CASE("Three processes on one store add each entry once, and living ones keep what they claimed") {
   const TemporaryFolder folder;
-  { SqliteJournal log(folder / "store", "p"); }
+  { SqliteStore log(folder / "store", "p"); }
   std::vector<pid_t> children;
   for (int k = 0; k < 3; ++k) {
     const pid_t pid = fork();
     if (pid == 0) {
       try {
-        SqliteJournal log(folder / "store", "p");
+        SqliteStore log(folder / "store", "p");
         fill(log, 50);
         _exit(0);
       } catch (...) {
@@ -267,11 +267,11 @@ TEST_CASE("Three processes on one store add each entry once, and living ones kee
     waitpid(pid, &status, 0);
     CHECK(status == 0);
   }
-  SqliteJournal log(folder / "store", "p");
+  SqliteStore log(folder / "store", "p");
   CHECK(log.entries().size() == 51);
   CHECK(log.claim(1));
   CHECK(in_child([&] {
-    SqliteJournal other(folder / "store", "p");
+    SqliteStore other(folder / "store", "p");
     if (other.claim(1)) throw 1;  // this process lives
     if (!other.claim(2)) throw 2;
   }) == 0);
@@ -290,9 +290,9 @@ int little_room(sqlite3* db, const char**, const struct sqlite3_api_routines*) {
 
 TEST_CASE("A full disk is an error, and the store stays valid") {
   const TemporaryFolder folder;
-  { SqliteJournal log(folder / "store", "p"); }
+  { SqliteStore log(folder / "store", "p"); }
   const auto fails_for = [&](StoreError::Reason reason) {  // in a child of its own, which alone has the limit
-    SqliteJournal full(folder / "store", "p");
+    SqliteStore full(folder / "store", "p");
     try {
       fill(full, 1000);
     } catch (const StoreError& e) {
@@ -303,7 +303,7 @@ TEST_CASE("A full disk is an error, and the store stays valid") {
     throw 2;
   };
   {
-    SqliteJournal log(folder / "store", "p");
+    SqliteStore log(folder / "store", "p");
     fill(log, 3);
   }
   CHECK(in_child([&] {
@@ -316,20 +316,20 @@ TEST_CASE("A full disk is an error, and the store stays valid") {
     if (setrlimit(RLIMIT_FSIZE, &limit) != 0) throw 1;
     fails_for(StoreError::Reason::unusable);
   }) == 0);
-  SqliteJournal again(folder / "store");
+  SqliteStore again(folder / "store");
   again.verify();
   const std::size_t kept = again.entries().size();
   CHECK(kept > 4);
   CHECK(kept < 1001);
   fill(again, kept);  // and goes on once there is room
-  SqliteJournal whole(folder / "whole", "p");
+  SqliteStore whole(folder / "whole", "p");
   fill(whole, kept);
   CHECK(again.digest() == whole.digest());
 }
 
 TEST_CASE("A store is not used after a fork") {
   const TemporaryFolder folder;
-  SqliteJournal log(folder / "store", "p");
+  SqliteStore log(folder / "store", "p");
   fill(log, 2);
   const std::vector<std::function<void()>> members = {[&] { log.entries(); }, [&] { log.record(1); },
       [&] { log.claim(1); }, [&] { log.digest(); }, [&] { log.verify(); }, [&] { fill(log, 3); }};
@@ -348,10 +348,10 @@ TEST_CASE("A store is not used after a fork") {
 
 TEST_CASE("A store is made under every locale, and is the same") {
   const TemporaryFolder folder;
-  SqliteJournal plain(folder / "plain", "p");
+  SqliteStore plain(folder / "plain", "p");
   fill(plain, 3);
   const GermanLocale german;
-  SqliteJournal log(folder / "german", "p");
+  SqliteStore log(folder / "german", "p");
   fill(log, 3);
   CHECK(log.digest() == plain.digest());
   CHECK(folder.read("german") == folder.read("plain"));
@@ -363,15 +363,15 @@ TEST_CASE("Every name of a store is a file's name") {
     fs::current_path(folder.path);
     for (const char* name : {":memory:", "file:kept.db?mode=memory", "file::memory:", "file:plain"}) {
       {
-        SqliteJournal log(name, "p");
+        SqliteStore log(name, "p");
         fill(log, 2);
       }
-      if (SqliteJournal(name).entries().size() != 3) throw Error(name);
+      if (SqliteStore(name).entries().size() != 3) throw Error(name);
     }
   }) == 0);
   CHECK(folder.entries() == 4);
   CHECK(fs::exists(folder / ":memory:"));
-  CHECK(reason_of([] { SqliteJournal log("", "p"); }) == StoreError::Reason::unusable);
+  CHECK(reason_of([] { SqliteStore log("", "p"); }) == StoreError::Reason::unusable);
 }
 
 TEST_CASE("A store that is removed, renamed or replaced keeps the finished evaluation beside it") {
@@ -383,13 +383,13 @@ TEST_CASE("A store that is removed, renamed or replaced keeps the finished evalu
     p.objectives = {{"f", true, 0.0}};
     p.sobol = 3;
     p.evaluations = 5;
-    SqliteJournal log(store, "p");
+    SqliteStore log(store, "p");
     int evaluations = 0;
     const auto evaluate = [&](const Design& x) {
       if (++evaluations == 2) {
         if (how == "renamed") fs::rename(store, folder / "elsewhere");
         else fs::remove(store);
-        if (how == "replaced") SqliteJournal(store, "p");
+        if (how == "replaced") SqliteStore(store, "p");
       }
       return TrialResult{{x[0]}, false, "", "hours of work", ""};
     };
@@ -401,7 +401,7 @@ TEST_CASE("A store that is removed, renamed or replaced keeps the finished evalu
     }
     CHECK(evaluations == 2);
     CHECK_THAT(why, Catch::Contains(how) && Catch::Contains("store.rescued-1"));
-    SqliteJournal kept(folder / "store.rescued-1");
+    SqliteStore kept(folder / "store.rescued-1");
     kept.verify();
     REQUIRE(kept.entries().size() == 5);
     CHECK(kept.record(4) == "hours of work");
@@ -419,7 +419,7 @@ TEST_CASE("A store with a stranger's trigger or view is refused, and nothing of 
            "digest FROM r"}) {
     fs::remove(folder / "store");
     {
-      SqliteJournal log(folder / "store", "p");
+      SqliteStore log(folder / "store", "p");
       fill(log, 3);
     }
     sqlite3* stranger = nullptr;
@@ -427,15 +427,15 @@ TEST_CASE("A store with a stranger's trigger or view is refused, and nothing of 
     REQUIRE(sqlite3_exec(stranger, sql, nullptr, nullptr, nullptr) == SQLITE_OK);
     sqlite3_close(stranger);
     const std::string before = folder.read("store");
-    CHECK(reason_of([&] { SqliteJournal log(folder / "store", "p"); }) == StoreError::Reason::corrupt);
-    CHECK(reason_of([&] { SqliteJournal log(folder / "store"); }) == StoreError::Reason::corrupt);
+    CHECK(reason_of([&] { SqliteStore log(folder / "store", "p"); }) == StoreError::Reason::corrupt);
+    CHECK(reason_of([&] { SqliteStore log(folder / "store"); }) == StoreError::Reason::corrupt);
     CHECK(folder.read("store") == before);
   }
 }
 
 TEST_CASE("A journal that is open sees what others append, and damage to what it has not read") {
   const TemporaryFolder folder;
-  SqliteJournal mine(folder / "store", "p"), other(folder / "store", "p");
+  SqliteStore mine(folder / "store", "p"), other(folder / "store", "p");
   fill(mine, 2);
   fill(other, 5);
   fill(mine, 6);

@@ -97,7 +97,7 @@ TrialResult verdict(const Design& x, const CampaignProblem& problem, bool fails)
   return v;
 }
 
-void run(SqliteJournal& log, const CampaignProblem& problem, int evaluations) {
+void run(SqliteStore& log, const CampaignProblem& problem, int evaluations) {
   int trial = 0;
   const auto evaluate = [&](const Design& x) {
     const bool fails = evaluations == 0 || trial == 6;
@@ -112,7 +112,7 @@ void run(SqliteJournal& log, const CampaignProblem& problem, int evaluations) {
   }
 }
 
-void keep(SqliteJournal& log, const CampaignProblem& problem, const Design& x) {
+void keep(SqliteStore& log, const CampaignProblem& problem, const Design& x) {
   log.append([&](const auto&) { return std::optional(lumo::ask_entry(0, x)); });
   const TrialResult v = verdict(x, problem, false);
   JournalEntry entry = lumo::tell_entry(0, v.outputs);
@@ -140,7 +140,7 @@ int main(int argc, char** argv) {
     const std::string version = "\"results\": ";
     const std::size_t at = text.find(version) + version.size();
     if (argc == 6) text.replace(at, text.find(',', at) - at, argv[5]);
-    SqliteJournal log(argv[1], text);
+    SqliteStore log(argv[1], text);
     const std::string wanted = argv[4];
     if (wanted.find(',') == std::string::npos) {
       run(log, problem, std::atoi(argv[4]));

@@ -144,6 +144,7 @@ class Refusals(unittest.TestCase):
             self.bad_store(["missing"], "campaign", command, "--store", "missing")
             self.refused(USAGE, ["--material"], "campaign", command, "--store", "s", "--material", "DS")
         self.refused(USAGE, ["--evaluations", "1 to 100000"], "campaign", "run", "--store", "s", "--evaluations", "0")
+        self.refused(USAGE, ["--pending", "1 to 1000"], "campaign", "run", "--store", "s", "--pending", "0")
         self.refused(USAGE, ["--source", "default or paper"], "campaign", "run", "--store", "s", "--source", "best")
         self.bad_store(["no/such/folder"], "campaign", "run", "--store", "no/such/folder/s")
         self.refused(USAGE, ["--store", "2 times"], "campaign", "status", "--store", "s", "--store", "t")

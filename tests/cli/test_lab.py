@@ -113,6 +113,30 @@ class Lab(unittest.TestCase):
             for name in ["joint.csv", "truth.csv", "frames/000500.png"]:
                 self.assertEqual((out / name).read_bytes() == (self.folder / "force" / name).read_bytes(), same, name)
 
+    def test_a_localiser_that_knows_its_pad(self):
+        pad = next((self.folder / "cache").iterdir())
+        alone = self.result("locate", "--pad", pad)
+        self.assertEqual(alone["responses"], str(pad))
+        self.assertIn(alone["insensible"], [True, False])
+        self.assertEqual([a["load_N"] for a in alone["at"]], [2, 5])
+        log = self.folder / "force"
+        with_pad = self.result("locate", log, "--pad", pad, "--out", self.folder / "by_pad")
+        self.assertEqual(with_pad["pad"]["insensible"], alone["insensible"])
+        frames = with_pad["frames"]
+        self.assertEqual(frames["estimated"], frames["touched"] + frames["free"] + frames["unknown_response"])
+        self.assertTrue(all(r["unknown"] in ["0", "1"] for r in rows_of(self.folder / "by_pad" / "locations.csv")))
+        by_log = self.result("locate", log, "--calibration", self.folder / "recontact")
+        self.assertTrue(by_log["pad"]["recorded"])
+        self.assertIsNone(by_log["pad"]["insensible"])
+        self.assertGreater(by_log["located"], 0.5 * by_log["samples"])
+        self.assertLess(by_log["mae_mm"], 3.0)  # the log presses where the calibration did
+        force = self.result("force", log, "--calibration", self.folder / "recontact")
+        self.assertGreater(force["samples"], 0)
+        self.refused(USAGE, "give one of them", "locate", log, "--pad", pad, "--calibration", log)
+        self.refused(USAGE, "not for --localizer peak", "locate", log, "--pad", pad, "--localizer", "peak")
+        self.refused(BAD_FILE, "no such file", "locate", log, "--pad", self.folder / "none.txt")
+        self.refused(BAD_FILE, "holds no responses of a pad", "force", log, "--pad", log / "session.json")
+
     def test_damaged_cache_is_told_and_computed_anew(self):
         cache = self.folder / "damaged"
         shutil.copytree(self.folder / "cache", cache)

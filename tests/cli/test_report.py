@@ -242,6 +242,40 @@ class OneCampaign(Page):
           return seen.size;
         }})()""")
 
+    def test_without_eyes_or_mouse(self):
+        """Names on all controls and charts, headings in order, numbers as tables, keys in place of clicks (WCAG 2.1)."""
+        self.open(self.page)
+        unnamed = self.browser.evaluate("""[...document.querySelectorAll('.modebar-btn, .js-plotly-plot, button, select')]
+          .filter((e) => !(e.ariaLabel || e.textContent.trim() || e.closest('label')?.textContent.trim()))
+          .map((e) => e.outerHTML.slice(0, 80))""")
+        self.assertEqual(unnamed, [])
+        levels = self.browser.evaluate(
+            "[...document.querySelectorAll('h1, h2, h3')].map((h) => [Number(h.tagName[1]), h.textContent.trim()])"
+        )
+        self.assertTrue(all(text for _, text in levels), levels)
+        self.assertTrue(all(b[0] <= a[0] + 1 for a, b in zip(levels, levels[1:])), levels)
+        charts = "[...document.querySelectorAll('figure')].filter((f) => !f.querySelector('.plot').hidden)"
+        self.assertGreater(self.browser.evaluate(f"{charts}.length"), 6)
+        self.browser.evaluate(f"{charts}.forEach((f) => {{ f.querySelector('details.numbers').open = true; }})")
+        self.quiet()
+        rows = self.browser.evaluate(f"{charts}.map((f) => f.querySelectorAll('details.numbers td').length)")
+        self.assertTrue(all(n > 0 for n in rows), rows)
+        cells = self.browser.evaluate(
+            "[...document.querySelectorAll('#history-figure details.numbers tr')].map((r) => r.children.length)"
+        )
+        self.assertEqual(len(cells), len(self.trials) + 1)
+        self.assertEqual(len(set(cells)), 1)
+        # Zooming in by the keyboard alone.
+        span = "plot.layout.xaxis.range[1] - plot.layout.xaxis.range[0]"
+        before = self.plot("history-figure", span)
+        self.browser.evaluate("""(() => {
+          const button = document.querySelector("#history-figure .modebar-btn[data-val='in']");
+          button.focus();
+          button.dispatchEvent(new KeyboardEvent('keydown', {key: 'Enter', bubbles: true}));
+        })()""")
+        self.quiet()
+        self.assertLess(self.plot("history-figure", span), before)
+
     def test_brushing(self):
         self.open(self.page)
         caption = "document.querySelector('#parallel-figure figcaption').textContent"

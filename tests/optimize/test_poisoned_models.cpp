@@ -123,7 +123,7 @@ std::vector<test::PoisonedCase> cases_of_searches() {
             Trials trials(problem, 1, 0);
             trials.open(0, {x[0]});
             trials.tell(0, {x[1]});
-            return list(trials.observed_outputs());
+            return list(trials.results().outputs);
           }},
       {"Problem::validate", {0.0, 0.5},
           [](const Numbers& x) {

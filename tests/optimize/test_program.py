@@ -46,10 +46,11 @@ def measure(x):
 class Session:
     """The program with a space file of its own."""
 
-    def __init__(self, folder, space=SPACE, transcript=None):
+    def __init__(self, folder, space=SPACE, transcript=None, more=()):
         path = pathlib.Path(folder) / "space.json"
         path.write_text(json.dumps(space))
         words = [LUMO, "optimize", "--space", str(path)] + (["--transcript", str(transcript)] if transcript else [])
+        words += more
         self.process = subprocess.Popen(
             words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
@@ -88,8 +89,8 @@ class Protocol(unittest.TestCase):
         self.addCleanup(self.folder.cleanup)
         self.transcript = pathlib.Path(self.folder.name) / "run.jsonl"
 
-    def session(self, space=SPACE, keep=True):
-        session = Session(self.folder.name, space, self.transcript if keep else None)
+    def session(self, space=SPACE, keep=True, more=()):
+        session = Session(self.folder.name, space, self.transcript if keep else None, more)
         self.addCleanup(
             lambda: (
                 session.process.kill(),
@@ -117,7 +118,7 @@ class Protocol(unittest.TestCase):
                 self.assertTrue(x[0] + x[1] <= 20 and -15 <= x[1] - x[0] <= 12)
                 self.assertEqual((x[0] * 2 % 1, x[1] * 2 % 1), (0, 0))
             answers = {tuple(a["x"]): measure(a["x"]) for a in asks}
-            self.assertEqual(set(last), {"front", "hypervolume"})
+            self.assertEqual((set(last), last["values"]), ({"front", "hypervolume", "values"}, "as reported"))
             for point in last["front"]:
                 self.assertEqual(point["y"], answers[tuple(point["x"])])
                 self.assertFalse(
@@ -312,7 +313,7 @@ class Protocol(unittest.TestCase):
                     session.say({"fail": {"id": message["ask"]["id"], "retry": retry, "why": "no licence"}})
                 self.assertEqual(asked, end)
                 if share is None:
-                    self.assertEqual(message, {"front": [], "hypervolume": 0.0})
+                    self.assertEqual(message, {"front": [], "hypervolume": 0.0, "values": "as reported"})
                     code, _, err = session.end()
                     self.assertEqual((code, err.count("\n")), (4, 1), err)
                     for word in ["5 of 5 evaluations failed", "50 %", "no licence"]:
@@ -356,6 +357,87 @@ class Protocol(unittest.TestCase):
         # One that is absurdly bad is a failure, but for the budget.
         self.assertEqual(found["{'y': [1000000000000.0]}"], found["None"][:29])
         self.assertEqual(found["{'y': [10000.0]}"], found["None"][:29])
+
+    def test_known_results(self):
+        """Off the lattice, outside the bounds, twice, from the space and from a table: never asked, reported apart."""
+        space = {
+            "variables": [{"name": "a", "lower": 0, "upper": 10, "step": 0.5}, {"name": "b", "lower": 0, "upper": 1}],
+            "objectives": [{"name": "f", "goal": "minimize", "reference": 200}],
+            "known": [[[5.23, 0.2], [5.2]], [[5.0, 1.002], [5.0], [0.1]], [[3, 0], [0.0]], [[3, 0], [0.0]]],
+            "sobol": 2,
+            "evaluations": 5,
+            "noise": "none",
+        }
+        table = pathlib.Path(self.folder.name) / "known.csv"
+        for rows, code, words in [
+            ("f;a;b\n1,5;4,5;0,5\n", 0, []),
+            ("a,b\n1,2\n", BAD_FILE, ["column 'f' is missing"]),
+            ("a,b,f\n1,2,nan\n", BAD_FILE, ["nan", "finite"]),
+            ("a,b,f,f_err\n1,0.5,2,-1\n", BAD_FILE, ["line 2", "-1"]),
+        ]:
+            table.write_text(rows)
+            session = self.session(space, False, ["--known", str(table)])
+            if code:
+                ended, out, err = session.end()
+                self.assertEqual((ended, out, err.count("\n")), (code, "", 1), err)
+                self.assertTrue(all(w in err for w in words), err)
+                continue
+            designs = []
+            while "ask" in (message := session.read()):
+                designs.append(message["ask"]["x"])
+                session.say({"tell": {"id": message["ask"]["id"], "y": [(designs[-1][0] - 3) ** 2 + designs[-1][1]]}})
+            self.assertEqual(session.end(), (0, "", ""))
+            self.assertEqual(len(designs), 5)
+            self.assertTrue(all(x[0] * 2 % 1 == 0 and 0 <= x[1] <= 1 and x != [3, 0] for x in designs))
+            self.assertIn({"x": [3.0, 0.0], "y": [0.0], "known": 2}, message["front"])
+
+    def test_an_initial_design_as_it_was_written(self):
+        space = dict(copy.deepcopy(SPACE), initial=[[6.25, 6, 0], [6, 6, 1.002]], evaluations=7)
+        asks, last = (session := self.session(space)).finish()
+        self.assertEqual([a["x"] for a in asks[:2]], space["initial"])
+        code, out, err = session.end()
+        self.assertEqual((code, err.count("\n")), (0, 2), err)
+        self.assertTrue("initial[0]" in err and "0.5" in err and "initial[1]" in err and "upper bound" in err, err)
+        self.assertTrue(all(p["x"] != space["initial"][1] for p in last["front"]))
+        rest, _ = (session := self.session(dict(space, evaluations=8))).finish()  # goes on
+        self.assertEqual(([a["id"] for a in rest], session.end()[0]), ([7], 0))
+
+    def test_noise(self):
+        """Where values carry noise the front is of means with their interval, which is said beside it."""
+        space = {
+            "variables": [{"name": "a", "lower": 0, "upper": 1}],
+            "objectives": [{"name": "f", "goal": "maximize", "reference": 0}],
+            "repeats": 2,
+            "sobol": 6,
+            "evaluations": 20,
+            "source": "paper",
+        }
+        state = 12345
+
+        def noise():
+            nonlocal state
+            total = 0.0
+            for _ in range(12):  # nearly normal
+                state = (1103515245 * state + 12345) % 2**31
+                total += state / 2**31
+            return 0.2 * (total - 6)
+
+        for error in (None, 0.2):
+            session = self.session(space)
+            while "ask" in (message := session.read()):
+                x = message["ask"]["x"][0]
+                tell = {"id": message["ask"]["id"], "y": [1 - 4 * (x - 0.4) ** 2 + noise()]}
+                session.say({"tell": dict(tell, **({} if error is None else {"y_err": [error]}))})
+            self.assertEqual(session.end(), (0, "", ""))
+            self.assertIn("means of the models", message["values"])
+            self.assertIn("f", message["values"])
+            low, high = message["interval_90"]
+            self.assertTrue(low <= message["hypervolume"] <= high)
+            self.assertTrue(0.8 < message["hypervolume"] < 1.2, message)
+            self.assertTrue(0 < message["front"][0]["y_err"][0] < 0.2, message)
+            again = self.session(space).read()  # from the transcript alone
+            self.assertEqual(again, message)
+            self.transcript.unlink()
 
     def test_lattice_nodes_as_they_were_typed(self):
         space = {
@@ -675,7 +757,13 @@ class Refusals(unittest.TestCase):
             (changed(lambda s: s["objectives"][0].update(goal="best")), ["goal", "maximize"]),
             (changed(lambda s: s["objectives"][0].pop("reference")), ["objectives[0].reference", "missing"]),
             (changed(lambda s: s["initial"][0].pop()), ["initial[0]", "2 values", "3"]),
-            (changed(lambda s: s.update(initial=[[6.25, 6, 0]])), ["initial[0]", "6.25", "0.5"]),
+            (changed(lambda s: s.update(initial=[[1e9, 6, 0]])), ["initial[0]", "1e+09", "million widths"]),
+            (changed(lambda s: s.update(known=[[[6, 6, 0]]])), ["known[0]", "1 entries", "[x, y, y_err]"]),
+            (changed(lambda s: s.update(known=[[[6, 6], [1, 2]]])), ["known[0][0]", "2 values", "3"]),
+            (changed(lambda s: s.update(known=[[[6, 6, 0], [1, 2], [1, -2]]])), ["known[0][2]", "-2"]),
+            (changed(lambda s: s.update(noise="much")), ["noise", "much", "estimated"]),
+            (changed(lambda s: s.update(repeats=0)), ["repeats", "0", "1000"]),
+            (changed(lambda s: s.update(repeats=2, noise="none")), ["2 times", "no noise"]),
             (changed(lambda s: s.update(initial=[[12, 9, 0]])), ["initial[0]", "21", "20"]),
             (changed(lambda s: s.update(sobol=-1)), ["sobol", "-1"]),
             (changed(lambda s: s.update(evaluations=2.5)), ["evaluations", "2.5"]),

@@ -44,7 +44,7 @@ ROOMS = {
     "sense/decode": "core model sense/devices sense/recording",
     "sense/live": "core sense/devices sense/force sense/hand sense/localize sense/profile sense/recording",
     "sense": "core sense/devices sense/force sense/recording",
-    "lab": "core morphology optics pipeline sense/devices sense/hand sense/recording",
+    "lab": "core morphology optics pipeline sense/devices sense/hand sense/localize sense/recording",
     "support/process": "core mesh sense/devices",
     "support": "campaign core fabrication geometry mechanics/elements mesh optics sense/devices sense/recording "
     "sense/recording/mcap support/process",

@@ -2,12 +2,15 @@
 
 #include "lumo/core/files.hpp"
 #include "lumo/optimize/design_sampler.hpp"
+#include "lumo/sense/recording/csv.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <initializer_list>
 #include <limits>
 #include <set>
+#include <utility>
 #include <vector>
 
 namespace lumo::program {
@@ -126,6 +129,16 @@ LinearConstraint read_constraint(
 
 std::string numbered(const char* key, std::size_t i) { return lumo::message(key, "[", i, "]"); }
 
+void read_variables(const Reader& reader, const Json& variables, DesignSpace& space) {
+  if (variables.empty()) reader.refuse("variables", "is empty, must hold at least 1");
+  for (std::size_t i = 0; i < variables.size(); ++i) {
+    space.variables.push_back(read_variable(reader, variables[i], numbered("variables", i)));
+    for (std::size_t k = 0; k < i; ++k)
+      if (space.variables[k].name == space.variables[i].name)
+        reader.refuse(numbered("variables", i) + ".name", short_form(space.variables[i].name) + " is there twice");
+  }
+}
+
 Objective read_objective(const Reader& reader, const Json& j, const std::string& where) {
   reader.keys(j, where, {"name", "goal", "reference"});
   return {reader.word(reader.at(j, where + ".", "name"), where + ".name"),
@@ -133,18 +146,78 @@ Objective read_objective(const Reader& reader, const Json& j, const std::string&
       reader.number(reader.at(j, where + ".", "reference"), where + ".reference")};
 }
 
-Design read_design(const Reader& reader, const Json& j, const std::string& where, const DesignSpace& space) {
-  const std::size_t wanted = space.variables.size();
+std::vector<double> read_numbers(
+    const Reader& reader, const Json& j, const std::string& where, std::size_t wanted, const char* each) {
   if (reader.list(j, where).size() != wanted)
-    reader.refuse(where, lumo::message("has ", j.size(), " values, must have ", wanted, ", one for each variable"));
-  Design x;
-  for (std::size_t k = 0; k < j.size(); ++k) x.push_back(reader.number(j[k], numbered(where.c_str(), k)));
+    reader.refuse(where, lumo::message("has ", j.size(), " values, must have ", wanted, ", one for each ", each));
+  std::vector<double> values;
+  for (std::size_t k = 0; k < j.size(); ++k) values.push_back(reader.number(j[k], numbered(where.c_str(), k)));
+  return values;
+}
+
+/// An initial design: one that is named may lie off the lattice or outside the bounds, but constraints hold.
+Design read_design(const Reader& reader, const Json& j, const std::string& where, const DesignSpace& space) {
+  Design x = read_numbers(reader, j, where, space.variables.size(), "variable");
   try {
-    space.check(x);
+    space.check_result(x);
+    space.unbounded().check(x);
   } catch (const InfeasibleDesign& e) {
     reader.refuse(where, std::string("is an ") + e.what());
+  } catch (const InvalidArgument& e) {
+    reader.refuse(where, std::string("is a ") + e.what());
   }
   return x;
+}
+
+/// [x, y] or [x, y, y_err].
+KnownResult read_known(const Reader& reader, const Json& j, const std::string& where, const Problem& p) {
+  if (reader.list(j, where).size() < 2 || j.size() > 3)
+    reader.refuse(where, lumo::message("has ", j.size(), " entries, must be [x, y] or [x, y, y_err]"));
+  KnownResult known{read_numbers(reader, j[0], where + "[0]", p.space.variables.size(), "variable"),
+      read_numbers(reader, j[1], where + "[1]", p.objectives.size(), "objective"), {}};
+  if (j.size() == 3) known.errors = read_numbers(reader, j[2], where + "[2]", p.objectives.size(), "objective");
+  for (const double e : known.errors)
+    if (e < 0.0) reader.refuse(where + "[2]", lumo::message("holds a standard error of ", e, ", must be >= 0"));
+  try {
+    p.space.check_result(known.x);
+  } catch (const InvalidArgument& e) {
+    reader.refuse(where, std::string("is of a ") + e.what());
+  }
+  return known;
+}
+
+Noise read_noise(const Reader& reader, const Json& value) {
+  for (const auto& [name, noise] :
+      {std::pair{"estimated", Noise::estimated}, std::pair{"none", Noise::none}, std::pair{"present", Noise::present}})
+    if (value == name) return noise;
+  reader.refuse("noise", "is " + short_form(value) + ", must be \"estimated\", \"none\" or \"present\"");
+}
+
+/// A table with a column for each variable and objective, and perhaps one `<objective>_err` for each.
+void add_known_table(Problem& p, Json& whole, const std::string& path) {
+  std::ifstream in(path);
+  if (!in) throw InputError("'" + path + "' cannot be opened");
+  sense::CsvReader table(in, path);
+  std::vector<int> x, y, errors;
+  for (const Variable& v : p.space.variables) x.push_back(table.require(v.name));
+  for (const Objective& o : p.objectives) y.push_back(table.require(o.name));
+  for (const Objective& o : p.objectives)
+    if (const int column = table.find(o.name + "_err"); column >= 0) errors.push_back(column);
+  if (!errors.empty() && errors.size() != p.objectives.size())
+    throw InputError("'" + path + "': has a column of standard errors for some objectives, must have one for each");
+  const auto values = [&](const std::vector<int>& columns) {
+    Json list = Json::array();
+    for (const int c : columns) list.push_back(table.number(c));
+    return list;
+  };
+  const Reader reader(path);
+  if (!whole.contains("known")) whole["known"] = Json::array();
+  while (table.next()) {
+    Json row = {values(x), values(y)};
+    if (!errors.empty()) row.push_back(values(errors));
+    p.known.push_back(read_known(reader, row, lumo::message("line ", table.line()), p));
+    whole["known"].push_back(row);
+  }
 }
 
 Json parse_file(const std::string& path) {
@@ -181,11 +254,12 @@ Json parse_strictly(std::string_view text) {
   }
 }
 
-SpaceFile read_space(const std::string& path) {
+SpaceFile read_space(const std::string& path, const std::string& known_table) {
   const Json j = parse_file(path);
   const Reader reader(path);
   reader.keys(j, "",
-      {"variables", "constraints", "objectives", "initial", "sobol", "evaluations", "failures", "seed", "source"});
+      {"variables", "constraints", "objectives", "initial", "known", "noise", "repeats", "sobol", "evaluations",
+          "failures", "seed", "source"});
   SpaceFile space;
   Problem& p = space.problem;
 
@@ -194,14 +268,8 @@ SpaceFile read_space(const std::string& path) {
   const Json& constraints = j.contains("constraints") ? reader.list(j["constraints"], "constraints") : none;
   const Json& objectives = reader.list(reader.at(j, "", "objectives"), "objectives");
   const Json& initial = j.contains("initial") ? reader.list(j["initial"], "initial") : none;
-  if (variables.empty()) reader.refuse("variables", "is empty, must hold at least 1");
   if (objectives.empty()) reader.refuse("objectives", "is empty, must hold at least 1");
-  for (std::size_t i = 0; i < variables.size(); ++i) {
-    p.space.variables.push_back(read_variable(reader, variables[i], numbered("variables", i)));
-    for (std::size_t k = 0; k < i; ++k)
-      if (p.space.variables[k].name == p.space.variables[i].name)
-        reader.refuse(numbered("variables", i) + ".name", short_form(p.space.variables[i].name) + " is there twice");
-  }
+  read_variables(reader, variables, p.space);
   for (std::size_t i = 0; i < constraints.size(); ++i)
     p.space.constraints.push_back(
         read_constraint(reader, constraints[i], numbered("constraints", i), p.space.variables));
@@ -209,6 +277,12 @@ SpaceFile read_space(const std::string& path) {
     p.objectives.push_back(read_objective(reader, objectives[i], numbered("objectives", i)));
   for (std::size_t i = 0; i < initial.size(); ++i)
     p.initial.push_back(read_design(reader, initial[i], numbered("initial", i), p.space));
+  p.initial_anywhere = true;
+  const Json& known = j.contains("known") ? reader.list(j["known"], "known") : none;
+  for (std::size_t i = 0; i < known.size(); ++i)
+    p.known.push_back(read_known(reader, known[i], numbered("known", i), p));
+  if (j.contains("noise")) p.noise = read_noise(reader, j["noise"]);
+  if (j.contains("repeats")) p.repeats = int(reader.whole(j["repeats"], "repeats", 1, 1000));
   if (j.contains("sobol")) p.sobol = int(reader.whole(j["sobol"], "sobol", 0, 100000));
   p.evaluations = int(reader.whole(reader.at(j, "", "evaluations"), "evaluations", 1, 100000));
   if (j.contains("failures")) {
@@ -233,12 +307,16 @@ SpaceFile read_space(const std::string& path) {
       {"initial", initial}, {"sobol", p.sobol}, {"evaluations", p.evaluations}, {"seed", p.seed},
       {"source", space.source}};
   if (j.contains("failures")) space.whole["failures"] = space.failures;
+  for (const char* key : {"known", "noise", "repeats"})
+    if (j.contains(key)) space.whole[key] = j[key];
+  if (!known_table.empty()) add_known_table(p, space.whole, known_table);
   return space;
 }
 
 Json fixed_part(const Json& space) {
   Json fixed = space;
-  for (const char* key : {"sobol", "evaluations", "failures", "seed", "source"}) fixed.erase(key);
+  for (const char* key : {"known", "noise", "repeats", "sobol", "evaluations", "failures", "seed", "source"})
+    fixed.erase(key);
   for (Json& objective : fixed["objectives"]) {
     objective.erase("name");
     objective.erase("reference");

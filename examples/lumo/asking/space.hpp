@@ -15,11 +15,12 @@ struct SpaceFile {
   Problem problem;
   double failures = 0.5;         ///< share of the evaluations above which failures end a search; 1: never
   std::string source;            ///< of candidates: "paper" or "default"
-  nlohmann::ordered_json whole;  ///< the file with every default written out, for comparison with a transcript
+  nlohmann::ordered_json whole;  ///< the file with all defaults, for comparison with a transcript
 };
 
-/// Throws InputError in one line: the file, the key, its value, and what it must be.
-SpaceFile read_space(const std::string& path);
+/// Throws InputError in one line: the file, the key, its value, and what it must be. `known_table`: CSV of further
+/// known results, or empty.
+SpaceFile read_space(const std::string& path, const std::string& known_table);
 
 /// Throws InvalidArgument with the predicate of a sentence for what is no JSON, holds a number that is not finite, has
 /// a key twice, or nests values so deeply that only an attack makes sense of it.

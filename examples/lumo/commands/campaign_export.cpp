@@ -48,7 +48,7 @@ struct CampaignExport : StoreCommand {
     add_flag(app, "--csv", csv, "A table (default)")->excludes("--json");
   }
   Result run(Output&, Progress&) const {
-    const StoredCampaign c = read_campaign(SqliteJournal(store), store);
+    const StoredCampaign c = read_campaign(store);
     return json ? rows_of(c) : table_of(c);
   }
 };

@@ -6,6 +6,7 @@
 #include "report/report_model.hpp"
 #include "report/report_page.hpp"
 #include "report/report_press.hpp"
+#include "store/open_store.hpp"
 
 #include <algorithm>
 #include <array>
@@ -19,22 +20,10 @@ namespace {
 
 constexpr std::array<double, 2> pressed_diameters_mm = {10.0, 30.0};
 
-/// As a shell takes it for one word.
-std::string word(const std::string& s) {
-  const auto plain = [](char c) {
-    return std::isalnum(static_cast<unsigned char>(c)) != 0 ||
-           std::string_view("/._-+=:,@%").find(c) != std::string_view::npos;
-  };
-  if (!s.empty() && std::all_of(s.begin(), s.end(), plain)) return s;
-  std::string quoted = "'";
-  for (const char c : s) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return quoted + "'";
-}
-
 std::string typed(const std::vector<std::string>& stores, const std::string& page) {
   std::string line = "lumo campaign report";
-  for (const std::string& store : stores) line += " --store " + word(store);
-  return line + " --out " + word(page);
+  for (const std::string& store : stores) line += " --store " + shell_word(shown_store(store));
+  return line + " --out " + shell_word(page);
 }
 
 /// Presses the selected pads, each once, at y = 0 along z; what goes wrong is said in the page.
@@ -70,7 +59,8 @@ struct CampaignReport : Common {
   int threads = all_threads();
 
   void declare(CLI::App& app) {
-    add_texts(app, "--store", stores, "FILE", "File that keeps a campaign; several make one figure")->required();
+    add_texts(app, "--store", stores, "STORE", "File or database that keeps a campaign; several make one figure")
+        ->required();
     add_common(app, *this);
     add_text(app, "--out", page, "FILE", "The page, default report.html");
     add_threads(app, threads);
@@ -99,9 +89,9 @@ struct CampaignReport : Common {
     Json campaigns = Json::array(), variables = Json::array();
     std::vector<Configuration> asked;
     for (const std::string& store : stores) {
-      const StoredCampaign campaign = read_campaign(SqliteJournal(store), store);
+      const StoredCampaign campaign = read_campaign(store);
       title += (campaigns.empty() ? ": " : "; ") + campaign_name(campaign.problem);
-      campaigns.push_back(campaign_model(campaign, store));
+      campaigns.push_back(campaign_model(campaign, shown_store(store)));
       asked.push_back(campaign.problem.asked);
     }
     add_presses(campaigns, asked, threads, progress);

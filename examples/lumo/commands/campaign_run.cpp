@@ -3,8 +3,9 @@
 #include "console/text.hpp"
 #include "store/campaign_problem.hpp"
 #include "store/emptied_store.hpp"
+#include "store/open_store.hpp"
 
-#include "lumo/support/sqlite.hpp"
+#include "lumo/campaign/campaign.hpp"
 
 namespace lumo::program {
 
@@ -44,27 +45,37 @@ struct CampaignRun : Configured {
     add_setting(app, effective, "--seed", "search.seed", "Of the optimiser, default 1");
     add_setting(app, effective, "--source", "search.source",
         "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)");
+    add_setting(app, effective, "--pending", "search.pending",
+        "Designs under way at once, whatever the number of workers, default 1; part of the problem");
     add_threads(app, threads);
   }
   Result run(Output&, Progress& progress) const {
     const Evaluator evaluate = campaign_evaluator(asked(), threads, progress);
     const CampaignProblem problem{asked()};
     tell_if_emptied(store, progress);
-    SqliteJournal log(store, problem_text(problem));
+    CampaignConfig config;
+    config.pending = asked().search.pending;
     Pace pace;
-    const OptimizerStatus end = with_optimizer(problem, asked().search.evaluations, [&](const auto& optimizer) {
-      return run_campaign(log, optimizer, evaluate,
-          [&](const auto& state, int id, const TrialResult& v) { progress.note(line(state, id, v, pace)); });
+    const OptimizerStatus end = with_store(store, problem_text(problem), [&](auto& log) {
+      if (const int taken = int(log.claims().size()); taken >= *config.pending)
+        progress.note(lumo::message("other workers have the ", taken,
+            " designs that --pending lets be under way: this one waits until a design is free"));
+      return with_optimizer(problem, asked().search.evaluations, [&](const auto& optimizer) {
+        return run_campaign(
+            log, optimizer, evaluate,
+            [&](const auto& state, int id, const TrialResult& v) { progress.note(line(state, id, v, pace)); }, config);
+      });
     });
     if (end == OptimizerStatus::exhausted) progress.note("every feasible design that could be found was evaluated");
-    return campaign_status(store, json);
+    return campaign_status(store, json, asked().search.evaluations);
   }
 };
 
 }  // namespace
 
 void add_campaign_run(CommandLine& line) {
-  line.add<CampaignRun>("campaign run", "Evaluate until the store holds enough; continues if the file exists");
+  line.add<CampaignRun>(
+      "campaign run", "Evaluate until the store holds enough; continues one that is there, beside other workers");
 }
 
 }  // namespace lumo::program

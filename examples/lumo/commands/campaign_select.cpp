@@ -5,6 +5,7 @@
 #include "lumo/study/choice_stability.hpp"
 #include "lumo/support/tbb.hpp"
 #include "store/campaign_store.hpp"
+#include "store/open_store.hpp"
 
 #include <algorithm>
 #include <map>
@@ -159,10 +160,10 @@ struct CampaignSelect : StoreCommand {
     add_threads(app, threads);
   }
   Result run(Output&, Progress& progress) const {
-    const StoredCampaign c = read_campaign(SqliteJournal(store), store);
+    const StoredCampaign c = read_campaign(store);
     if (!c.selected)
-      throw InputError(
-          "store '" + store + "' holds no evaluation with both objectives above 0: there is nothing to select from");
+      throw InputError("store '" + shown_store(store) +
+                       "' holds no evaluation with both objectives above 0: there is nothing to select from");
     Selection r{c, c.count(Trial::State::observed), {}, {}};
     if (r.evaluated >= enough_for_a_model) r.stability = stability_of(c, seeds, threads, progress);
     r.gain = gain_of(c, threads, progress);
@@ -172,7 +173,7 @@ struct CampaignSelect : StoreCommand {
       r.best_contact = std::max(r.best_contact, value_at(k.record, "J_contact"));
       r.best_observation = std::max(r.best_observation, value_at(k.record, "J_obs"));
     }
-    return json ? selection_json(r, store).dump(2) + "\n" : selection_text(r);
+    return json ? selection_json(r, shown_store(store)).dump(2) + "\n" : selection_text(r);
   }
 };
 

@@ -1,5 +1,6 @@
 #include "commands/campaigns.hpp"
 #include "store/campaign_store.hpp"
+#include "store/open_store.hpp"
 
 namespace lumo::program {
 
@@ -7,12 +8,11 @@ namespace {
 
 struct CampaignVerify : StoreCommand {
   Result run(Output&, Progress&) const {
-    const SqliteJournal log(store);
-    log.verify();
-    const StoredCampaign c = read_campaign(log, store);
+    const StoredCampaign c = read_campaign(store, Check::whole);
+    const std::string shown = shown_store(store);
     if (json)
-      return Json{{"store", store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
-    return lumo::message(store, ": ok, ", c.trials.size(), " trials, digest ", c.digest, "\n");
+      return Json{{"store", shown}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
+    return lumo::message(shown, ": ok, ", c.trials.size(), " trials, digest ", c.digest, "\n");
   }
 };
 

@@ -7,7 +7,9 @@
 namespace lumo::program {
 
 inline void add_store(CLI::App& app, std::string& store) {
-  add_text(app, "--store", store, "FILE", "File that keeps the campaign")->required();
+  add_text(app, "--store", store, "STORE",
+      "File that keeps the campaign, or a database that several machines share: postgresql://HOST/DATABASE")
+      ->required();
 }
 
 /// A command about one campaign's store.
@@ -20,7 +22,7 @@ struct StoreCommand : Common {
   }
 };
 
-/// What a store holds, as text or JSON. Throws StoreError.
-std::string campaign_status(const std::string& store, bool as_json);
+/// What a store holds, as text or JSON, and how long it is to so many evaluations. Throws StoreError.
+std::string campaign_status(const std::string& store, bool as_json, int evaluations);
 
 }  // namespace lumo::program

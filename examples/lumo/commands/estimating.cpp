@@ -16,6 +16,24 @@ using namespace sense;
 
 void EstimatingCommand::add_localizer(CLI::App& app) {
   add_word(app, "--localizer", localizer, {"bayes", "peak"}, "bayes (default) or peak (the paper's)");
+  add_text(app, "--pad", pad, "FILE",
+      "Computed responses of this pad, which lumo lab … --cache DIR keeps in DIR, for the localiser that knows its "
+      "pad");
+  add_text(app, "--calibration", calibration, "LOG",
+      "Recorded log of this pad with holds at known places, for the localiser that knows its pad");
+}
+
+void EstimatingCommand::check_localizer() const {
+  if (pad && calibration) throw UsageError("--pad and --calibration both say how the pad responds; give one of them");
+  if ((pad || calibration) && localizer != "bayes")
+    throw UsageError(std::string(pad ? "--pad" : "--calibration") +
+                     " is for the localiser that knows its pad, not for " + "--localizer " + localizer);
+}
+
+std::optional<KnownPad> EstimatingCommand::known_pad(Progress& progress) const {
+  if (pad) return computed_pad(*pad);
+  if (calibration) return recorded_pad(*calibration, progress, topics);
+  return std::nullopt;
 }
 
 void EstimatingCommand::add_unloaded(CLI::App& app) {

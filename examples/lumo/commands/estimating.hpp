@@ -3,6 +3,7 @@
 #include "charts/chart.hpp"
 #include "commands/logs.hpp"
 #include "report/json.hpp"
+#include "sensing/known_pad.hpp"
 #include "sensing/live.hpp"
 #include "sensing/log.hpp"
 
@@ -22,10 +23,15 @@ using namespace sense;
 /// A command that estimates something at each picture, of a log or of a live camera.
 struct EstimatingCommand : CameraCommand {
   std::string localizer = "bayes";
-  UnloadedSeconds unloaded;  ///< empty: as the log says
+  std::optional<std::string> pad, calibration;  ///< where the pad's responses are known from
+  UnloadedSeconds unloaded;                     ///< empty: as the log says
 
   virtual ~EstimatingCommand() = default;
   void add_localizer(CLI::App& app);
+  /// Throws UsageError.
+  void check_localizer() const;
+  /// What --pad or --calibration give; none without. Throws InputError.
+  std::optional<KnownPad> known_pad(Progress& progress) const;
   void add_unloaded(CLI::App& app);
   /// Options of the live camera, and those that all commands have.
   void declare_live(CLI::App& app, const std::string& camera_help, bool motors);
@@ -38,8 +44,11 @@ struct EstimatingCommand : CameraCommand {
   virtual void live(LiveLines& lines, Progress& progress) const = 0;
 };
 
-/// Calls `use` with the maker of the localiser of that name, "peak" or "bayes".
-template <class Use> auto with_maker(const std::string& name, Use use) {
+/// Calls `use` with the maker of the localiser that knows its pad, if it is known, or else of that name, "peak" or
+/// "bayes". Pad and session live at least as long as the localiser.
+template <class Use>
+auto with_maker(const std::string& name, const std::optional<KnownPad>& pad, const Session& session, Use use) {
+  if (pad) return use([&](const FingerOptics& finger) { return pad->localizer(finger, session); });
   return name == "peak" ? use(peak_localizer) : use(bayes_localizer);
 }
 

@@ -34,6 +34,7 @@ struct Force : EstimatingCommand {
         true);
   }
   void check() const {
+    check_localizer();
     check_torques("force");
     if (camera.number && unloaded)
       throw UsageError("--unloaded is of a log; a live camera's first second shows the unloaded finger");
@@ -229,8 +230,10 @@ std::optional<TorqueScale> Force::fitted(const ForceScore& score) const {
 constexpr double judged_m = 25.0_mm;
 
 Result Force::on_log(Output& files, Progress& progress) const {
+  const std::optional<KnownPad> known = known_pad(progress);
   progress.stage("reading the log");
   const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics, unloaded);
+  if (known) tell_other_pad(*known, s.log.session, log, progress);
   FingerModel<> finger = finger_model(s.log.session);
   finger.optics = optics_of(s, log, progress);
   require_readable(s.log, LogStream::joints);
@@ -240,7 +243,7 @@ Result Force::on_log(Output& files, Progress& progress) const {
   finger.joints = about(log, [&] { return unloaded_joints(s.log, s.stretch); });
   const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(log, [&] {
-    return with_maker(localizer, [&](auto make) {
+    return with_maker(localizer, known, s.log.session, [&](auto make) {
       return estimate(
           s.log, [&] { return LogCamera(s.log); }, finger, make);
     });
@@ -270,6 +273,7 @@ void Force::live(LiveLines& lines, Progress& progress) const {
   FingerModel<> finger = about(opened.session_place(), [&] { return finger_model(opened.session); });
   finger.joints = about(log, [&] { return unloaded_joints(opened, unloaded_stretch(opened)); });
   require_motors(camera, finger.jacobian.joints());
+  const std::optional<KnownPad> known = known_pad(progress);
   const auto source = pictures().live(settings_of(camera));
   MiniCheetahMotors motors = motors_of(camera);
   progress.tell("leave the finger alone for a second");
@@ -300,8 +304,8 @@ void Force::live(LiveLines& lines, Progress& progress) const {
         cell(seconds, 3) + " s  " + to_string(e.state) + (e.faults.any() ? ", " + to_string(e.faults) : std::string()) +
             (text.empty() ? "  no contact" : text));
   };
-  with_maker(
-      localizer, [&](auto make) { estimate_live(*source, motors, finger, make, line, {.name = camera.device()}); });
+  with_maker(localizer, known, opened.session,
+      [&](auto make) { estimate_live(*source, motors, finger, make, line, {.name = camera.device()}); });
 }
 
 }  // namespace

@@ -42,6 +42,35 @@ void leave(const Lab& rig, Recording log, const FingerOptions& finger, NewFolder
   progress.finish();
 }
 
+/// One exposure for all pads of a kind of finger [DN per emitted power through a bin of 1 mm]: the baseline in Solaris
+/// then has 70 DN at rest, or at most 220 DN under 15 N if that is less (31 DN at rest on the built finger).
+double one_exposure_DN(const FingerOptions& finger) {
+  constexpr double plain_DN = 1.4e5, built_DN = 4.9e5;
+  return finger.pad.cap_length == 0.0 ? plain_DN : built_DN;
+}
+
+/// The rig with what was asked for, by what is assumed of assemblies.
+Rig rig_of(const LabSettings& s, const FingerOptions& finger) {
+  constexpr double rad_per_deg = pi / 180.0;
+  Rig rig;
+  rig.specimen = {s.stiffness, s.lamps};
+  rig.motor.joints = s.joints;
+  if (s.exposure == "one") rig.camera.exposure_DN = one_exposure_DN(finger);
+  rig.assembly.pad_sigma_m = s.assembly * 1.0_mm;
+  rig.assembly.strip_sigma_m = s.assembly * 0.5_mm;
+  rig.assembly.distance_sigma = s.assembly * 0.02;
+  rig.assembly.distortion_sigma = s.assembly * 0.1;
+  for (double& part : rig.silicone.part) part *= s.creep;
+  rig.light.ambient_DN *= s.room;
+  rig.light.shadow = s.shadow;
+  rig.light.one_lamp_sigma = 0.01 * s.one_lamp_percent;
+  rig.contact.slide_m = 1e-3 * s.slide_mm;
+  rig.motor.cogging_Nm = 1e-3 * s.cogging_mNm;
+  rig.motor.backlash_rad = rad_per_deg * s.backlash_deg;
+  rig.motor.clock_offset_s = 1e-3 * s.clock_offset_ms;
+  return rig;
+}
+
 /// The log of a virtual rig in a new folder.
 struct Lab : Configured {
   std::function<LabPlan()> plan;  ///< none: of a hand
@@ -69,12 +98,34 @@ struct Lab : Configured {
         "Of this specimen's silicone, times the nominal one, 0.8 to 2, default 1");
     add_setting(app, effective, "--lamps", "lab.lamps",
         "Power of this specimen's LEDs, times the nominal one, 0.1 to 3, default 1");
+    add_disturbances(app);
     add_text(app, "--cache", light.cache, "DIR", "Folder that keeps computed responses, default: beside DIR");
     add_flag(
         app, "--coarse", light.coarse, "Coarse mesh, few places, few rays: seconds instead of minutes, for trying out");
     add_text(app, "--out", folder, "DIR", "Folder of the log; must not be there, or be empty")->required();
     add_threads(app, light.threads);
     add_common(app, *this);
+  }
+  /// Off unless asked for, but the exposure.
+  void add_disturbances(CLI::App& app) {
+    const auto add = [&](const char* flag, const char* path, const char* help) {
+      add_setting(app, effective, flag, path, help);
+    };
+    add("--exposure", "lab.exposure",
+        "one (default): the camera's for all pads, as in the paper; pad: each pad its own, 70 DN at rest");
+    add("--diameter", "lab.diameter_mm", "Of the sphere [mm], default 10");
+    add("--angle", "lab.angle_deg", "Of approach from the side, -10 to 10 [°], default 0");
+    add("--slide", "lab.slide_mm", "Way of each contact along the finger, from touch to leaving [mm], default 0");
+    add("--creep", "lab.creep", "Times the parts of the silicone's stiffness that relax, default 1");
+    add("--room", "lab.room", "Times the room's light, default 1");
+    add("--shadow", "lab.shadow", "Share of the room's light that the tool takes away before it, default 0");
+    add("--assembly", "lab.assembly",
+        "Times the errors of an assembly (pad 1 mm, LEDs 0.5 mm, camera's distance 2 %, distortion 0.1), default 0");
+    add("--one-lamp", "lab.one_lamp_percent", "Change of each LED by itself [%], standard deviation, default 0");
+    add("--cogging", "lab.cogging_mNm", "Amplitude of the motor's cogging [mN·m], default 0");
+    add("--backlash", "lab.backlash_deg", "Of the joint's gear [°], default 0");
+    add("--clock-offset", "lab.clock_offset_ms",
+        "Of the joints' stamps [ms], which the session does not state, default 0");
   }
   void check() const {
     if (to_last_load && asked().lab.stiffness < 1.0)
@@ -89,13 +140,12 @@ struct Lab : Configured {
     const LabSettings& settings = asked().lab;
     ResponsesRequest wanted = light;
     wanted.pad = asked().pad;
+    wanted.diameter_mm = settings.diameter_mm;
     const PadLight computed(responses(wanted, folder, progress));
     const Pad& pad = asked().pad;
     const SideGeometry side = side_geometry(finger(pad.design(), pad.silicone, pad.finger));
     const auto whole_seed = std::uint64_t(settings.seed);
-    Rig instruments;
-    instruments.specimen = {settings.stiffness, settings.lamps};
-    instruments.motor.joints = settings.joints;
+    const Rig instruments = rig_of(settings, pad.finger);
     if (!plan) {
       const std::vector<double> places = light.coarse ? computed.places_m() : std::vector<double>{};
       const HandLab hand(
@@ -104,8 +154,9 @@ struct Lab : Configured {
       return summary(hand, "grasps", hand.plan().grasps.size());
     }
     const double shift = computed.responses().equal_ends() ? 0.0 : built_finger_shift_m;
-    const VirtualRig rig(
-        computed, up_to(moved(plan(), shift), computed.max_load_N()), whole_seed, settings.noise, instruments, side);
+    LabPlan planned = up_to(moved(plan(), shift), computed.max_load_N());
+    for (LabContact& c : planned.contacts) c.angle_rad += settings.angle_deg * pi / 180.0;
+    const VirtualRig rig(computed, planned, whole_seed, settings.noise, instruments, side);
     Recording log;
     log.wrenches = rig.wrenches();
     log.markers = rig.markers();

@@ -76,9 +76,13 @@ template <class Optimizer> Json answer(Optimizer& optimizer, const Json& message
   if (message.size() != 1) throw InvalidArgument("answer must be {\"tell\": ...} or {\"fail\": ...}");
   if (message.contains("tell")) {
     const Json& tell = message["tell"];
-    only(tell, "tell", {"id", "y"});
-    optimizer.tell(whole(tell, "id"), numbers(tell, "y"));
-    return {{"tell", {{"id", tell["id"]}, {"y", optimizer.trials()[tell["id"].template get<std::size_t>()].outputs}}}};
+    only(tell, "tell", {"id", "y", "y_err"});
+    optimizer.tell(
+        whole(tell, "id"), numbers(tell, "y"), tell.contains("y_err") ? numbers(tell, "y_err") : std::vector<double>{});
+    const Trial& reported = optimizer.trials()[tell["id"].template get<std::size_t>()];
+    Json kept = {{"id", tell["id"]}, {"y", reported.outputs}};
+    if (!reported.errors.empty()) kept["y_err"] = reported.errors;
+    return {{"tell", kept}};
   }
   const Json& fail = message["fail"];
   only(fail, "fail", {"id", "retry", "why"});
@@ -108,8 +112,9 @@ void note(const std::string& text) { std::cerr << "lumo: " << text << std::endl;
 template <class Optimizer> void name_outliers(const Optimizer& optimizer, std::set<std::pair<int, int>>& named) {
   for (const auto& o : optimizer.outliers())
     if (named.emplace(o.id, o.output).second)
-      note(lumo::message("trial ", o.id, ": ", one_line(optimizer.problem().objectives[std::size_t(o.output)].name),
-          " = ", o.value, " is an outlier: the other values lie from ", o.low, " to ", o.high, "; the search takes it ",
+      note(lumo::message(o.id < 0 ? "known result " : "trial ", o.id < 0 ? -1 - o.id : o.id, ": ",
+          one_line(optimizer.problem().objectives[std::size_t(o.output)].name), " = ", o.value,
+          " is an outlier: the other values lie from ", o.low, " to ", o.high, "; the search takes it ",
           o.better ? "as not evaluated" : "for a failure"));
 }
 
@@ -123,11 +128,34 @@ std::string too_many_failures(const Optimizer& optimizer, double share, const st
 }
 
 template <class Optimizer> void send_front(const Optimizer& optimizer) {
+  const Problem& p = optimizer.problem();
+  const auto standing = optimizer.standing();
   Json front = Json::array();
-  for (const Outcome& o : optimizer.front())
-    front.push_back(
-        {{"x", typed(optimizer.trials()[std::size_t(o.id)].x, optimizer.problem().space)}, {"y", o.objectives}});
-  send({{"front", front}, {"hypervolume", optimizer.hypervolume()}});
+  for (const Outcome& o : standing.front) {
+    Json one = {
+        {"x", typed(o.id < 0 ? p.known[std::size_t(-1 - o.id)].x : optimizer.trials()[std::size_t(o.id)].x, p.space)},
+        {"y", o.objectives}};
+    if (!o.deviations.empty()) one["y_err"] = o.deviations;
+    if (o.id < 0) one["known"] = -1 - o.id;
+    front.push_back(std::move(one));
+  }
+  Json last = {{"front", front}, {"hypervolume", standing.hypervolume}};
+  if (standing.low != standing.high) last["interval_90"] = {standing.low, standing.high};
+  last["values"] = standing.modelled.empty()
+                       ? "as reported"
+                       : "means of the models, as there is noise: " +
+                             listing(standing.modelled, [](const std::string& name) { return one_line(name); });
+  send(last);
+}
+
+/// Says which initial designs no search would have asked.
+void name_designs_outside(const Problem& p) {
+  for (std::size_t i = 0; i < p.initial.size(); ++i) try {
+      p.space.check(p.initial[i]);
+    } catch (const InfeasibleDesign& e) {
+      note(lumo::message(
+          "initial[", i, "] is asked as it is, and counts in no front unless it lies inside: ", e.what()));
+    }
 }
 
 template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::string& path, const SpaceFile& space) {
@@ -181,15 +209,18 @@ template <class Optimizer> void ask_and_tell(Optimizer& optimizer, const std::st
 }
 
 struct Optimize : Common {
-  std::string space, transcript;
+  std::string space, transcript, known;
 
   void declare(CLI::App& app) {
     add_text(app, "--space", space, "FILE", "Variables, constraints, objectives and budget (JSON)")->required();
+    add_text(app, "--known", known, "FILE",
+        "Earlier results (CSV: variables, objectives, perhaps <objective>_err), which the models know from the start");
     add_text(app, "--transcript", transcript, "FILE",
         "Keeps all that is asked and answered; continues from it where it exists");
   }
   Result run(Output&, Progress&) const {
-    const SpaceFile file = read_space(space);
+    const SpaceFile file = read_space(space, known);
+    name_designs_outside(file.problem);
     with_optimizer(file.problem, file.source, [&](auto optimizer) { ask_and_tell(optimizer, transcript, file); });
     return std::string();
   }

@@ -25,7 +25,9 @@ struct PadSettings {
   Focus focus;
   Light<SideSight>::Config rays;
 
-  PadSettings(const FingerOptions& of, bool coarse) : finger(of) {
+  explicit PadSettings(const PressedPad& pressed) : finger(pressed.pad.finger) {
+    const FingerOptions& of = pressed.pad.finger;
+    grid.diameter_m = 1e-3 * pressed.diameter_mm;
     // A half as fine about the contact as elsewhere: depths are within 0.2 % of the default mesh's (y = 5 mm, 1 to 20
     // N), in less than half of the time.
     focus = {0.4e-3, 0.2, 0.8};
@@ -38,7 +40,7 @@ struct PadSettings {
     rays.rays_per_emitter = 1 << 17;
     rays.carrier_rays = 1 << 17;
     rays.exit_rays = 1 << 19;
-    if (!coarse) return;
+    if (!pressed.coarse) return;
     grid.load_N = {2.0, 5.0, grid.load_N.back()};
     if (equal_ends) {
       grid.place_m = {0.0, 13.0_mm, 26.0_mm};
@@ -57,8 +59,9 @@ struct PadSettings {
 
 }  // namespace
 
-std::string pad_responses_key(const Pad& o, bool coarse) {
-  const PadSettings s(o.finger, coarse);
+std::string pad_responses_key(const PressedPad& pressed) {
+  const PadSettings s(pressed);
+  const Pad& o = pressed.pad;
   return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ",
       text_of(tree_of(of_pad(o), {"silicone", "finger", "leds", "mesh"}), -1), ", sphere ", 1e3 * s.grid.diameter_m,
       " mm, places ", joined(s.grid.place_m), " m, loads ", joined(s.grid.load_N), " N, finest edge ",
@@ -66,8 +69,9 @@ std::string pad_responses_key(const Pad& o, bool coarse) {
       s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
 }
 
-PadResponses make_pad_responses(const Pad& o, bool coarse, int threads, Progress& progress) {
-  const PadSettings s(o.finger, coarse);
+PadResponses make_pad_responses(const PressedPad& pressed, int threads, Progress& progress) {
+  const PadSettings s(pressed);
+  const Pad& o = pressed.pad;
   auto pipeline = pipeline_for<SideSight>(of_pad(o), Light<SideSight>(s.rays, s.sight));
   pipeline.focus = s.focus;
   pipeline.rays.rounds = 0;

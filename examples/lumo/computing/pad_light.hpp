@@ -9,11 +9,18 @@
 
 namespace lumo::program {
 
-/// Light of a pad at all places and loads of the virtual lab. Coarse: a few places, for trying out; contacts in between
-/// are then far from right.
-PadResponses make_pad_responses(const Pad& pad, bool coarse, int threads, Progress& progress);
+/// A pad and the sphere that presses it. Coarse: a few places, for trying out; contacts in between are then far from
+/// right.
+struct PressedPad {
+  Pad pad;
+  bool coarse = false;
+  double diameter_mm = 10.0;
+};
+
+/// Its light at all places and loads of the virtual lab.
+PadResponses make_pad_responses(const PressedPad& pressed, int threads, Progress& progress);
 
 /// In one line what is computed and how.
-std::string pad_responses_key(const Pad& pad, bool coarse);
+std::string pad_responses_key(const PressedPad& pressed);
 
 }  // namespace lumo::program

@@ -29,6 +29,13 @@
 #include <sqlite3.h>
 #include <xxhash.h>
 #endif
+#ifdef LUMO_PROGRAM_POSTGRES
+#if __has_include(<postgresql/libpq-fe.h>)
+#include <postgresql/libpq-fe.h>
+#else
+#include <libpq-fe.h>
+#endif
+#endif
 #ifdef LUMO_PROGRAM_ZIP
 #include <zip.h>
 #endif
@@ -123,6 +130,10 @@ void find_formats(Findings& list) {
   list.found("SQLite", sqlite3_libversion());
   list.found("xxHash", dotted(XXH_VERSION_MAJOR, XXH_VERSION_MINOR, XXH_VERSION_RELEASE));
 #endif
+#ifdef LUMO_PROGRAM_POSTGRES
+  const int libpq = PQlibVersion();
+  list.found("libpq", std::to_string(libpq / 10000) + "." + std::to_string(libpq % 10000));
+#endif
 #ifdef LUMO_PROGRAM_OPENCV
   list.found("OpenCV", LUMO_PROGRAM_OPENCV);
 #endif
@@ -152,6 +163,7 @@ std::vector<Component> components() {
       {"oneTBB", "Apache-2.0", "libtbb-dev", "threads"},
       {"SQLite", "public domain", "libsqlite3-dev", "stores of campaigns and studies"},
       {"xxHash", "BSD-2-Clause", "libxxhash-dev", "their digests"},
+      {"libpq", "PostgreSQL", "libpq-dev", "stores that many machines share"},
       {"plotly.js", "MIT", "python3-plotly", "charts of reports"},
       {"OpenCV", "Apache-2.0", "libopencv-dev", "pictures, videos, cameras"},
       {"libzip", "BSD-3-Clause", "libzip-dev", "3MF files of lumo fabricate"},

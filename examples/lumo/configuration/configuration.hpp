@@ -58,6 +58,7 @@ enum class References { built, plain };
 /// The search for the best design.
 struct Search {
   int evaluations = 160, seed = 1;
+  int pending = 1;                            ///< designs under way at once
   std::string source = "default";             ///< of candidates: "default" or "paper"
   References references = References::built;  ///< the designs that it starts with
 
@@ -69,6 +70,13 @@ struct LabSettings {
   int seed = 1, joints = 1;
   double noise = 1.0;                   ///< times the rig's
   double stiffness = 1.0, lamps = 1.0;  ///< of the specimen, times the computed pad's
+  std::string exposure = "one";         ///< for all pads "one", or for each "pad" its own
+  double diameter_mm = 10.0;            ///< of the sphere
+  double angle_deg = 0.0, slide_mm = 0.0;
+  double creep = 1.0, room = 1.0;  ///< times the rig's relaxing parts, and its ambient light
+  double assembly = 0.0;           ///< times what is assumed of it (assumed_assembly)
+  double one_lamp_percent = 0.0, shadow = 0.0;
+  double cogging_mNm = 0.0, backlash_deg = 0.0, clock_offset_ms = 0.0;
 
   bool operator==(const LabSettings&) const = default;
 };

@@ -517,6 +517,10 @@ Settings efforts() {
           [](auto& c) -> auto& { return c.search.evaluations; }),
       whole(
           "search.seed", lumo, any_seed, "Of the optimiser", [](auto& c) -> auto& { return c.search.seed; }),
+      whole(
+          "search.pending", lumo, {1, 1000},
+          "Designs under way at once: part of the problem, so that results do not depend on the number of workers",
+          [](auto& c) -> auto& { return c.search.pending; }),
       choice(
           "search.source", lumo, Names<std::string>{{"default", "default"}, {"paper", "paper"}},
           "Candidates: default (with neighbours of the front) or paper (256 fresh ones)",
@@ -536,6 +540,48 @@ Settings efforts() {
       number(
           "lab.lamps", lumo, {{0.1, 3}}, "Power of the specimen's LEDs, times the nominal one",
           [](auto& c) -> auto& { return c.lab.lamps; })};
+}
+
+/// What a virtual rig may be besides; off unless asked for, but the exposure.
+Settings lab_disturbances() {
+  using enum Mark;
+  return {choice(
+              "lab.exposure", paper, Names<std::string>{{"one", "one"}, {"pad", "pad"}},
+              "Of the camera: one for all pads of a kind of finger, or for each pad its own",
+              [](auto& c) -> auto& { return c.lab.exposure; }),
+      number(
+          "lab.diameter_mm", paper, {{2, 100}, "mm"}, "Of the sphere",
+          [](auto& c) -> auto& { return c.lab.diameter_mm; }),
+      number(
+          "lab.angle_deg", lumo, {{-10, 10}, "°"}, "Of approach from the side",
+          [](auto& c) -> auto& { return c.lab.angle_deg; }),
+      number(
+          "lab.slide_mm", lumo, {{-20, 20}, "mm"}, "Way of each contact along the finger, from touch to leaving",
+          [](auto& c) -> auto& { return c.lab.slide_mm; }),
+      number(
+          "lab.creep", lumo, {{0, 5}}, "Times the parts of the silicone's stiffness that relax",
+          [](auto& c) -> auto& { return c.lab.creep; }),
+      number(
+          "lab.room", lumo, {{0, 20}}, "Times the room's light", [](auto& c) -> auto& { return c.lab.room; }),
+      number(
+          "lab.shadow", lumo, {{0, 1}}, "Share of the room's light that the tool takes away before it",
+          [](auto& c) -> auto& { return c.lab.shadow; }),
+      number(
+          "lab.assembly", lumo, {{0, 5}},
+          "Times an assembly's errors: pad 1 mm, LED strip 0.5 mm, camera's distance 2 %, distortion 0.1",
+          [](auto& c) -> auto& { return c.lab.assembly; }),
+      number(
+          "lab.one_lamp_percent", lumo, {{0, 30}, "%"}, "Change of each LED by itself, standard deviation",
+          [](auto& c) -> auto& { return c.lab.one_lamp_percent; }),
+      number(
+          "lab.cogging_mNm", lumo, {{0, 1000}, "mN·m"}, "Amplitude of the motor's cogging",
+          [](auto& c) -> auto& { return c.lab.cogging_mNm; }),
+      number(
+          "lab.backlash_deg", lumo, {{0, 10}, "°"}, "Of the joint's gear",
+          [](auto& c) -> auto& { return c.lab.backlash_deg; }),
+      number(
+          "lab.clock_offset_ms", lumo, {{-1000, 1000}, "ms"}, "Of the joints' stamps, which the session does not state",
+          [](auto& c) -> auto& { return c.lab.clock_offset_ms; })};
 }
 
 /// Apart from the mechanics, which decide results: a store goes on under another limit.
@@ -572,7 +618,7 @@ Settings casting() {
 Settings make_settings() {
   Settings all = design_and_silicone();
   for (auto* group : {&finger_shape, &touched_surface, &finger_light, &readout, &meshes, &mechanics_settings,
-           &contacts_settings, &efforts, &time_limits, &cameras, &casting})
+           &contacts_settings, &efforts, &lab_disturbances, &time_limits, &cameras, &casting})
     add(all, group());
   return all;
 }

@@ -50,20 +50,65 @@ const range = (values, pad) => {
   return [low - room, high + room];
 };
 
+// Buttons of a chart's bar have pictures only, and react to a mouse only.
+function nameButtons(plot) {
+  for (const button of plot.querySelectorAll(".modebar-btn")) {
+    button.setAttribute("role", "button");
+    button.setAttribute("aria-label", button.dataset.title || button.getAttribute("data-title"));
+    button.tabIndex = 0;
+    button.onkeydown = (event) => {
+      if (event.key !== "Enter" && event.key !== " ") return;
+      event.preventDefault();
+      button.click();
+    };
+  }
+}
+
+// A figure's numbers as a table that opens: for whoever does not see the chart. It is made when it is opened.
+class NumbersTable {
+  constructor(title, rows) {
+    const longest = 300;
+    this.box = element("details", "", {className: "numbers"});
+    this.body = element("div", "", {className: "scroll", tabIndex: 0, role: "region", ariaLabel: `Numbers: ${title}`});
+    this.fill = () => {
+      if (!this.box.open) return;
+      const [head, ...all] = rows(), table = element("table");
+      const add = (cells, tag, scope) => {
+        const row = element("tr");
+        row.append(...cells.map((v) => element(tag, isNumber(v) ? shown(v, 5) : v ?? "", scope ? {scope} : {})));
+        table.append(row);
+      };
+      table.append(element("caption", all.length > longest ? `The first ${longest} of ${all.length} rows; the CSV file has all.` : title));
+      add(head, "th", "col");
+      all.slice(0, longest).forEach((cells) => add(cells, "td"));
+      this.body.replaceChildren(table);
+    };
+    this.box.append(element("summary", "Numbers as a table"), this.body);
+    this.box.addEventListener("toggle", this.fill);
+  }
+}
+
 class Figure {
-  // `rows()` gives the table behind the figure; `name` its file's.
+  // `rows()` gives the table behind the figure; `name` its file's. Without a title the section's is the figure's.
   constructor(section, id, title, name, rows) {
+    this.title = title || section.querySelector("h2").textContent;
     this.box = element("figure", "", {id});
     this.head = element("div", "", {className: "head"});
-    this.head.append(element("h3", title));
-    this.csv = element("button", "CSV", {className: "csv", type: "button", title: `Download the data of this figure: ${name}.csv`});
+    if (title) this.head.append(element("h3", title));
+    this.csv = element("button", "CSV", {
+      className: "csv",
+      type: "button",
+      title: `Download the data of this figure: ${name}.csv`,
+      ariaLabel: `CSV: download the numbers of ${this.title}`
+    });
     this.csv.addEventListener("click", () => download(`${name}.csv`, csvText(rows())));
     this.controls = element("span", "", {className: "controls"});
     this.head.append(this.controls, this.csv);
-    this.plot = element("div", "", {className: "plot"});
+    this.plot = element("div", "", {className: "plot", role: "group", ariaLabel: `Chart: ${this.title}`});
+    this.numbers = new NumbersTable(this.title, rows);
     this.text = element("p", "", {className: "note", hidden: true});
     this.caption = element("figcaption");
-    this.box.append(this.head, this.plot, this.text, this.caption);
+    this.box.append(this.head, this.plot, this.text, this.caption, this.numbers.box);
     section.append(this.box);
   }
 
@@ -84,21 +129,24 @@ class Figure {
 
   reveal() {
     this.text.hidden = true;
-    this.plot.hidden = this.csv.hidden = this.controls.hidden = false;
+    this.plot.hidden = this.csv.hidden = this.controls.hidden = this.numbers.box.hidden = false;
   }
 
   show(data, layout, caption = "", options = {}) {
     this.reveal();
     this.caption.textContent = caption;
     this.plot.style.height = `${layout.height}px`;
-    const done = Plotly.react(this.plot, data, chartLayout(layout), Object.assign({}, chartOptions, options));
+    this.plot.ariaLabel = `Chart: ${this.title}. ${caption}`;
+    this.numbers.fill();
+    const done = Plotly.react(this.plot, data, chartLayout(layout), Object.assign({}, chartOptions, options))
+                     .then(() => nameButtons(this.plot));
     pending.push(done);
     return done;
   }
 
   // A sentence where there is nothing to draw; the controls stay where another choice may have something.
   say(sentence, otherwise = false) {
-    this.plot.hidden = this.csv.hidden = true;
+    this.plot.hidden = this.csv.hidden = this.numbers.box.hidden = true;
     this.controls.hidden = !otherwise;
     this.caption.textContent = "";
     this.text.hidden = false;

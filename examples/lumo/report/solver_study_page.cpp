@@ -134,8 +134,15 @@ std::string aligned(const std::vector<std::vector<std::string>>& lines) {
 /// One line of a table; `tag` is td or th.
 std::string html_row(const std::vector<std::string>& cells, const std::string& tag) {
   std::string row = "<tr>";
-  for (const std::string& c : cells) row += "<" + tag + ">" + c + "</" + tag + ">";
+  const std::string scope = tag == "th" ? " scope=\"col\"" : "";
+  for (const std::string& c : cells) row += "<" + tag + scope + ">" + c + "</" + tag + ">";
   return row + "</tr>\n";
+}
+
+/// A chart with its name for whoever does not see it.
+std::string html_figure(const std::string& name, const LineChart& chart) {
+  return "<figure role=\"img\" aria-label=\"Chart: " + name + "; its numbers are in the table of states\">\n" +
+         draw(chart) + "</figure>\n";
 }
 
 }  // namespace
@@ -147,8 +154,9 @@ std::string solver_page(const Configuration& o, const SolverStudy& study) {
   for (const SolverRow& r : study.rows) page += html_row(cells(r), "td");
   page += "</table></div>\n<ul>\n";
   for (const SolverRow& r : study.rows) page += "<li>" + r.name + ": " + mechanics_text(r.mechanics) + "</li>\n";
-  page += "</ul>\n" + draw(depth_chart(study));
-  if (const LineChart chart = distance_chart(study); !chart.curves.empty()) page += draw(chart);
+  page += "</ul>\n" + html_figure("depth over load", depth_chart(study));
+  if (const LineChart chart = distance_chart(study); !chart.curves.empty())
+    page += html_figure("distance to equilibrium over load", chart);
   page += "<h2>States</h2>\n<p>" + std::string(meaning) + "</p>\n<div class=\"scroll\"><table>\n" +
           html_row(state_columns, "th");
   for (const SolverRow& r : study.rows)

@@ -1,6 +1,5 @@
 #include "sensing/responses.hpp"
 
-#include "computing/pad_light.hpp"
 #include "console/interrupt.hpp"
 
 #include "lumo/lab/pad_file.hpp"
@@ -31,13 +30,13 @@ std::string cache_file(const ResponsesRequest& o, const std::string& log_path, c
 }  // namespace
 
 PadResponses responses(const ResponsesRequest& o, const std::string& log, Progress& progress) {
-  const std::string key = pad_responses_key(o.pad, o.coarse), file = cache_file(o, log, key);
+  const std::string key = pad_responses_key(o), file = cache_file(o, log, key);
   try {
     if (auto kept = read_pad_responses(file, key)) return std::move(*kept);
   } catch (const InputError& e) {
     progress.note(std::string(e.what()) + "; computed anew");
   }
-  PadResponses r = make_pad_responses(o.pad, o.coarse, o.threads, progress);
+  PadResponses r = make_pad_responses(o, o.threads, progress);
   {
     const FilesBeingWritten whole;
     write_pad_responses(file, r, key);

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "configuration/configuration.hpp"
+#include "computing/pad_light.hpp"
 #include "console/progress.hpp"
 
 #include "lumo/lab/pad_responses.hpp"
@@ -13,9 +13,7 @@ namespace lumo::program {
 using namespace sense;
 
 /// A pad's light, and where it is kept.
-struct ResponsesRequest {
-  Pad pad;
-  bool coarse = false;
+struct ResponsesRequest : PressedPad {
   int threads = 1;
   std::optional<std::string> cache;  ///< folder; else beside `log`
 };

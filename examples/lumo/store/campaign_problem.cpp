@@ -35,6 +35,7 @@ Json problem_json(const CampaignProblem& p) {
   j["initial"] = problem.initial;
   j["sobol"] = problem.sobol;
   j["source"] = p.asked.search.source;
+  if (p.asked.search.pending != 1) j["pending"] = p.asked.search.pending;  // stores from before it have none
   j["seed"] = p.asked.search.seed;
   return j;
 }
@@ -88,6 +89,7 @@ CampaignProblem read_problem(const std::string& text, const std::string& store) 
     p.asked = j.at("ensemble").is_string() ? before_configurations(j) : configuration_in(j);
     p.asked.search.source = j.at("source").get<std::string>();
     p.asked.search.seed = j.at("seed").get<int>();
+    p.asked.search.pending = j.value("pending", 1);
     p.asked.search.references = references_in(j);
     if (p.results == results_version ? text == problem_text(p) : same_search(j, problem_json(p))) return p;
   } catch (const nlohmann::json::exception&) {

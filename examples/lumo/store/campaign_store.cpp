@@ -1,5 +1,7 @@
 #include "store/campaign_store.hpp"
 
+#include "store/open_store.hpp"
+
 #include "lumo/objective/selection.hpp"
 #include "lumo/optimize/hypervolume.hpp"
 
@@ -28,6 +30,18 @@ void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std
   }
 }
 
+/// Claims of what is under way, numbered as the trials are.
+template <class State> void keep_claims_of_trials(StoredCampaign& campaign, const State& state) {
+  std::vector<Claim> kept;
+  for (const StoredTrial& t : campaign.trials)
+    for (Claim c : campaign.claims)
+      if (t.state == Trial::State::pending && c.number == state.asked(t.id)) {
+        c.number = t.id;
+        kept.push_back(std::move(c));
+      }
+  campaign.claims = std::move(kept);
+}
+
 }  // namespace
 
 const char* name(Trial::State state) {
@@ -42,13 +56,20 @@ int StoredCampaign::count(Trial::State state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
 }
 
-StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store) {
-  const std::vector<JournalEntry> entries = log.entries();
+StoredCampaign read_campaign(const std::string& store, Check check) {
   StoredCampaign campaign;
+  std::vector<std::string> records;
+  const std::vector<JournalEntry> entries = with_store(store, [&](const auto& log) {
+    if (check == Check::whole) log.verify();
+    const std::vector<JournalEntry> all = log.entries();
+    for (const JournalEntry& e : all) records.push_back(log.record(e.number));
+    campaign.digest = log.digest(all.back().number);
+    campaign.problem_digest = log.digest(0);
+    campaign.claims = log.claims();
+    return all;
+  });
   campaign.problem_text = entries.front().content;
-  campaign.problem = read_problem(campaign.problem_text, store);
-  campaign.digest = log.digest();
-  campaign.problem_digest = log.digest(0);
+  campaign.problem = read_problem(campaign.problem_text, shown_store(store));
   with_optimizer(campaign.problem, any_number, [&](auto optimizer) {
     CampaignState state(std::move(optimizer));
     state.read(entries);
@@ -60,13 +81,14 @@ StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store)
       s.state = t.state;
       s.why = t.why;
       if (const auto number = state.answered(t.id)) {
-        s.record = json_or_null(log.record(*number));
+        s.record = json_or_null(records[std::size_t(*number)]);
         s.notes = json_or_null(entries[std::size_t(*number)].notes);
       }
       if (t.state == Trial::State::observed) rated.push_back({campaign.trials.size(), {t.outputs[0], t.outputs[1]}});
       campaign.trials.push_back(std::move(s));
     }
     campaign.asked = state.optimizer().trials();
+    keep_claims_of_trials(campaign, state);
     rate(campaign, rated);
   });
   return campaign;

@@ -4,7 +4,6 @@
 #include "store/campaign_problem.hpp"
 
 #include "lumo/campaign/campaign.hpp"
-#include "lumo/support/sqlite.hpp"
 
 #include <optional>
 #include <string>
@@ -34,14 +33,18 @@ struct StoredCampaign {
   std::string problem_text;  ///< as it stands in the store
   std::string digest, problem_digest;
   std::vector<StoredTrial> trials;
-  std::vector<Trial> asked;  ///< the same trials as the optimiser knows them
+  std::vector<Trial> asked;   ///< the same trials as the optimiser knows them
+  std::vector<Claim> claims;  ///< of living workers, by trial: their numbers are indices into `trials`
   double hypervolume = 0.0;
   std::optional<std::size_t> selected;  ///< index into `trials`
 
   int count(Trial::State state) const;
 };
 
-/// Reads the log in the file `store`. Throws StoreError, or InputError for another program's.
-StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store);
+enum class Check { as_read, whole };
+
+/// Reads what a file or a database keeps; `whole` checks more than what is read. Throws StoreError, or InputError for
+/// another program's.
+StoredCampaign read_campaign(const std::string& store, Check check = Check::as_read);
 
 }  // namespace lumo::program

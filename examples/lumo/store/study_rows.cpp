@@ -2,9 +2,9 @@
 
 #include "console/text.hpp"
 #include "lumo/campaign/campaign.hpp"
-#include "lumo/support/sqlite.hpp"
 #include "store/campaign_problem.hpp"
 #include "store/emptied_store.hpp"
+#include "store/open_store.hpp"
 
 #include <algorithm>
 
@@ -41,8 +41,9 @@ Json json(const PairedSummary& s) {
 
 std::vector<StudyRow> study_rows(const std::string& store, const std::string& problem_text, const Problem& problem,
     const Evaluator& evaluate, const std::function<std::string(const StudyRow&)>& outcome, Progress& progress) {
+  if (is_database(store)) throw UsageError("studies are kept in files: --store must be a file");
   tell_if_emptied(store, progress);
-  if (!store.empty()) return rows_of(SqliteJournal(store, problem_text), problem, evaluate, outcome, progress);
+  if (!store.empty()) return rows_of(SqliteStore(store, problem_text), problem, evaluate, outcome, progress);
   progress.note("not kept: with --store FILE it goes on after an interruption");
   return rows_of(MemoryJournal(problem_text), problem, evaluate, outcome, progress);
 }

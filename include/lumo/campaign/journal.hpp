@@ -1,12 +1,14 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/stopwatch.hpp"
 
 #include <algorithm>
 #include <charconv>
 #include <concepts>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -74,6 +76,28 @@ concept Journal = requires(J& journal, const J& view,
   { journal.claim(number) } -> std::same_as<bool>;
 };
 
+/// Work that a living worker has claimed.
+struct Claim {
+  std::int64_t number = 0;      ///< of the entry that announces it
+  std::string node, process;    ///< as the store knows them
+  std::optional<double> age_s;  ///< by the store's own clock; nullopt if it keeps no times
+};
+
+/// A journal that several workers share. Laws: at most one living worker has a claim, and it ends with its worker; an
+/// answer that was delivered is there after any crash, and waits outside of the entries until one with its kind and
+/// content is there; a second one to the same entry is not taken.
+template <class S>
+concept Store = Journal<S> && requires(
+    S& store, const S& view, const JournalEntry& answer, const std::vector<std::int64_t>& numbers, double seconds) {
+  { store.claim_first(numbers) } -> std::same_as<std::optional<std::int64_t>>;
+  { store.release(answer.number) } -> std::same_as<void>;
+  { store.deliver(answer.number, answer) } -> std::same_as<bool>;
+  { view.delivered() } -> std::same_as<std::vector<std::int64_t>>;
+  { view.delivery(answer.number) } -> std::same_as<std::optional<JournalEntry>>;
+  { view.claims() } -> std::same_as<std::vector<Claim>>;
+  { store.wait(seconds) } -> std::same_as<void>;
+};
+
 /// A journal that lives as long as its process.
 class MemoryJournal {
  public:
@@ -95,17 +119,44 @@ class MemoryJournal {
     if (!entry) return std::nullopt;
     entry->number = std::int64_t(entries_.size());
     entries_.push_back(*entry);
+    std::erase_if(
+        delivered_, [&](const auto& d) { return d.second.kind == entry->kind && d.second.content == entry->content; });
     return entry;
   }
 
   /// May this process work on the trial that the entry announces? Not while another living process does.
   bool claim(std::int64_t) { return true; }
+  /// The first of these entries whose trial this process may work on.
+  std::optional<std::int64_t> claim_first(const std::vector<std::int64_t>& numbers) {
+    return numbers.empty() ? std::nullopt : std::optional(numbers.front());
+  }
+  void release(std::int64_t) {}
+  std::vector<Claim> claims() const { return {}; }
+
+  /// Keeps the answer to the entry `number` until its turn; false if there is one.
+  bool deliver(std::int64_t number, JournalEntry answer) {
+    for (const JournalEntry& e : entries_)
+      if (e.kind == answer.kind && e.content == answer.content) return false;
+    return delivered_.try_emplace(number, std::move(answer)).second;
+  }
+  std::vector<std::int64_t> delivered() const {
+    std::vector<std::int64_t> numbers;
+    for (const auto& [number, answer] : delivered_) numbers.push_back(number);
+    return numbers;
+  }
+  std::optional<JournalEntry> delivery(std::int64_t number) const {
+    const auto found = delivered_.find(number);
+    return found == delivered_.end() ? std::nullopt : std::optional(found->second);
+  }
+  /// Until something may have changed, at most so long.
+  void wait(double seconds) { pause_for(seconds); }
 
  private:
   std::vector<JournalEntry> entries_;
+  std::map<std::int64_t, JournalEntry> delivered_;
 };
 
-static_assert(Journal<MemoryJournal>);
+static_assert(Store<MemoryJournal>);
 
 /// A trial in a journal: "<id> <design>" (ask), "<id> <outputs>" (tell) or "<id> retry|final <why>" (fail).
 struct TrialEntry {

@@ -68,6 +68,24 @@ struct DesignSpace {
 
   /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
   bool contains(std::span<const double> x) const;
+
+  /// Throws InvalidArgument when the number of values is wrong, or one lies more than a million widths off the bounds:
+  /// all else can be a result, if not a design to try.
+  void check_result(std::span<const double> x) const;
+
+  /// The same constraints without bounds and lattices.
+  DesignSpace unbounded() const {
+    DesignSpace wide = *this;
+    for (Variable& v : wide.variables) {
+      v.upper = std::numeric_limits<double>::max();
+      v.lower = -v.upper;
+      v.step = 0.0;
+    }
+    return wide;
+  }
+
+  /// Whether bounds and linear constraints hold, on the lattice or not. Throws as check_result().
+  bool encloses(std::span<const double> x) const;
 };
 
 inline void DesignSpace::check(std::span<const double> x) const {
@@ -119,6 +137,29 @@ inline bool DesignSpace::contains(std::span<const double> x) const {
     if (sum > c.upper + rounding || sum < c.lower - rounding) return false;
   }
   return std::all_of(rules.begin(), rules.end(), [&](const DesignRule& r) { return r.holds(x); });
+}
+
+inline void DesignSpace::check_result(std::span<const double> x) const {
+  constexpr double widths = 1e6;
+  if (x.size() != variables.size())
+    throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Variable& v = variables[i];
+    const double reach = widths * std::max(v.upper - v.lower, std::numeric_limits<double>::min());
+    if (!(x[i] >= v.lower - reach && x[i] <= v.upper + reach))
+      throw InvalidArgument(message("design has ", v.name, " = ", exact(x[i]), ", more than a million widths off [",
+          v.lower, ", ", v.upper, "]"));
+  }
+}
+
+inline bool DesignSpace::encloses(std::span<const double> x) const {
+  check_result(x);
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (!(x[i] >= variables[i].lower && x[i] <= variables[i].upper)) return false;
+  return std::all_of(constraints.begin(), constraints.end(), [&](const LinearConstraint& c) {
+    const double sum = c.sum(x), rounding = c.rounding(x);
+    return sum <= c.upper + rounding && sum >= c.lower - rounding;
+  });
 }
 
 }  // namespace lumo

@@ -128,6 +128,18 @@ class PadLight {
     }
     return place == y_m ? v : Eigen::VectorXd(v.reverse());
   }
+  /// `light` of all bins moved along the finger, linear between bins; the end values stay beyond the ends.
+  Eigen::VectorXd moved(const Eigen::VectorXd& light, double by_m) const {
+    const double width = r_.position_m[1] - r_.position_m[0];
+    const Eigen::Index last = light.size() - 1;
+    Eigen::VectorXd v(light.size());
+    for (Eigen::Index i = 0; i <= last; ++i) {
+      const double at = std::clamp(double(i) - by_m / width, 0.0, double(last));
+      const auto k = std::min(Eigen::Index(at), last - 1);
+      v[i] = light[k] + (at - double(k)) * (light[k + 1] - light[k]);
+    }
+    return v;
+  }
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, computed(y_m));
     const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);

@@ -27,8 +27,11 @@ struct CameraRig {
   double gain = 64.0;           ///< device setting (paper)
   double level_DN = 70.0;       ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
   double brightest_DN = 220.0;  ///< of a loaded side: where it would be more, the exposure is shorter; assumed
-  double gamma = 1.0;           ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
-  double black_DN = 2.0;        ///< assumed
+  /// Light of a bin [DN] per emitted power: one exposure for all pads (paper). 0: each pad is exposed by itself, for
+  /// `level_DN`.
+  double exposure_DN = 0.0;
+  double gamma = 1.0;     ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;  ///< assumed
   double full_DN = 255.0;
   double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
   double read_DN = 0.6;           ///< σ, assumed
@@ -53,6 +56,12 @@ struct LightRig {
   double spot_DN = 80.0;  ///< a LED's package seen through the side, on top of the side's light; assumed (the paper
                           ///< detects five LEDs)
   double spot_sigma_m = 0.7_mm;  ///< half of the package's 1.6 mm, blurred; assumed
+  // Off unless asked for.
+  double one_lamp_sigma = 0.0;       ///< σ of each LED's slow change by itself, relative
+  double one_lamp_drift_s = 60.0;    ///< its time; assumed
+  double one_lamp_reach_m = 6.0_mm;  ///< along the finger, over which an LED's share of the light falls to 1/e; assumed
+  double shadow = 0.0;               ///< share of the room's light that the tool takes away before it
+  double shadow_sigma_m = 12.0_mm;   ///< half width of its shadow; assumed
 };
 
 /// The indenter and how well it comes back.
@@ -65,6 +74,7 @@ struct ContactRig {
   double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
   double sensor_hz = 100.0;
   double marker_sigma_m = 0.02_mm;  ///< σ of the followed marker on the indenter; assumed
+  double slide_m = 0.0;             ///< way along the finger from the first touch to leaving; a contact slides or rolls
 };
 
 /// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes
@@ -102,6 +112,11 @@ struct MotorRig {
   double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
   double hz = 250.0;
   FreeRunRig free_run;
+  // Off unless asked for.
+  double cogging_Nm = 0.0;        ///< amplitude; 2–10 mN·m (memory: assumed)
+  double cogging_periods = 10.0;  ///< per turn; 6–14 (memory: assumed)
+  double backlash_rad = 0.0;      ///< the encoder turns by this before the finger does; 0.11° (PULSE115-60)
+  double clock_offset_s = 0.0;    ///< of the joints' stamps, which the session does not state
 };
 
 /// How the pad at hand differs from the computed one.
@@ -114,9 +129,19 @@ struct SpecimenRig {
   double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
 };
 
+/// How far a finger is from its drawing, drawn once for a log; its session states the drawing. All 0: as drawn.
+struct AssemblyRig {
+  double pad_sigma_m = 0.0;       ///< σ: silicone glued off along the finger, by which its ends move
+  double strip_sigma_m = 0.0;     ///< σ: LEDs off along the finger
+  double distance_sigma = 0.0;    ///< σ of the camera's distance, relative
+  double distortion_sigma = 0.0;  ///< σ of the lens's radial distortion, of a ray at 45°: tan becomes tan (1 + k tan²)
+  double end_near_m = 5.0_mm, end_far_m = 15.0_mm;  ///< from an end: a contact's light moves with it wholly, not at all
+};
+
 /// All of it.
 struct Rig {
   SpecimenRig specimen;
+  AssemblyRig assembly;
   CameraRig camera;
   LightRig light;
   ContactRig contact;
@@ -150,6 +175,17 @@ inline void validate(const Rig& r) {
   require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
   require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
   require_in_range("level of the brightest side", r.camera.brightest_DN, 1.0, 1e6, "DN");
+  require_in_range("exposure for all pads", r.camera.exposure_DN, 0.0, 1e12, "DN per emitted power");
+  require_in_range("glue of the pad", 1e3 * r.assembly.pad_sigma_m, 0.0, 10.0, "mm");
+  require_in_range("glue of the LED strip", 1e3 * r.assembly.strip_sigma_m, 0.0, 10.0, "mm");
+  require_in_range("error of the camera's distance", r.assembly.distance_sigma, 0.0, 0.1, "");
+  require_in_range("distortion of the lens", r.assembly.distortion_sigma, 0.0, 1.0, "");
+  require_in_range("change of one LED", r.light.one_lamp_sigma, 0.0, 0.3, "");
+  require_in_range("shadow of the tool", r.light.shadow, 0.0, 1.0, "of the room's light");
+  require_in_range("way that a contact slides", 1e3 * r.contact.slide_m, -20.0, 20.0, "mm");
+  require_in_range("cogging", 1e3 * r.motor.cogging_Nm, 0.0, 1000.0, "mN·m");
+  require_in_range("backlash", r.motor.backlash_rad, 0.0, 0.2, "rad");
+  require_in_range("offset of the joints' clock", r.motor.clock_offset_s, -1.0, 1.0, "s");
   require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
   require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
   require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");

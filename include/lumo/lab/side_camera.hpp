@@ -69,8 +69,12 @@ struct CameraPlace {
 /// A pinhole camera before the side of a pad.
 class SideCamera {
  public:
-  SideCamera(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place)
-      : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
+  /// `distortion`: radial, a ray's tangent is tan (1 + distortion tan²) of its picture's.
+  SideCamera(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place, double distortion = 0.0)
+      : camera_(camera),
+        side_(side),
+        distortion_(distortion),
+        centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
     // Level, looking along −x; distal to the right. It turns about the middle of the side, at which it is aimed.
     Eigen::Matrix3d level;
     level << 0, 0, -1, 1, 0, 0, 0, -1, 0;
@@ -81,10 +85,16 @@ class SideCamera {
                                      .toRotationMatrix();
     axes_ = turn * level;
     eye_ = aim - camera.distance_m * axes_.col(2);
+    place_ = place;
   }
 
+  const CameraPlace& place() const { return place_; }
+
   /// From a pixel to the middle of the window, over the focal length.
-  Eigen::Vector2d off_axis(double u, double v) const { return (Eigen::Vector2d(u, v) - centre_) / camera_.focal_px; }
+  Eigen::Vector2d off_axis(double u, double v) const {
+    const Eigen::Vector2d seen = (Eigen::Vector2d(u, v) - centre_) / camera_.focal_px;
+    return distortion_ == 0.0 ? seen : Eigen::Vector2d((1.0 + distortion_ * seen.squaredNorm()) * seen);
+  }
   /// Where the ray through a pixel meets the plane of the facing side.
   Eigen::Vector3d on_side(double u, double v) const {
     const Eigen::Vector2d off = off_axis(u, v);
@@ -114,14 +124,26 @@ class SideCamera {
  private:
   Eigen::Vector2d project(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d d = axes_.transpose() * (p - eye_);
-    return centre_ + camera_.focal_px / d.z() * d.head<2>();
+    if (distortion_ == 0.0) return centre_ + camera_.focal_px / d.z() * d.head<2>();
+    const Eigen::Vector2d ray = d.head<2>() / d.z();
+    Eigen::Vector2d seen = ray;
+    for (int k = 0; k < 20; ++k) seen = ray / (1.0 + distortion_ * seen.squaredNorm());  // a contraction in the window
+    return centre_ + camera_.focal_px * seen;
   }
 
   CameraRig camera_;
   SideGeometry side_;
+  CameraPlace place_;
+  double distortion_;
   Eigen::Vector3d eye_;
   Eigen::Matrix3d axes_;  ///< columns: right, down, forward
   Eigen::Vector2d centre_;
+};
+
+/// A tool between the room's light and the side.
+struct Shadow {
+  double share = 0.0;  ///< of the room's light that it takes away at y
+  double y_m = 0.0, sigma_m = 1.0;
 };
 
 /// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel
@@ -136,8 +158,8 @@ class SidePainter {
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the
   /// window's middle.
-  sense::Image paint(
-      const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const;
+  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws,
+      const Shadow& shadow = {}) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -147,6 +169,7 @@ class SidePainter {
     int bin;      ///< left one of the two that it lies between; −1: no light of the side
     float share;  ///< of the right one
     float side, spot, vignette, gain, room;
+    float y_m;  ///< where it meets the plane of the side
   };
 
   SideCamera view_;
@@ -189,6 +212,7 @@ inline SidePainter::SidePainter(
         spot += light.spot_DN * std::exp(-0.5 * d * d);
       }
       p.spot = float(spot);
+      p.y_m = float(at.y());
       const double cosine = 1.0 / std::sqrt(1.0 + off.squaredNorm());
       p.vignette = float(cosine * cosine * cosine * cosine);
       p.gain = float(sensitivity.normal());
@@ -196,8 +220,8 @@ inline SidePainter::SidePainter(
     }
 }
 
-inline sense::Image SidePainter::paint(
-    const Eigen::VectorXd& light, double lamps, double room_DN, double noise, RandomStream draws) const {
+inline sense::Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise,
+    RandomStream draws, const Shadow& shadow) const {
   const CameraRig& camera = view_.camera();
   sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {
@@ -205,7 +229,12 @@ inline sense::Image SidePainter::paint(
     const double row_offset = noise * camera.row_DN * draws.normal();
     for (int u = 0; u < camera.width; ++u) {
       const Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
-      double signal = room_DN * p.room + lamps * p.spot;
+      double room = room_DN * p.room;
+      if (shadow.share > 0.0) {
+        const double away = (p.y_m - shadow.y_m) / shadow.sigma_m;
+        room *= 1.0 - shadow.share * std::exp(-0.5 * away * away);
+      }
+      double signal = room + lamps * p.spot;
       if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
       signal *= p.vignette * (1.0 + noise * camera.pixel_gain * p.gain);
       row[u] = sensed(camera, signal, noise, draws.normal(), row_offset);

@@ -71,7 +71,8 @@ class VirtualRig {
 
   struct Contact {
     double y_m, tilt_rad, stick_Nm;
-    std::vector<double> load_N;  ///< of each step, as it came out
+    std::vector<double> load_N;       ///< of each step, as it came out
+    double from_s = 0.0, to_s = 1.0;  ///< first touch and leaving
   };
   /// Load over a stretch of time, linear.
   struct Phase {
@@ -92,8 +93,13 @@ class VirtualRig {
   void deform();
   void record_joints();
   void record_forces();
+  void place_cameras(RandomStream& once);
   void record_frames();
   Sampled at(double t_s) const;
+  /// Where the finger is touched at a time.
+  double place_m(int contact, double t_s) const;
+  Eigen::VectorXd side_light(const TruthSample& s, const Eigen::VectorXd& lamps) const;
+  Eigen::VectorXd one_by_one(const Eigen::VectorXd& light, const Eigen::VectorXd& lamps) const;
 
   const PadLight* light_;
   LabPlan plan_;
@@ -108,8 +114,10 @@ class VirtualRig {
   std::vector<SidePainter> painters_;
   std::vector<sense::FrameRecord> frames_;
   std::vector<TruthSample> truth_;
-  std::vector<int> view_;                ///< of each frame
-  std::vector<double> lamps_, room_DN_;  ///< at each frame
+  std::vector<int> view_;                     ///< of each frame
+  std::vector<double> lamps_, room_DN_;       ///< at each frame
+  std::vector<Eigen::VectorXd> lamp_change_;  ///< at each frame, of each LED by itself, relative; empty: none
+  double pad_off_m_ = 0.0, strip_off_m_ = 0.0;
   std::vector<sense::JointSample> joints_;
   std::vector<sense::WrenchSample> wrenches_;
   std::vector<sense::MarkerSample> markers_;
@@ -155,7 +163,8 @@ inline VirtualRig::VirtualRig(
     }
   }
   const PadResponses& r = light.responses();
-  per_DN_ = light.scale_to(rig_.camera.level_DN, rig_.camera.brightest_DN);
+  per_DN_ = rig_.camera.exposure_DN > 0.0 ? rig_.camera.exposure_DN
+                                          : light.scale_to(rig_.camera.level_DN, rig_.camera.brightest_DN);
 
   session_.title = plan_.title;
   session_.clock = "virtual";
@@ -197,6 +206,7 @@ inline void VirtualRig::lay_out_time() {
     add_segment(from, to, sense::SegmentKind::unloaded);
     if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, sense::SegmentKind::dark);
     t += c.rest_s;
+    contacts_[i].from_s = t;
     double load = 0.0;
     for (std::size_t k = 0; k < c.steps.size(); ++k) {
       const LoadStep& s = c.steps[k];
@@ -209,6 +219,7 @@ inline void VirtualRig::lay_out_time() {
     }
     phases_.push_back({t, t + release_s, load, 0.0, int(i)});
     t += release_s;
+    contacts_[i].to_s = t;
   }
   phases_.push_back({t, t + last_rest_s, 0.0, 0.0, -1});
   end_s_ = t + last_rest_s;
@@ -260,13 +271,20 @@ inline auto VirtualRig::at(double t_s) const -> Sampled {
       a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
 }
 
+inline double VirtualRig::place_m(int contact, double t_s) const {
+  const Contact& c = contacts_[std::size_t(contact)];
+  if (rig_.contact.slide_m == 0.0) return c.y_m;
+  const auto [from, to] = light_->reach_m();
+  return std::clamp(c.y_m + rig_.contact.slide_m * (t_s - c.from_s) / (c.to_s - c.from_s), from, to);
+}
+
 /// Joint by joint: what sticks and errs is each one's own.
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
   const double dt = 1.0 / m.hz;
   for (std::size_t i = 0; i < sampled_.size(); ++i)
-    joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints),
-        sense::JointVector(m.joints), sense::Effort::current_A});
+    joints_.push_back({lab_stamp(double(i) * dt + m.clock_offset_s), sense::JointVector(m.joints),
+        sense::JointVector(m.joints), sense::JointVector(m.joints), sense::Effort::current_A});
   for (int joint = 0; joint < m.joints; ++joint) {
     const bool last_joint = joint + 1 == m.joints;
     const std::uint64_t stream = last_joint ? 2 : 60;
@@ -278,6 +296,7 @@ inline void VirtualRig::record_joints() {
     std::vector<double> sticks;  // under each contact
     for (const Contact& c : contacts_)
       sticks.push_back(last_joint ? c.stick_Nm : noise_ * m.stiction_Nm * own.normal());
+    const double cogging_phase = 2.0 * pi * RandomStream(seed_, stream + 200).uniform();
     double rest_stick = 0.0, last_load = 0.0;
     int last = -1;
     bool moving = false;
@@ -286,7 +305,7 @@ inline void VirtualRig::record_joints() {
       const Sampled& s = sampled_[i];
       if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
       last = s.contact;
-      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m,
+      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + place_m(s.contact, t),
                    load = s.load_N * arm;
       double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt,
              friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
@@ -302,7 +321,9 @@ inline void VirtualRig::record_joints() {
         moving = phase < 1.0;
         friction = moving ? m.coulomb_Nm * std::tanh(v / rest_velocity) + m.viscous_Nm_s_per_rad * v : rest_stick;
       }
-      const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
+      if (m.backlash_rad > 0.0) q -= (s.contact < 0 ? 0.0 : 0.5) * m.backlash_rad;  // pressed against the other flank
+      double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
+      if (m.cogging_Nm > 0.0) torque += m.cogging_Nm * std::sin(m.cogging_periods * q + cogging_phase);
       sense::JointSample& sample = joints_[i];
       sample.position_rad[joint] = q;
       sample.velocity_rad_per_s[joint] = v + noise_ * m.velocity_sigma_rad_per_s * draws.normal();
@@ -317,7 +338,7 @@ inline void VirtualRig::record_forces() {
   const double bias = noise_ * c.sensor_bias_N * draws.normal();
   for (double t = 0.0; t < end_s_; t += 1.0 / c.sensor_hz) {
     const Sampled s = at(t);
-    const double y = s.contact < 0 ? 0.0 : contacts_[std::size_t(s.contact)].y_m;
+    const double y = s.contact < 0 ? 0.0 : place_m(s.contact, t);
     const auto jitter = [&] { return noise_ * c.sensor_sigma_N * draws.normal(); };
     const double fx = jitter(), fy = jitter(), fz = -s.load_N + bias + jitter();
     wrenches_.push_back({lab_stamp(t), Vec3d(fx, fy, fz), Vec3d(-y * s.load_N, 0.0, 0.0)});
@@ -326,10 +347,9 @@ inline void VirtualRig::record_forces() {
   }
 }
 
-inline void VirtualRig::record_frames() {
+/// Cameras for all views, and the finger as it was put together before them.
+inline void VirtualRig::place_cameras(RandomStream& once) {
   const CameraRig& c = rig_.camera;
-  const LightRig& l = rig_.light;
-  RandomStream once(seed_, 6), jitter(seed_, 7);
   // Placed by hand: where the picture does not show the whole pad, the camera is placed again.
   std::vector<SideCamera> cameras;
   for (int trial = 0;
@@ -345,7 +365,30 @@ inline void VirtualRig::record_frames() {
           CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad,
               set.along_m + v.place.along_m, set.height_m + v.place.height_m});
   }
-  for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
+  // Assembly: what is painted is off, what was aimed at is not.
+  RandomStream built(seed_, 120);
+  const AssemblyRig& a = rig_.assembly;
+  pad_off_m_ = a.pad_sigma_m * built.normal();
+  strip_off_m_ = a.strip_sigma_m * built.normal();
+  CameraRig placed = c;
+  placed.distance_m *= 1.0 + a.distance_sigma * built.normal();
+  const double distortion = a.distortion_sigma * built.normal();
+  SideGeometry lit = side_;
+  for (double& y : lit.lamp_m) y += strip_off_m_;
+  const bool as_drawn = placed.distance_m == c.distance_m && distortion == 0.0 && strip_off_m_ == 0.0;
+  for (const SideCamera& view : cameras)
+    painters_.emplace_back(as_drawn ? view : SideCamera(placed, lit, view.place(), distortion), rig_.light,
+        light_->responses().position_m, seed_);
+}
+
+inline void VirtualRig::record_frames() {
+  const CameraRig& c = rig_.camera;
+  const LightRig& l = rig_.light;
+  RandomStream once(seed_, 6), jitter(seed_, 7);
+  place_cameras(once);
+  std::vector<SlowNoise> one_lamp;
+  for (std::size_t k = 0; k < side_.lamp_m.size() && l.one_lamp_sigma > 0.0; ++k)
+    one_lamp.emplace_back(RandomStream(seed_, 130 + k), l.one_lamp_drift_s);
   LampNoise lamps(l, seed_, 8);
   SlowNoise room(RandomStream(seed_, 9), l.ambient_drift_s);
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s,
@@ -363,12 +406,16 @@ inline void VirtualRig::record_frames() {
     TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
-      truth = {truth.stamp_ns, s.contact, now.y_m, s.load_N, now.tilt_rad, s.equivalent_N,
-          light_->depth_m(now.y_m, s.equivalent_N)};
+      const double y = place_m(s.contact, t);
+      truth = {
+          truth.stamp_ns, s.contact, y, s.load_N, now.tilt_rad, s.equivalent_N, light_->depth_m(y, s.equivalent_N)};
     }
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
     view_.push_back(view);
+    lamp_change_.emplace_back(Eigen::Index(one_lamp.size()));
+    for (std::size_t k = 0; k < one_lamp.size(); ++k)
+      lamp_change_.back()[Eigen::Index(k)] = l.one_lamp_sigma * one_lamp[k].at(t);
     lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN *
                        (1.0 + noise_ * (l.ambient_drift * room.at(t) +
@@ -376,12 +423,50 @@ inline void VirtualRig::record_frames() {
   }
 }
 
+/// Light that each bin has, shared out between the LEDs by their distance.
+inline Eigen::VectorXd VirtualRig::one_by_one(const Eigen::VectorXd& light, const Eigen::VectorXd& lamps) const {
+  const Eigen::VectorXd& x = light_->responses().position_m;
+  Eigen::VectorXd changed = light;
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    double all = 0.0, change = 0.0;
+    for (Eigen::Index k = 0; k < lamps.size(); ++k) {
+      const double share = std::exp(-std::abs(x[i] - side_.lamp_m[std::size_t(k)]) / rig_.light.one_lamp_reach_m);
+      all += share;
+      change += share * lamps[k];
+    }
+    changed[i] *= 1.0 + change / all;
+  }
+  return changed;
+}
+
+/// What leaves the side. LEDs that are off along the finger take all light with them; silicone that is off takes the
+/// light of its ends.
+inline Eigen::VectorXd VirtualRig::side_light(const TruthSample& s, const Eigen::VectorXd& lamps) const {
+  Eigen::VectorXd light = light_->responses().unloaded;
+  const bool touched = s.contact >= 0;
+  if (pad_off_m_ == 0.0 && strip_off_m_ == 0.0) {
+    if (touched) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
+  } else {
+    light = light_->moved(light, strip_off_m_ + pad_off_m_);
+    if (touched) {
+      const AssemblyRig& a = rig_.assembly;
+      const double to_end = side_.half_length_m - std::abs(s.y_m),
+                   share = std::clamp((a.end_far_m - to_end) / (a.end_far_m - a.end_near_m), 0.0, 1.0),
+                   off = strip_off_m_ + share * pad_off_m_;
+      light += light_->moved(light_->change(s.y_m - off, s.equivalent_N, s.tilt_rad), off);
+    }
+  }
+  return lamps.size() > 0 ? one_by_one(light, lamps) : light;
+}
+
 inline sense::Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
-  Eigen::VectorXd light = light_->responses().unloaded;
-  if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
+  Eigen::VectorXd light = side_light(s, lamp_change_[k]);
   light *= per_DN_ * lamps_[k];
-  return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, RandomStream(seed_, 1000 + k));
+  Shadow shadow;
+  if (s.contact >= 0) shadow = {rig_.light.shadow, s.y_m, rig_.light.shadow_sigma_m};
+  return painters_[std::size_t(view_[k])].paint(
+      light, lamps_[k], room_DN_[k], noise_, RandomStream(seed_, 1000 + k), shadow);
 }
 
 }  // namespace lumo

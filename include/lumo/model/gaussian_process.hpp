@@ -21,6 +21,7 @@ struct TrainingData {
   Eigen::MatrixXd x;
   Eigen::VectorXd y;
   Eigen::VectorXd lower, upper;
+  Eigen::VectorXd errors = {};  ///< standard errors of the outputs, n, if they are known; empty otherwise
 };
 
 /// Lower Cholesky factor of a covariance, and the addition to its diagonal that it took.
@@ -65,14 +66,15 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   static GaussianProcess fit(const TrainingData& data, const Config& config = {}) {
     GaussianProcess gp(data, config);
     const Eigen::Index n = gp.size();
-    const MarginalLikelihood<Kernel> likelihood(gp.x_, gp.y_, config.kernel, gp.prior());
+    const MarginalLikelihood<Kernel> likelihood = gp.likelihood();
     std::vector<Minimum> optima;
     if (n <= config.subset) {
       optima = gp.optima(likelihood, n);
     } else {
       std::vector<Eigen::Index> some;
       for (Eigen::Index i = 0; i < config.subset; ++i) some.push_back(i * n / config.subset);
-      const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior());
+      const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior(),
+          gp.known_noise_.size() ? Eigen::VectorXd(gp.known_noise_(some)) : Eigen::VectorXd());
       gp.config_.search.value_tolerance = 1e-5;  // a start needs no more
       const std::vector<Minimum> found = gp.optima(coarse, config.subset);
       gp.config_.search = config.search;
@@ -112,8 +114,21 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   Eigen::Index size() const { return x_.cols(); }
   /// (log p(y) + log prior) / n of the standardised outputs: what fit() maximises.
   double objective() const {
-    const auto value = MarginalLikelihood<Kernel>(x_, y_, config_.kernel, prior())(hyperparameters_, false);
+    const auto value = likelihood()(hyperparameters_, false);
     return (value.log_likelihood + value.log_prior) / double(size());
+  }
+  /// By how much the data are likelier (in the logarithm) than to a model of the same kind with hardly any noise.
+  double evidence_of_noise() const {
+    Config quiet = config_;
+    quiet.prior = prior();
+    quiet.prior->max_noise = quiet.prior->min_noise;
+    GaussianProcess other = *this;
+    other.config_ = quiet;
+    const MarginalLikelihood<Kernel> without = other.likelihood();
+    double best = -std::numeric_limits<double>::infinity();
+    for (const Minimum& o : other.optima(without, size()))
+      best = std::max(best, without(unpack(o.x), false).log_likelihood);
+    return likelihood()(hyperparameters_, false).log_likelihood - best;
   }
 
   /// Mean and variance of the latent function (without observation noise) at the columns of `x`. All that takes places
@@ -187,8 +202,9 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   double output_scale() const { return output_scale_; }
 
  private:
-  Eigen::MatrixXd x_;  ///< normalised
-  Eigen::VectorXd y_;  ///< standardised
+  Eigen::MatrixXd x_;            ///< normalised
+  Eigen::VectorXd y_;            ///< standardised
+  Eigen::VectorXd known_noise_;  ///< variances of the observations that are known, standardised; empty: none
   Eigen::VectorXd lower_, inverse_width_;
   double output_mean_ = 0.0, output_scale_ = 1.0;
   Hyperparameters hyperparameters_;
@@ -220,11 +236,19 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
     output_mean_ = mean * size;
     output_scale_ = constant ? 1.0 : deviation * size;
     y_ = constant ? Eigen::VectorXd::Zero(n) : Eigen::VectorXd((scaled.array() - mean) / deviation);
+    if (data.errors.size() == 0) return;
+    if (data.errors.size() != n || !data.errors.allFinite() || data.errors.minCoeff() < 0.0)
+      throw InvalidArgument(
+          message("Gaussian process: needs ", n, " finite standard errors >= 0, has ", data.errors.size()));
+    constexpr double largest = 1e3;  // of a standard deviation of the outputs: such an observation says nothing
+    known_noise_ = (data.errors.array() / output_scale_).min(largest).square().matrix();
   }
+  MarginalLikelihood<Kernel> likelihood() const { return {x_, y_, config_.kernel, prior(), known_noise_}; }
   void condition(const Hyperparameters& h) {
     hyperparameters_ = h;
     Eigen::MatrixXd covariance = correlation(x_, x_);
     covariance.diagonal().array() += h.noise;
+    if (known_noise_.size() > 0) covariance.diagonal() += known_noise_;
     for (jitter_ = 0.0;; jitter_ = next_jitter(jitter_)) {
       if (jitter_ > largest_jitter)
         throw InvalidArgument("Gaussian process: covariance is not positive definite, even with a jitter of 1e-4");

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace lumo {
 
@@ -83,9 +84,15 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
     Eigen::VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
   };
 
-  /// `x`: d × n, normalised; `y`: n, standardised.
-  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior)
-      : size_(x.cols()), y_(y), kernel_(kernel), prior_(prior), squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
+  /// `x`: d × n, normalised; `y`: n, standardised; `known_noise`: n variances besides the one that is fitted, or none.
+  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior,
+      Eigen::VectorXd known_noise = {})
+      : size_(x.cols()),
+        y_(y),
+        known_noise_(std::move(known_noise)),
+        kernel_(kernel),
+        prior_(prior),
+        squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
     for (Eigen::Index k = 0, first = 0; k < size_; ++k) {
       const Eigen::Index below = size_ - 1 - k;
       squares_.middleRows(first, below) =
@@ -107,6 +114,7 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
       covariance(k, k) = 1.0 + h.noise;
       covariance.col(k).tail(n - 1 - k) = correlation.col(0).segment(first, n - 1 - k);
     }
+    if (known_noise_.size() > 0) covariance.diagonal() += known_noise_;
     const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
     if (factor.info() != Eigen::Success) return value;
 
@@ -150,7 +158,7 @@ template <CovarianceKernel Kernel> class MarginalLikelihood {
 
  private:
   Eigen::Index size_;
-  Eigen::VectorXd y_;
+  Eigen::VectorXd y_, known_noise_;
   Kernel kernel_;
   HyperparameterPrior prior_;
   Eigen::MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle

@@ -27,6 +27,12 @@ inline double normal_density(double z) { return 0.39894228040143267794 * std::ex
 /// P(Z ≤ z) of the standard normal distribution, accurate in both tails.
 inline double normal_probability(double z) { return 0.5 * std::erfc(-0.70710678118654752440 * detail::number(z)); }
 
+/// log P(Z ≤ z), finite for every finite z.
+inline double log_normal_probability(double z) {
+  if (z > -30.0) return std::log(normal_probability(z));
+  return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
+}
+
 /// z with P(Z ≤ z) = p; ∓∞ at 0 and 1. A rational start (Abramowitz & Stegun 1964, 26.2.23), then Halley's iteration.
 inline double normal_quantile(double p) {
   detail::number(p);

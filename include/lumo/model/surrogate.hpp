@@ -69,6 +69,7 @@ static_assert(Reduction<MinimumOverTerms>);
 struct Evidence {
   Eigen::MatrixXd x;        ///< observed: d × n
   Eigen::MatrixXd outputs;  ///< observed: outputs × n
+  Eigen::MatrixXd errors;   ///< their standard errors, 0 where not known; empty where none is
   Eigen::MatrixXd pending;  ///< d × p: asked and not yet observed
   Eigen::VectorXd lower, upper;
   Eigen::VectorXd reference;  ///< per objective

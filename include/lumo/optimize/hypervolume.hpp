@@ -201,12 +201,8 @@ class ExpectedHypervolume {
     if (!std::isfinite(high)) return std::log(deviation) + log_expected_excess(a);
     const double b = (mean - high) / deviation;
     if ((a - b) * std::max(1.0, std::abs(a)) < 1e-5)  // too thin for a difference
-      return std::log(high - low) + log_probability(0.5 * (a + b));
+      return std::log(high - low) + log_normal_probability(0.5 * (a + b));
     return std::log(deviation) + log_difference(log_expected_excess(a), log_expected_excess(b));
-  }
-  static double log_probability(double z) {
-    if (z > -30.0) return std::log(normal_probability(z));
-    return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
   }
   /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound
   /// leaves below e⁻⁴⁰ of the most promising one are passed over.

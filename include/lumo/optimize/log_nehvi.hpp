@@ -1,7 +1,12 @@
 #pragma once
 
 #include "lumo/optimize/acquisition.hpp"
+#include "lumo/optimize/directed_hypervolume.hpp"
 #include "lumo/optimize/hypervolume.hpp"
+
+#include <utility>
+#include <variant>
+#include <vector>
 
 namespace lumo {
 
@@ -10,16 +15,20 @@ namespace lumo {
 /// where a sampled candidate finds no improvement and is ranked by distance. Needs a reduction that is the identity.
 /// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with
 /// Expected Hypervolume Improvement", NeurIPS 2021.
+/// Boxes are exact for up to three objectives. Above, their number explodes, and the improvement is a mean over
+/// directions (DirectedHypervolume), with other directions in each draw.
 struct LogNehvi {
+  static constexpr Eigen::Index exact_objectives = 3;
   int draws = 16;
-  bool noisy = true;  ///< false: observed values stand as they are, and only pending designs are drawn
+  int directions = 8;  ///< of each draw, with more than `exact_objectives`
+  bool noisy = true;   ///< false: observed values stand as they are, and only pending designs are drawn
   /// Observed designs are not drawn if another still beats them in all objectives after so many deviations of both
   /// towards each other: they would hardly ever be in a front, and cost time.
   double hopeless = 3.0;
 
-  template <CovarianceKernel Kernel> class Prepared {
+  template <CovarianceKernel Kernel, class Improvement> class Over {
    public:
-    Prepared(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<ExpectedHypervolume> improvements)
+    Over(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<Improvement> improvements)
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
     Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
@@ -55,7 +64,20 @@ struct LogNehvi {
 
    private:
     std::vector<ConditionalPosterior<Kernel>> posteriors_;
-    std::vector<ExpectedHypervolume> improvements_;
+    std::vector<Improvement> improvements_;
+  };
+  template <CovarianceKernel Kernel> class Prepared {
+   public:
+    using Exact = Over<Kernel, ExpectedHypervolume>;
+    using Directed = Over<Kernel, DirectedHypervolume>;
+    explicit Prepared(std::variant<Exact, Directed> utility) : utility_(std::move(utility)) {}
+
+    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
+      return std::visit([&](const auto& utility) { return utility(x); }, utility_);
+    }
+
+   private:
+    std::variant<Exact, Directed> utility_;
   };
 
   /// Models are referred to, not copied: they must outlive the result. Throws InvalidArgument for a reduction other
@@ -74,10 +96,17 @@ struct LogNehvi {
       posteriors.emplace_back(models[j], base, base_normals(base.cols(), count, combine(seed, j)));
       drawn.push_back(posteriors.back().draws());
     }
-    std::vector<ExpectedHypervolume> improvements;
+    const auto standing = [&](Eigen::Index s) { return standing_objectives(drawn, s, reduction, evidence, noisy); };
+    if (evidence.reference.size() <= exact_objectives) {
+      std::vector<ExpectedHypervolume> improvements;
+      for (Eigen::Index s = 0; s < count; ++s) improvements.emplace_back(standing(s), evidence.reference);
+      return Prepared<Kernel>(typename Prepared<Kernel>::Exact{std::move(posteriors), std::move(improvements)});
+    }
+    std::vector<DirectedHypervolume> improvements;
     for (Eigen::Index s = 0; s < count; ++s)
-      improvements.emplace_back(standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
-    return {std::move(posteriors), std::move(improvements)};
+      improvements.emplace_back(standing(s), evidence.reference,
+          hypervolume_directions(evidence.reference.size(), directions * draws / count, combine(combine(seed, 97), s)));
+    return Prepared<Kernel>(typename Prepared<Kernel>::Directed{std::move(posteriors), std::move(improvements)});
   }
 
  private:

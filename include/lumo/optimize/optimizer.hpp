@@ -4,6 +4,8 @@
 #include "lumo/optimize/candidate_source.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
 #include "lumo/optimize/outliers.hpp"
+#include "lumo/optimize/repeats.hpp"
+#include "lumo/optimize/standing.hpp"
 #include "lumo/optimize/trials.hpp"
 
 #include <algorithm>
@@ -52,9 +54,11 @@ class Optimizer {
     return trials_.open(int(trials().size()), std::move(*x));
   }
 
-  /// Outputs of a pending trial. Throws InvalidArgument if it is not pending, or the outputs are too few, too many or
-  /// not finite.
-  void tell(int id, std::vector<double> outputs) { trials_.tell(id, std::move(outputs)); }
+  /// Outputs of a pending trial, and their standard errors if they are known. Throws InvalidArgument if it is not
+  /// pending, or the numbers are too few, too many or not finite.
+  void tell(int id, std::vector<double> outputs, std::vector<double> errors = {}) {
+    trials_.tell(id, std::move(outputs), std::move(errors));
+  }
 
   /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument if it is
   /// not pending.
@@ -79,19 +83,10 @@ class Optimizer {
   int observed() const { return trials_.count(Trial::State::observed); }
   int pending() const { return trials_.count(Trial::State::pending); }
 
-  /// Observed trials that no other dominates, from the best in the first objective on. An outlier counts with its
-  /// own value.
-  std::vector<Outcome> front() const {
-    const std::vector<int> ids = trials_.observed_ids();
-    const Eigen::MatrixXd y = objectives();
-    std::vector<Outcome> out;
-    for (const Eigen::Index i : pareto_front(y)) {
-      out.push_back({ids[std::size_t(i)], {}});
-      for (Eigen::Index j = 0; j < y.rows(); ++j)
-        out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
-    }
-    return out;
-  }
+  /// The designs that no other dominates, and what they are worth.
+  Standing standing() const { return beliefs().standing(); }
+  std::vector<Outcome> front() const { return standing().front; }
+  double hypervolume() const { return standing().hypervolume; }
 
   /// A value that lies absurdly far from the others of its objective. The models of values do without its trial; to the
   /// model of success one that is worse than the others is a failure.
@@ -103,18 +98,17 @@ class Optimizer {
   };
   /// By trial. Whether a value is an outlier may change with those that follow.
   std::vector<Outlier> outliers() const {
-    const std::vector<int> ids = trials_.observed_ids();
-    const Eigen::MatrixXd outputs = trials_.observed_outputs();
+    const Trials::Results r = trials_.results();
     std::vector<Outlier> out;
     for (int j = 0; j < int(problem().objectives.size()); ++j) {
       const std::vector<Eigen::Index> rows = rows_of(j);
-      const Eigen::MatrixXd y = objective(j).signed_value(1.0) * outputs(rows, Eigen::all);
-      const ValueBulk bulk({y.data(), y.data() + y.size()}, trials_.observed_starts() * rows.size(), config_.outliers);
+      const Eigen::MatrixXd y = objective(j).signed_value(1.0) * r.outputs(rows, Eigen::all);
+      const ValueBulk bulk({y.data(), y.data() + y.size()}, trials_.result_starts() * rows.size(), config_.outliers);
       for (Eigen::Index i = 0; i < y.cols(); ++i)
         for (Eigen::Index k = 0; k < y.rows(); ++k) {
           if (!bulk.worse(y(k, i)) && !bulk.better(y(k, i))) continue;
           const double first = objective(j).signed_value(bulk.low()), last = objective(j).signed_value(bulk.high());
-          out.push_back({ids[std::size_t(i)], int(rows[std::size_t(k)]), objective(j).signed_value(y(k, i)),
+          out.push_back({r.ids[std::size_t(i)], int(rows[std::size_t(k)]), objective(j).signed_value(y(k, i)),
               bulk.better(y(k, i)), std::min(first, last), std::max(first, last)});
         }
     }
@@ -122,43 +116,42 @@ class Optimizer {
     return out;
   }
 
-  /// Volume that the front dominates above the reference point, in the product of the objectives' units.
-  double hypervolume() const {
-    Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
-    for (Eigen::Index j = 0; j < reference.size(); ++j)
-      reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
-    return lumo::hypervolume(objectives(), reference);
-  }
-
-  /// Models of the observed outputs as they are in evidence(). Empty before two trials are observed.
-  const std::vector<GaussianProcess<Kernel>>& models() {
-    if (observed() < 2 || modelled_ == observed()) return models_;
+  /// Models of the outputs as they are in evidence(). Empty before there are two results.
+  const std::vector<GaussianProcess<Kernel>>& models() const {
+    const int results = int(problem().known.size()) + observed();
+    if (results < 2 || modelled_ == results) return models_;
     const Evidence e = evidence();
     models_.clear();
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      models_.push_back(
-          GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
-    modelled_ = observed();
+      models_.push_back(GaussianProcess<Kernel>::fit(
+          {e.x, e.outputs.row(k).transpose(), e.lower, e.upper,
+              e.errors.cols() ? Eigen::VectorXd(e.errors.row(k).transpose()) : Eigen::VectorXd()},
+          config_.model));
+    modelled_ = results;
     return models_;
   }
 
-  /// Observed and pending trials as models and acquisition see them: without outliers, outputs less their reference,
-  /// larger is better, in units of the spread of their objective.
+  /// Results and pending trials as models see them: without outliers, outputs less their reference, larger is better,
+  /// in units of the spread of their objective.
   Evidence evidence() const {
     Evidence e;
+    const Trials::Results r = trials_.results();
     const std::vector<Eigen::Index> kept = inliers();
-    e.x = trials_.designs(Trial::State::observed)(Eigen::all, kept);
+    e.x = r.x(Eigen::all, kept);
     e.pending = trials_.designs(Trial::State::pending);
-    e.outputs = trials_.observed_outputs()(Eigen::all, kept);
+    e.outputs = r.outputs(Eigen::all, kept);
+    if (r.errors.cols() > 0 && problem().noise != Noise::none) e.errors = r.errors(Eigen::all, kept);
     for (int j = 0; j < int(problem().objectives.size()); ++j) {
       const std::vector<Eigen::Index> rows = rows_of(j);
       Eigen::ArrayXXd y =
           objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
       const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
+      double spread = 1.0;
       if (largest > 0.0) {
         y /= largest;
-        const double spread = std::sqrt((y - y.mean()).square().mean());
-        if (spread > 1e-14) y /= spread;
+        const double deviation = std::sqrt((y - y.mean()).square().mean());
+        if (deviation > 1e-14) y /= spread = deviation;
+        if (e.errors.cols() > 0) e.errors(rows, Eigen::all) *= 1.0 / largest / spread;
       }
       e.outputs(rows, Eigen::all) = y.matrix();
     }
@@ -175,32 +168,24 @@ class Optimizer {
 
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
-
-  /// Outputs that an objective is made of.
-  std::vector<Eigen::Index> rows_of(int j) const {
-    std::vector<Eigen::Index> rows;
-    for (int k = 0; k < trials_.outputs(); ++k)
-      if (config_.reduction.objective(k) == j) rows.push_back(k);
-    return rows;
-  }
-  /// Observed trials without outliers, as columns of the observed ones.
+  std::vector<Eigen::Index> rows_of(int j) const { return outputs_of(config_.reduction, trials_.outputs(), j); }
+  /// Results without outliers, as columns of Trials::results().
   std::vector<Eigen::Index> inliers() const {
     std::set<int> absurd;
     for (const Outlier& o : outliers()) absurd.insert(o.id);
-    const std::vector<int> ids = trials_.observed_ids();
+    const std::vector<int> ids = trials_.results().ids;
     std::vector<Eigen::Index> kept;
     for (std::size_t i = 0; i < ids.size(); ++i)
       if (!absurd.contains(ids[i])) kept.push_back(Eigen::Index(i));
     return kept;
   }
 
-  /// Objectives of the observed trials (objectives × n) in their units, larger is better.
-  Eigen::MatrixXd objectives() const {
-    Eigen::MatrixXd y = trials_.observed_outputs();
-    for (Eigen::Index k = 0; k < y.rows(); ++k)
-      y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-    return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
-                    : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  Beliefs<Kernel, R> beliefs() const {
+    return {trials_, config_.reduction, problem().noise == Noise::none ? no_models() : models(), evidence(), inliers()};
+  }
+  static const std::vector<GaussianProcess<Kernel>>& no_models() {
+    static const std::vector<GaussianProcess<Kernel>> none;
+    return none;
   }
 
   /// Model of the success of evaluations; nullopt if none has failed for a reason of its design, or given a value that
@@ -210,9 +195,11 @@ class Optimizer {
     std::set<int> absurd;
     for (const Outlier& o : outliers())
       if (!o.better) absurd.insert(o.id);
-    for (const int id : absurd) {
+    const Trials::Results r = trials_.results();
+    for (std::size_t i = 0; i < r.ids.size(); ++i) {
+      if (!absurd.contains(r.ids[i])) continue;
       failed.conservativeResize(Eigen::NoChange, failed.cols() + 1);
-      failed.rightCols(1) = Eigen::Map<const Eigen::VectorXd>(trials()[std::size_t(id)].x.data(), failed.rows());
+      failed.rightCols(1) = r.x.col(Eigen::Index(i));
     }
     if (failed.cols() == 0) return std::nullopt;
     return SuccessModel<Kernel>(e.x, failed, e.lower, e.upper, config_.model);
@@ -225,25 +212,59 @@ class Optimizer {
       auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
       return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
     }
-    const std::vector<int> ids = trials_.observed_ids();
-    const std::vector<Eigen::Index> kept = inliers();
+    const Trials::Results r = trials_.results();
+    std::vector<Eigen::Index> kept;
+    for (const Eigen::Index i : inliers())
+      if (problem().space.encloses(design(r, i))) kept.push_back(i);
     std::vector<Design> standing;
-    for (const Eigen::Index i : pareto_front(Eigen::MatrixXd(objectives()(Eigen::all, kept))))
-      standing.push_back(trials()[std::size_t(ids[std::size_t(kept[std::size_t(i)])])].x);
-    const Evidence e = evidence();
+    for (const Eigen::Index i : pareto_front(objectives_of(config_.reduction, problem(), r.outputs(Eigen::all, kept))))
+      if (const Design x = design(r, kept[std::size_t(i)]); problem().space.contains(x)) standing.push_back(x);
+    const Evidence known = evidence(), e = inside(known);
     const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
     const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};
-    const auto model = success(e);
-    if (!model) return config_.source.best(request, utility);
-    return config_.source.best(
-        request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
+    const auto model = success(known);
+    const auto score = [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd {
+      return model ? model->expected(utility(x), x) : utility(x);
+    };
+    std::optional<Design> fresh = config_.source.best(request, score);
+    if (problem().repeats == 1) return fresh;
+    return or_repeated(std::move(fresh), e, score);
+  }
+  /// The fresh design, or one that is better evaluated again.
+  std::optional<Design> or_repeated(std::optional<Design> fresh, const Evidence& e, const Score& score) const {
+    const auto b = beliefs();
+    if (!b.any_noise() || !config_.reduction.identity() || e.reference.size() > LogNehvi::exact_objectives)
+      return fresh;
+    std::vector<bool> may;
+    for (std::size_t i = 0; i < b.ids().size(); ++i)
+      may.push_back(b.modelled(i) && b.ids()[i] >= 0 &&
+                    trials_.evaluations(trials()[std::size_t(b.ids()[i])].x) < problem().repeats);
+    const auto again = best_repeat(models_, e, b.designs(), may);
+    if (!again) return fresh;
+    if (fresh && std::log(std::max(again->worth, 1e-300)) <= score(design_columns({*fresh}, fresh->size()))[0])
+      return fresh;
+    return trials()[std::size_t(b.ids()[std::size_t(again->design)])].x;
+  }
+  static Design design(const Trials::Results& r, Eigen::Index i) {
+    return {r.x.col(i).data(), r.x.col(i).data() + r.x.rows()};
+  }
+  /// Evidence of designs inside the space: results outside inform the models, but nothing has to be better than they.
+  Evidence inside(Evidence e) const {
+    std::vector<Eigen::Index> kept;
+    for (Eigen::Index i = 0; i < e.x.cols(); ++i)
+      if (problem().space.encloses(Design(e.x.col(i).data(), e.x.col(i).data() + e.x.rows()))) kept.push_back(i);
+    if (Eigen::Index(kept.size()) == e.x.cols()) return e;
+    e.x = Eigen::MatrixXd(e.x(Eigen::all, kept));
+    e.outputs = Eigen::MatrixXd(e.outputs(Eigen::all, kept));
+    if (e.errors.cols() > 0) e.errors = Eigen::MatrixXd(e.errors(Eigen::all, kept));
+    return e;
   }
 
   Config config_;
   Trials trials_;
   bool exhausted_ = false;
-  std::vector<GaussianProcess<Kernel>> models_;
-  int modelled_ = 0;  ///< observed trials that the models know
+  mutable std::vector<GaussianProcess<Kernel>> models_;  // fitted when they are first asked for
+  mutable int modelled_ = 0;                             ///< results that the models know
 };
 
 }  // namespace lumo

@@ -23,13 +23,32 @@ struct Objective {
   double signed_value(double y) const { return maximize ? y : -y; }  ///< larger is better
 };
 
+/// A result that was not asked for: of an earlier search, or measured. It may lie off the lattice and outside the
+/// space, and there may be several of one design.
+struct KnownResult {
+  Design x;
+  std::vector<double> outputs;  ///< in their own units and sense
+  std::vector<double> errors;   ///< standard errors of the outputs; empty: not known
+};
+
+/// Whether observations carry noise: then a front is of the models' means, not of the values that were reported.
+enum class Noise {
+  estimated,  ///< where a standard error was reported, or the models see noise beyond doubt
+  none,       ///< not even with standard errors
+  present
+};
+
 /// An optimisation problem, and how much of the search is fixed beforehand.
 struct Problem {
   DesignSpace space;
   std::vector<Objective> objectives;
-  std::vector<Design> initial;  ///< asked first
-  int sobol = 8;                ///< asked next: points spread over the space
-  int evaluations = 40;         ///< observed trials at which it ends, initial and Sobol ones included
+  std::vector<Design> initial;     ///< asked first
+  bool initial_anywhere = false;   ///< they may lie off the lattice and outside the bounds
+  std::vector<KnownResult> known;  ///< the models know them from the start; none is proposed
+  Noise noise = Noise::estimated;
+  int repeats = 1;       ///< evaluations of one design, at most; more only where there is noise
+  int sobol = 8;         ///< asked next: points spread over the space
+  int evaluations = 40;  ///< observed trials at which it ends, initial and Sobol ones included
   std::uint64_t seed = 0;
 
   /// Throws InvalidArgument or InfeasibleDesign naming the fault; DesignSampler checks variables and constraints.
@@ -46,7 +65,17 @@ struct Problem {
       throw InvalidArgument(message("number of Sobol points is ", sobol, ", must lie in [0, 100000]"));
     if (evaluations < 1 || evaluations > 100000)
       throw InvalidArgument(message("number of evaluations is ", evaluations, ", must lie in [1, 100000]"));
-    for (const Design& x : initial) space.check(x);
+    if (repeats < 1 || repeats > 1000)
+      throw InvalidArgument(message("number of evaluations of one design is ", repeats, ", must lie in [1, 1000]"));
+    if (repeats > 1 && noise == Noise::none)
+      throw InvalidArgument(message("designs are to be evaluated ", repeats, " times, but there is to be no noise"));
+    DesignSpace asked = space;
+    if (initial_anywhere) asked = asked.unbounded();
+    for (const Design& x : initial) {
+      space.check_result(x);
+      asked.check(x);
+    }
+    for (const KnownResult& k : known) space.check_result(k.x);
   }
 };
 
@@ -57,14 +86,16 @@ struct Trial {
   Design x;
   State state = State::pending;
   std::vector<double> outputs;  ///< observed ones, in their own units and sense
+  std::vector<double> errors;   ///< their standard errors; empty: not known
   bool retry = false;           ///< failed for a reason that does not lie in the design
   std::string why;
 };
 
-/// An observed trial's objectives, in their own units and sense.
+/// A design's objectives, in their own units and sense.
 struct Outcome {
-  int id = 0;
+  int id = 0;  ///< of its trial; −1 − k for the known result k
   std::vector<double> objectives;
+  std::vector<double> deviations = {};  ///< standard deviations of what the models believe; empty for reported values
 };
 
 /// Evaluations that ended, and how many of them failed.

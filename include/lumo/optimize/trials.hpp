@@ -24,10 +24,15 @@ class Trials {
   Trials(Problem problem, int outputs, int retries)
       : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
-    DesignSet known;
+    for (const KnownResult& k : problem_.known) {
+      check_outputs("known result", k.outputs, k.errors);
+      if (problem_.space.contains(k.x)) taken_.insert(sampler_.canonical(k.x));
+    }
+    known_ = taken_.size();
+    DesignSet planned = taken_;
     for (const Design& x : problem_.initial)
-      if (known.insert(sampler_.canonical(x)).second) starts_.push_back(sampler_.canonical(x));
-    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), known))
+      if (planned.insert(as_asked(x)).second) starts_.push_back(as_asked(x));
+    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), planned))
       starts_.push_back(std::move(x));
   }
 
@@ -40,15 +45,35 @@ class Trials {
   }
 
   int outputs() const { return outputs_; }
-  std::vector<int> observed_ids() const {
+  /// All results that there are, as columns: known ones (ids −1, −2, …), then the observed trials by id.
+  struct Results {
     std::vector<int> ids;
+    Eigen::MatrixXd x;        ///< d × n
+    Eigen::MatrixXd outputs;  ///< outputs × n, in their own units and sense
+    Eigen::MatrixXd
+        errors;  ///< outputs × n: standard errors, 0 where none was reported; empty where none was reported at all
+  };
+  Results results() const {
+    const auto d = Eigen::Index(sampler_.dimensions());
+    const Eigen::Index n = Eigen::Index(problem_.known.size()) + count(Trial::State::observed);
+    Results r{{}, Eigen::MatrixXd(d, n), Eigen::MatrixXd(outputs_, n), Eigen::MatrixXd::Zero(outputs_, n)};
+    const auto add = [&](int id, const Design& x, const std::vector<double>& outputs, const std::vector<double>& e) {
+      const auto i = Eigen::Index(r.ids.size());
+      r.ids.push_back(id);
+      r.x.col(i) = Eigen::Map<const Eigen::VectorXd>(x.data(), d);
+      r.outputs.col(i) = Eigen::Map<const Eigen::VectorXd>(outputs.data(), outputs_);
+      if (!e.empty()) r.errors.col(i) = Eigen::Map<const Eigen::VectorXd>(e.data(), outputs_);
+    };
+    for (std::size_t k = 0; k < problem_.known.size(); ++k)
+      add(-1 - int(k), problem_.known[k].x, problem_.known[k].outputs, problem_.known[k].errors);
     for (const Trial& t : trials_)
-      if (t.state == Trial::State::observed) ids.push_back(t.id);
-    return ids;
+      if (t.state == Trial::State::observed) add(t.id, t.x, t.outputs, t.errors);
+    if ((r.errors.array() == 0.0).all()) r.errors.resize(0, 0);
+    return r;
   }
-  /// Observed trials before the first that a model chose.
-  std::size_t observed_starts() const {
-    std::size_t count = 0;
+  /// Results before the first that a model chose.
+  std::size_t result_starts() const {
+    std::size_t count = problem_.known.size();
     for (const Trial& t : trials_) {
       if (std::find(starts_.begin(), starts_.end(), t.x) == starts_.end()) break;
       count += t.state == Trial::State::observed;
@@ -61,7 +86,7 @@ class Trials {
   std::optional<Design> scheduled() const {
     for (const Trial& t : trials_)
       if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
-    if (taken_.size() >= starts_.size()) return std::nullopt;
+    if (taken_.size() - known_ >= starts_.size()) return std::nullopt;
     for (const Design& x : starts_)
       if (!taken_.contains(x)) return x;
     return std::nullopt;
@@ -71,25 +96,29 @@ class Trials {
     if (id != int(trials_.size()))
       throw InvalidArgument(
           message("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
-    problem_.space.check(x);
-    x = sampler_.canonical(std::move(x));
-    if (taken_.contains(x))
-      for (const Trial& t : trials_)
-        if (t.x == x && !(t.state == Trial::State::failed && t.retry))
-          throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
+    x = as_asked(std::move(x));
+    int before = 0;
+    for (const Trial& t : trials_) {
+      if (t.x != x || (t.state == Trial::State::failed && t.retry)) continue;
+      if (++before >= problem_.repeats || t.state == Trial::State::failed)
+        throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
+    }
     taken_.insert(x);
-    trials_.push_back({id, std::move(x), Trial::State::pending, {}, false, {}});
+    trials_.push_back({id, std::move(x), Trial::State::pending, {}, {}, false, {}});
     return trials_.back();
   }
-  /// Throw InvalidArgument if the trial is not pending, or the outputs are too few, too many or not finite.
-  void tell(int id, std::vector<double> outputs) {
+  /// Trials of a design that were answered, or are pending; failures of the machine do not count.
+  int evaluations(const Design& x) const {
+    return int(std::count_if(trials_.begin(), trials_.end(),
+        [&](const Trial& t) { return t.x == x && !(t.state == Trial::State::failed && t.retry); }));
+  }
+  /// Throw InvalidArgument if the trial is not pending, or the outputs are too few, too many or not finite; so for
+  /// their standard errors, unless there are none.
+  void tell(int id, std::vector<double> outputs, std::vector<double> errors = {}) {
     Trial& trial = pending(id);
-    if (int(outputs.size()) != outputs_)
-      throw InvalidArgument(message("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
-    for (const double y : outputs)
-      if (!(std::abs(y) <= largest_output))
-        throw InvalidArgument(message("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
+    check_outputs(message("trial ", id), outputs, errors);
     trial.outputs = std::move(outputs);
+    trial.errors = std::move(errors);
     trial.state = Trial::State::observed;
   }
   void fail(int id, bool retry, std::string why) {
@@ -108,17 +137,28 @@ class Trials {
         x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
     return x.leftCols(column);
   }
-  /// Outputs of the observed trials (outputs × n) by id, in their own units and sense.
-  Eigen::MatrixXd observed_outputs() const {
-    Eigen::MatrixXd y(outputs_, count(Trial::State::observed));
-    Eigen::Index column = 0;
-    for (const Trial& t : trials_)
-      if (t.state == Trial::State::observed)
-        y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
-    return y;
-  }
 
  private:
+  void check_outputs(const std::string& whose, const std::vector<double>& y, const std::vector<double>& errors) const {
+    if (int(y.size()) != outputs_)
+      throw InvalidArgument(message(whose, " has ", y.size(), " values, must have ", outputs_));
+    if (!errors.empty() && int(errors.size()) != outputs_)
+      throw InvalidArgument(message(whose, " has ", errors.size(), " standard errors, must have ", outputs_));
+    for (const double v : y)
+      if (!(std::abs(v) <= largest_output))
+        throw InvalidArgument(message(whose, " has a value of ", v, ", must be a finite number within +-1e150"));
+    for (const double e : errors)
+      if (!(e >= 0.0 && e <= largest_output))
+        throw InvalidArgument(message(whose, " has a standard error of ", e, ", must lie in [0, 1e150]"));
+  }
+  /// An initial design may be wherever it was said to be; throws as DesignSpace::check() for all others.
+  Design as_asked(Design x) const {
+    if (problem_.initial_anywhere && !problem_.space.contains(x) &&
+        std::find(problem_.initial.begin(), problem_.initial.end(), x) != problem_.initial.end())
+      return x;
+    problem_.space.check(x);
+    return sampler_.canonical(std::move(x));
+  }
   Trial& pending(int id) {
     if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(message("trial ", id, " was never asked"));
     Trial& trial = trials_[std::size_t(id)];
@@ -139,7 +179,8 @@ class Trials {
   int outputs_, retries_;
   std::vector<Design> starts_;
   std::vector<Trial> trials_;
-  DesignSet taken_;
+  DesignSet taken_;        ///< asked, and known on the lattice
+  std::size_t known_ = 0;  ///< of them
 };
 
 }  // namespace lumo

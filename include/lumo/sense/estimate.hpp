@@ -59,6 +59,7 @@ template <class MakeLocalizer> std::vector<FrameEstimate> locate(
     finger.unloaded.subtract(p);
     e.force.state = EstimatorState::vision_only;
     e.location = localizer.update(p);
+    if (e.location.unknown) e.force.faults.add(Fault::response_unknown);
     list.push_back(std::move(e));
   }
   return list;

@@ -3,18 +3,16 @@
 // Adapter to SQLite (public domain) and, for digests, xxHash (BSD-2, header only). Link with -lsqlite3.
 
 #include "lumo/campaign/journal.hpp"
+#include "lumo/support/detail/entry_chain.hpp"
 #include "lumo/support/process/process.hpp"
 
 #include <sqlite3.h>
-
-#define XXH_INLINE_ALL
-#include <xxhash.h>
-#undef XXH_INLINE_ALL
 
 #include <unistd.h>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <memory>
 
@@ -24,15 +22,15 @@ namespace lumo {
 /// Each entry carries a digest that includes the one before, and the file says how many there are, because SQLite
 /// itself does not notice a flipped bit. Every path is a file's, also ":memory:" and "file:x". What is found removed,
 /// renamed or replaced at a write is kept beside with the entry to be written. Nothing that a file brings along is
-/// carried out: it has three tables, and no triggers or views. All members throw StoreError. Not to be used after a
-/// fork.
-class SqliteJournal {
+/// carried out: it has three tables, a fourth once an answer had to wait for its turn, and no triggers or views. All
+/// members throw StoreError. Not to be used after a fork.
+class SqliteStore {
  public:
   /// Opens the file, or makes it with this problem when there is none. A file with another problem is refused with the
   /// first line that differs.
-  SqliteJournal(const std::string& path, const std::string& problem);
+  SqliteStore(const std::string& path, const std::string& problem);
   /// Opens a file that is there, for reading.
-  explicit SqliteJournal(const std::string& path);
+  explicit SqliteStore(const std::string& path);
 
   /// All entries without their records. Each is read, and its digest checked, once.
   std::vector<JournalEntry> entries() const;
@@ -42,6 +40,18 @@ class SqliteJournal {
 
   /// Takes over the work that an entry announces unless another living process on this machine has it.
   bool claim(std::int64_t number);
+  /// Takes over the first of these entries that no other living process on this machine has.
+  std::optional<std::int64_t> claim_first(const std::vector<std::int64_t>& numbers);
+  /// Gives back what this process has claimed.
+  void release(std::int64_t number);
+  /// Of processes that live on this machine; a file keeps no times.
+  std::vector<Claim> claims() const;
+
+  /// Keeps the answer to the entry `number` beside the entries until one like it is appended; false if there is one.
+  bool deliver(std::int64_t number, const JournalEntry& answer);
+  std::vector<std::int64_t> delivered() const;
+  std::optional<JournalEntry> delivery(std::int64_t number) const;
+  void wait(double seconds) { pause_for(seconds); }
 
   /// Digest of the last entry: of the whole journal.
   std::string digest() const;
@@ -62,7 +72,7 @@ class SqliteJournal {
   // Rolls back unless committed.
   class Transaction {
    public:
-    explicit Transaction(const SqliteJournal& log) : log_(log) { log_.run("BEGIN IMMEDIATE"); }
+    explicit Transaction(const SqliteStore& log) : log_(log) { log_.run("BEGIN IMMEDIATE"); }
     ~Transaction() {
       if (!done_) sqlite3_exec(log_.db_.get(), "ROLLBACK", nullptr, nullptr, nullptr);
     }
@@ -74,7 +84,7 @@ class SqliteJournal {
     }
 
    private:
-    const SqliteJournal& log_;
+    const SqliteStore& log_;
     bool done_ = false;
   };
 
@@ -85,8 +95,9 @@ class SqliteJournal {
   /// Reads the entries that others, or append(), have added.
   void catch_up() const;
   bool moved() const;
-  /// Copies the file, which is no longer at its path, beside it, with this entry; throws StoreError that says so.
-  [[noreturn]] void rescue(const std::optional<JournalEntry>& entry) const;
+  /// Copies the file, which is no longer at its path, beside it, with what `add(copy)` adds; throws StoreError that
+  /// says so.
+  [[noreturn]] void rescue(const std::function<void(SqliteStore&)>& add) const;
   void create(const std::string& problem) const;
   void run(const char* sql) const { step(prepare(sql)); }
   Statement prepare(const char* sql) const;
@@ -95,19 +106,27 @@ class SqliteJournal {
   void insert(const JournalEntry& entry, const std::string& before) const;
   std::int64_t number_of(const char* sql) const;
   static std::string text(const Statement& s, int column);
+  static detail::StoredEntry stored(const Statement& s);
   static void bind(const Statement& s, int place, const std::string& value) {
     sqlite3_bind_text(s.get(), place, value.data(), int(value.size()), SQLITE_TRANSIENT);
   }
-  static std::string digest_of(const JournalEntry& entry, const std::string& before);
+  static void bind_entry(const Statement& s, const JournalEntry& e, const std::string& digest) {
+    sqlite3_bind_int64(s.get(), 1, e.number);
+    int place = 1;
+    for (const std::string& value : {to_string(e.kind), e.content, e.record, e.notes, digest}) bind(s, ++place, value);
+  }
+  bool has_deliveries() const { return number_of("SELECT count(*) FROM sqlite_schema WHERE name = 'delivery'") != 0; }
 
   std::string path_;
   pid_t owner_ = getpid();
   std::unique_ptr<sqlite3, Close> db_;
-  mutable std::vector<JournalEntry> known_;
-  mutable std::string known_digest_;
+  mutable detail::EntryChain known_;
 };
 
-inline SqliteJournal::SqliteJournal(const std::string& path, const std::string& problem) : path_(path) {
+/// Its name in earlier versions.
+using SqliteJournal = SqliteStore;
+
+inline SqliteStore::SqliteStore(const std::string& path, const std::string& problem) : path_(path) {
   open(SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
   {
     Transaction t(*this);
@@ -115,29 +134,17 @@ inline SqliteJournal::SqliteJournal(const std::string& path, const std::string& 
     t.commit();
   }
   require_own_tables();
-  const std::string stored = entries().front().content;
-  if (stored == problem) return;
-  const auto [a, b] = std::mismatch(stored.begin(), stored.end(), problem.begin(), problem.end());
-  const auto line_of = [](const std::string& s, std::size_t at) {
-    const std::size_t from = at == 0 ? 0 : s.rfind('\n', at - 1) + 1;
-    std::string line = s.substr(from, s.find('\n', from) - from);
-    line.erase(0, line.find_first_not_of(' '));
-    if (line.ends_with(',')) line.pop_back();
-    return line;
-  };
-  throw StoreError(StoreError::Reason::different,
-      message("store ", path, " belongs to another problem: it has ", line_of(stored, std::size_t(a - stored.begin())),
-          ", asked for is ", line_of(problem, std::size_t(b - problem.begin()))));
+  detail::require_problem(path, entries().front().content, problem);
 }
 
-inline SqliteJournal::SqliteJournal(const std::string& path) : path_(path) {
+inline SqliteStore::SqliteStore(const std::string& path) : path_(path) {
   open(SQLITE_OPEN_READWRITE);  // a write that was cut off must be taken back first; a file that may not be written is
                                 // opened for reading
   require_own_tables();
   entries();
 }
 
-inline void SqliteJournal::open(int flags) {
+inline void SqliteStore::open(int flags) {
   if (path_.empty()) throw StoreError(StoreError::Reason::unusable, "store has no name");
   sqlite3* db = nullptr;
   // An absolute path is neither SQLite's ":memory:" nor a URI.
@@ -155,7 +162,7 @@ inline void SqliteJournal::open(int flags) {
   run("PRAGMA cell_size_check=ON");
 }
 
-inline void SqliteJournal::create(const std::string& problem) const {
+inline void SqliteStore::create(const std::string& problem) const {
   run("CREATE TABLE entry(number INTEGER PRIMARY KEY, kind TEXT NOT NULL, content TEXT NOT NULL, record TEXT NOT NULL, "
       "notes TEXT NOT NULL, digest TEXT NOT NULL) STRICT");
   run("CREATE TABLE head(id INTEGER PRIMARY KEY CHECK (id = 0), number INTEGER NOT NULL, digest TEXT NOT NULL) STRICT");
@@ -165,72 +172,74 @@ inline void SqliteJournal::create(const std::string& problem) const {
   insert({0, JournalEntry::Kind::problem, problem, "", ""}, "");
 }
 
-inline void SqliteJournal::require_own_tables() const {
+inline void SqliteStore::require_own_tables() const {
   const Statement s = prepare(
-      "SELECT type, name FROM sqlite_schema WHERE type <> 'table' OR name NOT IN ('entry', 'head', 'worker') LIMIT 1");
+      "SELECT type, name FROM sqlite_schema WHERE type <> 'table' OR name NOT IN ('entry', 'head', 'worker', "
+      "'delivery') LIMIT 1");
   if (number_of("PRAGMA application_id") == application && step(s))
     throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has a ", printable(text(s, 0)), " '",
                                                       printable(text(s, 1)), "' that lumo has not made"));
 }
 
-inline std::vector<JournalEntry> SqliteJournal::entries() const {
-  if (!known_.empty()) {
+inline std::vector<JournalEntry> SqliteStore::entries() const {
+  if (!known_.entries.empty()) {
     catch_up();
     const Statement head = prepare("SELECT number, digest FROM head");
-    if (step(head) && sqlite3_column_int64(head.get(), 0) == known_.back().number && text(head, 1) == known_digest_)
-      return known_;
+    if (step(head) && sqlite3_column_int64(head.get(), 0) == known_.entries.back().number &&
+        text(head, 1) == known_.digest)
+      return known_.entries;
   }
-  known_.clear();
-  known_digest_.clear();
+  known_ = {};
   if (number_of("PRAGMA application_id") != application)
     throw StoreError(StoreError::Reason::unusable, message(path_, " is not a store of lumo"));
   if (const auto v = number_of("PRAGMA user_version"); v != format)
     throw StoreError(StoreError::Reason::unusable,
         message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
   catch_up();
-  return known_;
+  return known_.entries;
 }
 
-inline void SqliteJournal::catch_up() const {
-  std::vector<JournalEntry>& list = known_;
-  bool whole = !list.empty();
+inline void SqliteStore::catch_up() const {
+  const std::size_t before = known_.entries.size();
   // One statement, so that entries and head are of one moment.
   const Statement s = prepare(
       "SELECT entry.number, kind, content, record, notes, entry.digest, head.number, head.digest FROM entry LEFT JOIN "
       "head ON id = 0 WHERE entry.number >= ? ORDER BY entry.number");
-  sqlite3_bind_int64(s.get(), 1, list.empty() ? std::numeric_limits<std::int64_t>::min() : std::int64_t(list.size()));
+  sqlite3_bind_int64(s.get(), 1, before == 0 ? std::numeric_limits<std::int64_t>::min() : std::int64_t(before));
   const auto next = [&] {
     try {
       return step(s);
     } catch (const StoreError& e) {  // SQLite itself found damage
       if (e.reason() != StoreError::Reason::corrupt) throw;
       throw StoreError(StoreError::Reason::corrupt,
-          message("store ", path_, " is damaged at entry ", list.size(), ": ", sqlite3_errmsg(db_.get())));
+          message("store ", path_, " is damaged at entry ", known_.entries.size(), ": ", sqlite3_errmsg(db_.get())));
     }
   };
+  std::int64_t number = -1;
+  std::string digest;
   while (next()) {
-    const auto kind = journal_kind(text(s, 1));
-    JournalEntry e{sqlite3_column_int64(s.get(), 0), kind.value_or(JournalEntry::Kind::problem), text(s, 2), text(s, 3),
-        text(s, 4)};
-    const std::string found = text(s, 5);
-    if (!kind || e.number != std::int64_t(list.size()) || digest_of(e, known_digest_) != found)
-      throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size()));
-    known_digest_ = found;
-    whole = sqlite3_column_int64(s.get(), 6) == e.number && text(s, 7) == found;
-    e.record.clear();
-    list.push_back(std::move(e));
+    known_.add(path_, stored(s));
+    number = sqlite3_column_int64(s.get(), 6);
+    digest = text(s, 7);
   }
-  if (!whole)
-    throw StoreError(StoreError::Reason::corrupt,
-        message("store ", path_, " is damaged after entry ", std::int64_t(list.size()) - 1, ": entries are missing"));
+  if (before == 0 || known_.entries.size() > before) known_.require_end(path_, number, digest);
 }
 
-inline bool SqliteJournal::moved() const {
+inline detail::StoredEntry SqliteStore::stored(const Statement& s) {
+  JournalEntry e;
+  e.number = sqlite3_column_int64(s.get(), 0);
+  e.content = text(s, 2);
+  e.record = text(s, 3);
+  e.notes = text(s, 4);
+  return {text(s, 1), std::move(e), text(s, 5)};
+}
+
+inline bool SqliteStore::moved() const {
   int moved = 0;
   return sqlite3_file_control(db_.get(), "main", SQLITE_FCNTL_HAS_MOVED, &moved) == SQLITE_OK && moved != 0;
 }
 
-inline void SqliteJournal::rescue(const std::optional<JournalEntry>& entry) const {
+inline void SqliteStore::rescue(const std::function<void(SqliteStore&)>& add) const {
   const std::string what = message("store ", path_, " was ",
       std::filesystem::exists(path_) ? "replaced" : "removed or renamed", " while it was in use");
   for (int k = 1; k < 1000; ++k) {
@@ -244,35 +253,44 @@ inline void SqliteJournal::rescue(const std::optional<JournalEntry>& entry) cons
     if (backup) sqlite3_backup_step(backup, -1);
     if (!backup || sqlite3_backup_finish(backup) != SQLITE_OK)
       throw StoreError(StoreError::Reason::unusable, message(what, ", and ", beside, " cannot be written"));
-    SqliteJournal kept(beside);
-    if (entry) kept.append([&](const std::vector<JournalEntry>&) { return entry; });
+    SqliteStore kept(beside);
+    add(kept);
     throw StoreError(StoreError::Reason::unusable, message(what, "; all that it held is in ", beside));
   }
   throw StoreError(StoreError::Reason::unusable, what);
 }
 
-inline std::string SqliteJournal::record(std::int64_t number) const {
+inline std::string SqliteStore::record(std::int64_t number) const {
   const Statement s = prepare("SELECT record FROM entry WHERE number = ?");
   sqlite3_bind_int64(s.get(), 1, number);
   if (!step(s)) throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has no entry ", number));
   return text(s, 0);
 }
 
-template <class Next> std::optional<JournalEntry> SqliteJournal::append(Next&& next) {
-  if (moved()) rescue(next(entries()));
+template <class Next> std::optional<JournalEntry> SqliteStore::append(Next&& next) {
+  if (moved()) {
+    // Not a lambda in append(): each would make another append().
+    const std::function<std::optional<JournalEntry>(const std::vector<JournalEntry>&)> same =
+        [entry = next(entries())](const auto&) { return entry; };
+    rescue([&](SqliteStore& copy) { copy.append(same); });
+  }
   Transaction t(*this);
   const std::vector<JournalEntry> list = entries();
   std::optional<JournalEntry> entry = next(list);
   if (!entry) return std::nullopt;
   entry->number = std::int64_t(list.size());
   insert(*entry, digest());
+  if (has_deliveries()) {
+    run("DELETE FROM delivery WHERE EXISTS (SELECT 1 FROM entry WHERE entry.kind = delivery.kind AND entry.content = "
+        "delivery.content)");
+  }
   t.commit();
   return entry;
 }
 
-inline bool SqliteJournal::claim(std::int64_t number) {
+inline bool SqliteStore::claim(std::int64_t number) {
   const std::string me = process_token();
-  if (moved()) rescue(std::nullopt);
+  if (moved()) rescue([](SqliteStore&) {});
   Transaction t(*this);
   const Statement now = prepare("SELECT process FROM worker WHERE number = ?");
   sqlite3_bind_int64(now.get(), 1, number);
@@ -286,36 +304,89 @@ inline bool SqliteJournal::claim(std::int64_t number) {
   return true;
 }
 
-inline std::string SqliteJournal::digest() const {
+inline std::optional<std::int64_t> SqliteStore::claim_first(const std::vector<std::int64_t>& numbers) {
+  for (const std::int64_t number : numbers)
+    if (claim(number)) return number;
+  return std::nullopt;
+}
+
+inline void SqliteStore::release(std::int64_t number) {
+  const Statement s = prepare("DELETE FROM worker WHERE number = ? AND process = ?");
+  sqlite3_bind_int64(s.get(), 1, number);
+  bind(s, 2, process_token());
+  step(s);
+}
+
+inline std::vector<Claim> SqliteStore::claims() const {
+  std::vector<Claim> list;
+  const Statement s = prepare("SELECT number, process FROM worker ORDER BY number");
+  while (step(s))
+    if (const std::string process = text(s, 1); process_lives(process)) {
+      const std::size_t from = process.find(' ') + 1;
+      list.push_back({sqlite3_column_int64(s.get(), 0), "this machine", process.substr(from, process.rfind(' ') - from),
+          std::nullopt});
+    }
+  return list;
+}
+
+inline bool SqliteStore::deliver(std::int64_t number, const JournalEntry& answer) {
+  if (moved()) rescue([&](SqliteStore& copy) { copy.deliver(number, answer); });
+  Transaction t(*this);
+  run("CREATE TABLE IF NOT EXISTS delivery(number INTEGER PRIMARY KEY, kind TEXT NOT NULL, content TEXT NOT NULL, "
+      "record TEXT NOT NULL, notes TEXT NOT NULL, digest TEXT NOT NULL) STRICT");
+  JournalEntry e = answer;
+  e.number = number;
+  const Statement s = prepare(
+      "INSERT OR IGNORE INTO delivery SELECT ?1, ?2, ?3, ?4, ?5, ?6 WHERE NOT EXISTS (SELECT 1 "
+      "FROM entry WHERE kind = ?2 AND content = ?3)");
+  bind_entry(s, e, detail::entry_digest(e, ""));
+  step(s);
+  const bool added = sqlite3_changes(db_.get()) != 0;
+  t.commit();
+  return added;
+}
+
+inline std::vector<std::int64_t> SqliteStore::delivered() const {
+  std::vector<std::int64_t> numbers;
+  if (!has_deliveries()) return numbers;
+  const Statement s = prepare("SELECT number FROM delivery ORDER BY number");
+  while (step(s)) numbers.push_back(sqlite3_column_int64(s.get(), 0));
+  return numbers;
+}
+
+inline std::optional<JournalEntry> SqliteStore::delivery(std::int64_t number) const {
+  if (!has_deliveries()) return std::nullopt;
+  const Statement s = prepare("SELECT number, kind, content, record, notes, digest FROM delivery WHERE number = ?");
+  sqlite3_bind_int64(s.get(), 1, number);
+  return step(s) ? std::optional(detail::checked_delivery(path_, stored(s))) : std::nullopt;
+}
+
+inline std::string SqliteStore::digest() const {
   const Statement s = prepare("SELECT digest FROM head");
   return step(s) ? text(s, 0) : "";
 }
 
-inline std::string SqliteJournal::digest(std::int64_t number) const {
+inline std::string SqliteStore::digest(std::int64_t number) const {
   const Statement s = prepare("SELECT digest FROM entry WHERE number = ?");
   sqlite3_bind_int64(s.get(), 1, number);
   if (!step(s)) throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has no entry ", number));
   return text(s, 0);
 }
 
-inline void SqliteJournal::verify() const {
-  known_.clear();
+inline void SqliteStore::verify() const {
+  known_ = {};
   entries();
+  for (const std::int64_t number : delivered()) delivery(number);
   const Statement s = prepare("PRAGMA integrity_check(1)");
   if (step(s))
     if (const std::string answer = text(s, 0); answer != "ok")
       throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged: ", answer));
 }
 
-inline void SqliteJournal::insert(const JournalEntry& e, const std::string& before) const {
-  const std::string digest = digest_of(e, before);
+inline void SqliteStore::insert(const JournalEntry& e, const std::string& before) const {
+  const std::string digest = detail::entry_digest(e, before);
   const Statement s = prepare("INSERT INTO entry VALUES(?, ?, ?, ?, ?, ?)");
-  sqlite3_bind_int64(s.get(), 1, e.number);
-  bind(s, 2, to_string(e.kind));
-  bind(s, 3, e.content);
-  bind(s, 4, e.record);
-  bind(s, 5, e.notes);
-  bind(s, 6, digest);
+  bind_entry(s, e, digest);
   step(s);
   const Statement head = prepare("INSERT OR REPLACE INTO head VALUES(0, ?, ?)");
   sqlite3_bind_int64(head.get(), 1, e.number);
@@ -323,7 +394,7 @@ inline void SqliteJournal::insert(const JournalEntry& e, const std::string& befo
   step(head);
 }
 
-inline SqliteJournal::Statement SqliteJournal::prepare(const char* sql) const {
+inline SqliteStore::Statement SqliteStore::prepare(const char* sql) const {
   if (getpid() != owner_)
     throw StoreError(StoreError::Reason::unusable, message("store ", path_, " was opened before a fork"));
   sqlite3_stmt* s = nullptr;
@@ -333,13 +404,13 @@ inline SqliteJournal::Statement SqliteJournal::prepare(const char* sql) const {
   return statement;
 }
 
-inline bool SqliteJournal::step(const Statement& s) const {
+inline bool SqliteStore::step(const Statement& s) const {
   const int code = sqlite3_step(s.get());
   if (code != SQLITE_ROW && code != SQLITE_DONE) fail(code);
   return code == SQLITE_ROW;
 }
 
-inline void SqliteJournal::fail(int code) const {
+inline void SqliteStore::fail(int code) const {
   using enum StoreError::Reason;
   const int kind = code & 0xff;
   const auto reason = kind == SQLITE_CORRUPT || kind == SQLITE_NOTADB || kind == SQLITE_ERROR ? corrupt
@@ -349,28 +420,17 @@ inline void SqliteJournal::fail(int code) const {
   throw StoreError(reason, message("store ", path_, ": ", db_ ? sqlite3_errmsg(db_.get()) : sqlite3_errstr(code)));
 }
 
-inline std::int64_t SqliteJournal::number_of(const char* sql) const {
+inline std::int64_t SqliteStore::number_of(const char* sql) const {
   const Statement s = prepare(sql);
   return step(s) ? sqlite3_column_int64(s.get(), 0) : 0;
 }
 
-inline std::string SqliteJournal::text(const Statement& s, int column) {
+inline std::string SqliteStore::text(const Statement& s, int column) {
   const unsigned char* data = sqlite3_column_text(s.get(), column);
   return data ? std::string(reinterpret_cast<const char*>(data), std::size_t(sqlite3_column_bytes(s.get(), column)))
               : std::string();
 }
 
-inline std::string SqliteJournal::digest_of(const JournalEntry& e, const std::string& before) {
-  std::string all = before;
-  for (const std::string& part : {std::to_string(e.number), to_string(e.kind), e.content, e.record})
-    all += std::to_string(part.size()) + ':' + part;
-  const XXH128_hash_t h = XXH3_128bits(all.data(), all.size());
-  char hex[33];
-  std::snprintf(hex, sizeof hex, "%016llx%016llx", static_cast<unsigned long long>(h.high64),
-      static_cast<unsigned long long>(h.low64));
-  return hex;
-}
-
-static_assert(Journal<SqliteJournal>);
+static_assert(Store<SqliteStore>);
 
 }  // namespace lumo

@@ -6,7 +6,7 @@
 
 int main() {
   std::filesystem::remove("components_sqlite.db");
-  const lumo::SqliteJournal log("components_sqlite.db", "a problem");
+  const lumo::SqliteStore log("components_sqlite.db", "a problem");
   log.verify();
   return log.entries().size() == 1 && is_wanted_version() ? 0 : 1;
 }

@@ -49,7 +49,7 @@ int main(int argc, char** argv) {
   problem.initial = {{6, 6, 8, 5, 0}};
   problem.sobol = 2;
   problem.evaluations = evaluations;
-  SqliteJournal log(argc > 1 ? argv[1] : "outside.db", "even sight and rigidity of lensed pads");
+  SqliteStore log(argc > 1 ? argv[1] : "outside.db", "even sight and rigidity of lensed pads");
   const auto evaluate_design = [&](const Design& x) {
     Body body = finger(FingerDesign::from(x), card, coarse);
     for (Emitter& e : body.emitters) e = own::LensedLed{.center = e.center(), .exponent = 4.0, .power_W = e.power_W()};

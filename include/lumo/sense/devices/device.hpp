@@ -126,6 +126,7 @@ struct Profile {
   Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
   /// Share of the raw values at the top of their range: profile values there are lower bounds.
   double saturated = 0.0;
+  double nearly_saturated = 0.0;  ///< share of 250 and more, where the readout counts them
 };
 
 /// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.

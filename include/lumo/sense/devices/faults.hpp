@@ -18,6 +18,7 @@ enum class Fault : std::uint32_t {
   frame_saturated,
   led_dead,          ///< dark about one LED
   exposure_changed,  ///< by its metadata, or all lights together
+  response_unknown,  ///< light that is neither no contact nor any that the localiser knows (TemplateLocalizer)
   camera_lost,       ///< the source has failed
   joint_dropped,
   joint_missing,
@@ -51,8 +52,8 @@ class Faults {
 inline std::string to_string(Faults faults) {
   static constexpr std::array<const char*, std::size_t(Fault::count)> names{"frame_dropped", "frames_missing",
       "frame_repeated", "frame_late", "frame_time", "frame_corrupt", "frame_black", "frame_saturated", "led_dead",
-      "exposure_changed", "camera_lost", "joint_dropped", "joint_missing", "joint_time", "joint_not_finite",
-      "torque_stuck", "torque_spike", "torque_saturated", "position_jump", "actuator_lost"};
+      "exposure_changed", "response_unknown", "camera_lost", "joint_dropped", "joint_missing", "joint_time",
+      "joint_not_finite", "torque_stuck", "torque_spike", "torque_saturated", "position_jump", "actuator_lost"};
   std::string text;
   for (std::size_t i = 0; i < names.size(); ++i)
     if (faults.has(Fault(i))) text += (text.empty() ? "" : " ") + std::string(names[i]);

@@ -1,11 +1,13 @@
 #pragma once
 
+#include "lumo/core/statistics.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/joints/joint_reference.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
+#include "lumo/sense/localize/template_localizer.hpp"
 #include "lumo/sense/profile/finger_view.hpp"
 #include "lumo/sense/recording/joint_velocity.hpp"
 #include "lumo/sense/recording/recording.hpp"
@@ -52,6 +54,37 @@ inline BayesLocalizer bayes_localizer(const FingerOptics& finger) {
 /// The localiser at the brightest place. Throws InvalidArgument without view or unloaded pictures.
 inline PeakLocalizer peak_localizer(const FingerOptics& finger) {
   return PeakLocalizer({finger.readout().positions_m(), finger.unloaded.noise()});
+}
+
+/// How sure templates are of the pad at hand: computed ones of a pad of this design, or recorded ones of this very pad.
+enum class TemplateSource { computed, recorded };
+
+/// Settings of the localiser of a pad whose responses are known; `lamp_m`: where its LEDs are. The scatter at rest is
+/// the mean over 9 neighbouring positions: a short unloaded stretch does not tell one position's own. Throws
+/// InvalidArgument without view or unloaded pictures, or where these show none of the templates' light.
+inline TemplateLocalizer::Config template_config(const FingerOptics& finger, const ResponseTemplates& templates,
+    const std::vector<double>& lamp_m, TemplateSource source = TemplateSource::computed) {
+  constexpr Eigen::Index neighbours = 4;  // to each side
+  TemplateLocalizer::Config c;
+  c.position_m = finger.readout().positions_m();
+  const Eigen::VectorXd noise = finger.unloaded.noise();
+  const Eigen::Index n = noise.size();
+  c.noise.resize(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Index from = std::max<Eigen::Index>(0, i - neighbours), to = std::min(n - 1, i + neighbours);
+    c.noise[i] = rms(noise.segment(from, to - from + 1));
+  }
+  c.unloaded = finger.unloaded.mean();
+  c.lamp_m = lamp_m;
+  c.from_m = finger.from_m;
+  c.to_m = finger.to_m;
+  c.templates = scaled_to(templates, c.position_m, c.unloaded, lamp_m);
+  if (source == TemplateSource::recorded) {
+    c.size_sigma = 0.15;
+    c.shape_sigma = 0.12;  // places may lie 10 mm apart
+    c.pad_sigma_m = 0.2_mm;
+  }
+  return c;
 }
 
 /// What is assumed of a finger's streams and of what sticks in its joints; chosen on the virtual lab.

@@ -179,7 +179,8 @@ class ForceEstimator {
     unloaded_.subtract(profile_);
     location_ = localizer_.update(profile_);
     const std::int64_t taken = f.stamp_ns - std::int64_t(1e9 * config_.frame_delay_s);
-    if (location_.contacts == 0) filter_.add_no_contact(taken);
+    if (location_.unknown) note(Fault::response_unknown);
+    else if (location_.contacts == 0) filter_.add_no_contact(taken);
     if (location_.contacts == 1) {
       // The filter has the localiser's offset as a state, and takes noises as independent.
       const ContactLocation& c = location_.contact[0];

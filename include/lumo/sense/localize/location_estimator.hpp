@@ -36,6 +36,8 @@ struct LocationEstimate {
   int contacts = 0;                        ///< 0, 1 or 2
   std::array<ContactLocation, 2> contact;  ///< the first `contacts` count, the stronger one first
   double probability = 1.0;                ///< of this number of contacts under the model
+  /// The response is neither no contact nor any that the model knows: no place is given, and that means nothing.
+  bool unknown = false;
 };
 
 /// Can a response be worked with: are its values finite, and their squares?
