@@ -155,6 +155,11 @@ class Configurations(unittest.TestCase):
         self.refused(USAGE, ["silicone 'Eco'", "density_kg_per_m3 is missing"], "--set", "silicone.name=Eco")
         self.refused(USAGE, ["power of two"], "--set", "light.exit_rays=100000")
         self.refused(USAGE, ["twice"], "--set", "ensemble.places_mm=1,2,1")
+        self.refused(USAGE, ["--material takes back --set silicone.shear_modulus_Pa"], "--material", "Sol", "--set",
+                     "silicone.shear_modulus_Pa=50000")
+        self.refused(USAGE, ["--theta takes back --set theta_mm"], "--theta", "5,9,7,6,2", "--set", "theta_mm=3,8,7,8,5")
+        own = ["--set", "ensemble.diameters_mm=10", "--ensemble", "flat", "--dump-config"]
+        check_refusal(self, run("evaluate", *own), USAGE, ["--ensemble takes back --set ensemble.diameters_mm"])
         self.refused(USAGE, ["be null: the tool"], "--set", "finger.touched_reflectance=0.5")
         self.refused(INFEASIBLE, ["t_min"], "--theta", "6,6,8,12,0")
         self.refused(BAD_FILE, ["nowhere.json", "cannot be read"], "--config", "nowhere.json")

@@ -181,12 +181,23 @@ void Effective::put_marked(const Setting& s, const Json& value, const std::strin
 
 void Effective::type(const std::string& flag, const std::string& path, const std::string& typed) {
   const Setting& s = setting(path);
+  const Effective before = *this;
   try {
     put_marked(s, typed_value(s, typed), flag);
+    require_kept(before, flag);
   } catch (const Misfit& e) {
     std::vector<std::string> fields;
     for (const std::string_view field : split(typed)) fields.push_back(in_quotes(field));
     throw UsageError(flag + " is " + in_quotes(typed) + said(e, fields));
+  }
+}
+
+void Effective::require_kept(const Effective& before, const std::string& flag) const {
+  if (flag.starts_with("--set ")) return;
+  for (const Setting& s : settings()) {
+    const auto source = before.from_.find(s.path);
+    if (source != before.from_.end() && source->second.starts_with("--set ") && s.get(value_) != s.get(before.value_))
+      throw UsageError(flag + " takes back " + source->second + ": give one of them");
   }
 }
 

@@ -45,6 +45,8 @@ class Effective {
 
  private:
   void check_silicone() const;
+  /// Refuses an option that changes what --set has given.
+  void require_kept(const Effective& before, const std::string& flag) const;
   /// Refuses a file's name of an ensemble that is another.
   void check_ensemble(const Json& file) const;
   /// Marks what `change` changes.
