@@ -389,6 +389,7 @@ class Refusals(unittest.TestCase):
             for option, unit, texts in [
                 ("--diameter", "mm", ["0", "-10", "nan", "inf", "ten", "10mm", "10,5", "1e9", "", "1001"]),
                 ("--angle", "deg", ["nan", "inf", "81", "-80.5", "x", ""]),
+                ("--x", "mm", ["nan", "1e6", ""]),
                 ("--y", "mm", ["nan", "-inf", "1e6", "0,0", ""]),
                 ("--time-limit", "s", ["0", "-1", "nan", "inf", "1e10", "soon", ""]),
                 ("--loads", "N", ["0", "-1", "nan", "inf", "5,2", "1,1", "1,,2", "1,2,", "one", "1e9", ""]),

@@ -65,6 +65,32 @@ TEST_CASE("A round photodiode on the axis of a small Lambertian source takes the
   CHECK(traced(m, Photodiodes({far, near})).power_W[0] < 0.2 * traced(m, Photodiodes({far})).power_W[0]);
 }
 
+TEST_CASE("Light on an opaque patch is what the lamp's solid angle sends there", "[readout]") {
+  const double half = 4e-3, height = 3e-3, lamp = -0.4e-3, d = height + lamp;
+  // A small Lambertian source above the middle of a square (form factor of its quarter: Howell, Siegel & Mengüç 2010,
+  // B-3)
+  const double a = half / d, root = std::sqrt(1.0 + a * a), share = 4.0 * a / (pi * root) * std::atan(a / root);
+  for (const double kept : {0.0, 0.5}) {
+    Model m = lit_floor(0.0, half, height);
+    m.body.patches[4].name = "floor";
+    m.body.patches[4].optics = kept > 0.0 ? SurfaceOptics(Mirror{kept}) : SurfaceOptics(Absorber{});
+    m.body.emitters = {DiscEmitter{{0, 0, lamp}, -Vec3d::UnitZ(), 1e-6, 2.0}};
+    const PatchLight floor(m.body, {"floor"});
+    const Tracer<BeerLambert, PatchLight> light(few_rays<BeerLambert, PatchLight>(1 << 14), floor);
+    const Response whole = light.trace(m.body, m.mesh),
+                   quarter = light.trace(m.body, m.mesh, SurfaceState{}, Symmetry{true, true});
+    for (const Response& r : {whole, quarter}) {
+      CHECK(r.power_W[0] == Approx(2.0 * (1.0 - kept) * share).epsilon(0.002));
+      CHECK(r.ledger.imbalance() < 1e-9);
+      CHECK(r.ledger.channels[0] + r.ledger.absorbed_at_surfaces + r.ledger.elsewhere == Approx(2.0));
+    }
+  }
+  Model m = lit_floor(0.5);
+  CHECK_THROWS_WITH(PatchLight(m.body, {"floor"}), Catch::Contains("the body must have one"));
+  m.body.patches[4].name = "floor";
+  CHECK_THROWS_WITH(PatchLight(m.body, {"floor"}), Catch::Contains("must be Absorber or Mirror"));
+}
+
 TEST_CASE("Connections carry the solid angle of their opening", "[readout]") {
   const Vec3d from{1e-3, -0.5e-3, 0.0};
   const OwenSobol s{9};

@@ -1,19 +1,41 @@
 #include "catch.hpp"
 
 #include "mechanics/contact/contact_laws.hpp"
+#include "mechanics/indenters/indenter_laws.hpp"
 #include "mechanics/materials/material_laws.hpp"
+#include "mesh/mesher_laws.hpp"
+#include "optics/scenes.hpp"
 #include "own/actuator.hpp"
 #include "own/camera.hpp"
 #include "own/contact.hpp"
 #include "own/emitter.hpp"
+#include "own/intersector.hpp"
 #include "own/material.hpp"
+#include "own/mesher.hpp"
 #include "own/objective.hpp"
+#include "own/readout.hpp"
+#include "own/tool.hpp"
 #include "temporary_folder.hpp"
 
 #include "lumo/mechanics/materials/neo_hookean.hpp"
+#include "lumo/mesh/swept_mesher.hpp"
+#include "lumo/optics/bvh.hpp"
 
 // What the pages show as a user's own must keep the laws of the concepts.
 using namespace lumo;
+
+namespace {
+
+// 20 × 40 × 10 mm, with a lamp in the middle; its side x > 0 is seen, in two halves.
+optics_test::Model box_with_a_lamp() {
+  auto m = optics_test::box(Vec3d(0.01, 0.02, 0.005), {1.41, 14.5}, 3);
+  m.body.emitters = {RectangleEmitter{{0, 0, 0}, {1e-3, 0, 0}, {0, 1e-3, 0}}};
+  m.body.regions = 2;
+  m.body.region = [](const Vec3d& p, const Vec3d& n) { return n.x() > 0.5 ? (p.y() > 0.0 ? 1 : 0) : -1; };
+  return m;
+}
+
+}  // namespace
 
 TEST_CASE("a user's material obeys the laws of a hyperelastic material") {
   test::check_material_laws(own::Demiray{});
@@ -90,6 +112,93 @@ TEST_CASE("a user's objective is the ratio that it names, and nullopt if there i
   CHECK(!own::EvenSight{.load_N = 2.0}(Observations{}));
   all.scenarios = {scenario(0.0, 0.0)};
   CHECK(!own::EvenSight{.load_N = 2.0}(all));
+}
+
+TEST_CASE("a user's tool obeys the laws of an indenter") {
+  test::check_distance_laws(own::Ring{}, 12e-3);
+  const own::Ring ring{.diameter_m = 20e-3, .cord_m = 4e-3};
+  test::check_distance_laws(ring, 20e-3);
+  CHECK(ring.distance({0, 0, 0}) == Approx(8e-3));
+  CHECK(ring.distance({0, 10e-3, 5e-3}) == Approx(3e-3));
+  CHECK(ring.distance({10e-3, 0, 0}) == Approx(-2e-3));
+  CHECK(ring.sample({0, 0, 0}).gradient.allFinite());
+  CHECK_THROWS_AS(validate(own::Ring{.diameter_m = 2e-3, .cord_m = 3e-3}), InvalidArgument);
+}
+
+TEST_CASE("a user's mesher fills what it is given, with rounder tetrahedra than the one within it") {
+  MeshInput block;
+  for (int k = 0; k < 8; ++k) block.vertices.emplace_back(k & 1 ? 1.0 : 0.0, k & 2 ? 2.0 : 0.0, k & 4 ? 3.0 : 0.0);
+  block.facets = {
+      {{0, 2, 3, 1}, 0}, {{4, 5, 7, 6}, 1}, {{0, 1, 5, 4}, 2}, {{2, 6, 7, 3}, 3}, {{0, 4, 6, 2}, 4}, {{1, 3, 7, 5}, 5}};
+  block.edge = [](const Vec3d& p) { return 0.3 + 0.1 * p.z(); };
+  using Within = SweptMesher;
+  const own::Relaxed<Within> relaxed;
+  const LinearTets before = Within{}.fill(block), after = relaxed.fill(block);
+  mesher_laws::check_laws(after, block);
+  mesher_laws::check_same_bits(relaxed, own::Relaxed<Within>{}, block);
+  const auto least = [](const LinearTets& mesh) {
+    double v = 1e300;
+    for (const auto& t : mesh.tets) v = std::min(v, mesher_laws::volume(mesh, t));
+    return v;
+  };
+  CHECK(least(after) >= least(before));
+  CHECK(after.tets == before.tets);
+  CHECK(after.vertices != before.vertices);
+}
+
+TEST_CASE("a user's intersector meets the triangles that the built one meets") {
+  const auto model = box_with_a_lamp();
+  const auto triangles = OpticalScene(model.body, model.mesh, {}, {}, {}).triangles();
+  const auto every = own::EveryTriangle{}.build(triangles);
+  const auto tree = Bvh{}.build(triangles);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> u(-0.03, 0.03);
+  int met = 0;
+  for (int k = 0; k < 2000; ++k) {
+    const Vec3d from(u(random), u(random), u(random)), direction = Vec3d(u(random), u(random), u(random)).normalized();
+    for (const bool inside : {false, true}) {
+      const RayHit a = every.first_hit(from, direction, inside), b = tree.first_hit(from, direction, inside);
+      REQUIRE(bool(a) == bool(b));
+      if (!a) continue;
+      ++met;
+      CHECK(a.t == Approx(b.t).epsilon(1e-9).margin(1e-12));
+    }
+  }
+  CHECK(met > 200);
+  Tracer<BeerLambert, ExitPower, own::EveryTriangle>::Config few;
+  few.rays_per_emitter = 1 << 10;
+  few.exit_rays = 0;
+  Tracer<BeerLambert>::Config same;
+  same.rays_per_emitter = few.rays_per_emitter;
+  same.exit_rays = 0;
+  const Response slow = Tracer<BeerLambert, ExitPower, own::EveryTriangle>(few).trace(model.body, model.mesh),
+                 fast = Tracer<BeerLambert>(same).trace(model.body, model.mesh);
+  for (const std::size_t half : {0u, 1u}) {
+    REQUIRE(fast.power_W[half] > 0.0);
+    CHECK(slow.power_W[half] == Approx(fast.power_W[half]).epsilon(1e-9));
+  }
+}
+
+TEST_CASE("a user's readout takes what comes within its cones, and its mirror images are the other half") {
+  const auto model = box_with_a_lamp();
+  using Light = Tracer<BeerLambert, own::FibreRow>;
+  Light::Config rays;
+  rays.rays_per_emitter = 1 << 14;
+  const auto power = [&](double aperture) {
+    const Light light(rays, own::FibreRow{.count = 4, .half_range_m = 20e-3, .numerical_aperture = aperture});
+    return light.trace(model.body, model.mesh).power_W;
+  };
+  const auto narrow = power(0.3), wide = power(1.0);
+  REQUIRE(narrow.size() == 4);
+  const own::FibreRow row;
+  const auto images = *row.image_channels(model.body, 1);
+  for (int k = 0; k < row.count; ++k) CHECK(images[std::size_t(images[std::size_t(k)])] == k);
+  CHECK_FALSE(row.image_channels(model.body, 0));
+  for (std::size_t k = 0; k < 4; ++k) {
+    CHECK(narrow[k] > 0.0);
+    CHECK(narrow[k] < 0.5 * wide[k]);
+    CHECK(narrow[k] == Approx(narrow[3 - k]).epsilon(0.05));
+  }
 }
 
 TEST_CASE("a user's camera gives each picture once, ends, and fails on what is no picture") {

@@ -36,6 +36,22 @@ TEST_CASE("the authors' ensembles have 21 and 75 scenarios, and on a finger with
   CHECK(curved.places_m == std::vector<double>{-11e-3, -5.5e-3, 0.0, 5.5e-3, 11e-3});
 }
 
+TEST_CASE("contacts off the plane x = 0 are mirrored together with their angle") {
+  std::vector<Scenario<Sphere>> scenarios;
+  for (const TiltPlane tilt : {TiltPlane::xz, TiltPlane::yz})
+    for (const double angle : {-0.5, 0.0, 0.5})
+      for (const double x : {-3e-3, 3e-3}) scenarios.push_back({Sphere{10e-3}, angle, 0.0, {1.0}, tilt, x});
+  const ContactPlan p = plan_contacts(scenarios, {true, true});
+  CHECK(p.solves.size() == 5);  // across 0 and ±0.5, along 0 and 0.5; all at +3 mm but one
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    CHECK(mirrored(p.solves[p.images[k].solve].scenario, p.images[k].mirror) == scenarios[k]);
+    CHECK_FALSE(symmetry_of(scenarios[k]).x);
+  }
+  CHECK(plan_contacts(scenarios, {false, true}).solves.size() == 10);
+  scenarios[0].x_m = 20.0;
+  CHECK_THROWS_WITH(plan_contacts(scenarios, {true, true}), Catch::Contains("contact place x is 20000 mm"));
+}
+
 TEST_CASE("contacts tilted along the finger are mirrored together with their place") {
   Ensemble e;
   e.tilt = TiltPlane::yz;

@@ -6,9 +6,9 @@ using namespace lumo;
 namespace {
 
 // A quarter of a slab 16 × 24 × 5 mm with a lamp in it. Light that leaves at y > 0 is one region, the rest another.
-Body two_halves() {
+Body two_halves(double half_length = 12e-3) {
   Body b;
-  const Vec3d half(8e-3, 12e-3, 5e-3);
+  const Vec3d half(8e-3, half_length, 5e-3);
   for (int k = 0; k < 8; ++k)
     b.vertices.emplace_back(k & 1 ? half.x() : 0.0, k & 2 ? half.y() : 0.0, k & 4 ? half.z() : 0.0);
   b.patches = {
@@ -57,6 +57,32 @@ TEST_CASE("a body of one's own that says nothing of mirror images has its own li
   Body wrong = body;
   wrong.region_image_y = std::vector<int>{};
   CHECK_THROWS_AS(observe(wrong, on_both_halves(), p, Serial{}), InvalidArgument);
+}
+
+TEST_CASE("a contact off the plane x = 0 is that off the plane y = 0, turned by a right angle") {
+  CoarsePipeline p = coarse_pipeline();
+  Body along = two_halves(8e-3), across = along;  // a square
+  across.region = [](const Vec3d& q, const Vec3d&) { return q.x() > 0.0 ? 0 : 1; };
+  const auto at = [](double x_m, double y_m) {
+    return Scenario<Sphere>{Sphere{10e-3}, 0.0, y_m, {0.5}, TiltPlane::xz, x_m};
+  };
+  const auto sideways = observe(across, std::vector{at(3e-3, 0.0), at(-3e-3, 0.0)}, p, Serial{}),
+             lengthways = observe(along, std::vector{at(0.0, 3e-3)}, p, Serial{});
+  const auto &plus = sideways.scenarios[0].states[0], &minus = sideways.scenarios[1].states[0],
+             &turned = lengthways.scenarios[0].states[0];
+  CHECK(sideways.scenarios[1].x_m == -3e-3);
+  CHECK(plus.depth_m == Approx(turned.depth_m).epsilon(0.005));
+  CHECK(plus.contact_area_m2 == Approx(turned.contact_area_m2).epsilon(0.03));
+  CHECK(minus.depth_m == plus.depth_m);
+  CHECK(minus.change.col(0) == plus.change.col(1));
+  CHECK(minus.change.col(1) == plus.change.col(0));
+  const double spread = std::abs(plus.change.col(0).mean() - plus.change.col(1).mean());
+  REQUIRE(spread > 1e-4);
+  for (Eigen::Index region = 0; region < 2; ++region)
+    CHECK(std::abs(plus.change.col(region).mean() - turned.change.col(region).mean()) < 0.2 * spread);
+  p.mirror_once = false;  // pressed by itself
+  const auto alone = observe(across, std::vector{at(-3e-3, 0.0)}, p, Serial{});
+  CHECK(alone.scenarios[0].states[0].depth_m == Approx(plus.depth_m).epsilon(1e-9));
 }
 
 TEST_CASE("a lamp beside the body is refused by all that lights it") {

@@ -155,9 +155,9 @@ TEST_CASE("Searches that see the whole lattice all make the same choice, that of
   std::vector<std::pair<double, double>> all;
   for (int k = 0; k <= 20; ++k) {
     all.push_back(outputs(0.5 * k));
-    trials.push_back({k, {0.5 * k}, Trial::State::observed, {all.back().first, all.back().second}, false, ""});
+    trials.push_back({k, {0.5 * k}, Trial::State::observed, {all.back().first, all.back().second}, {}, false, ""});
   }
-  trials.push_back({21, {1.0}, Trial::State::failed, {}, false, "left out"});
+  trials.push_back({21, {1.0}, Trial::State::failed, {}, {}, false, "left out"});
   std::atomic<int> watched = 0;
   const auto make = [](const Problem& problem) { return Optimizer<>(problem); };
   const auto choices = choices_over_seeds(p, trials, {5, 21}, make, TbbExecutor{2}, [&] { ++watched; });

@@ -35,7 +35,7 @@ inline FingerAssumptions usual_assumptions(const Configuration& o) {
 }
 
 inline Scenario<Sphere> scenario_of(const Touch& o) {
-  return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N, o.tilt};
+  return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N, o.tilt, o.x_mm * 1e-3};
 }
 
 }  // namespace lumo::program

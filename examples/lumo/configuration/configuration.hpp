@@ -37,7 +37,8 @@ inline std::string name(const FingerOptions& finger) {
 struct Touch {
   double diameter_mm = 10.0;
   double angle_deg = 0.0;  ///< from the pad's normal
-  double y_mm = 0.0;       ///< along the finger
+  double x_mm = 0.0;       ///< across the finger
+  double y_mm = 0.0;       ///< along it
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
   TiltPlane tilt = TiltPlane::xz;
 

@@ -470,6 +470,8 @@ Settings contacts_settings() {
           "contact.angle_deg", paper, angles, "Of its approach from the pad's normal",
           [](auto& c) -> auto& { return c.touch.angle_deg; }),
       number(
+          "contact.x_mm", lumo, places, "Its place across the finger", [](auto& c) -> auto& { return c.touch.x_mm; }),
+      number(
           "contact.y_mm", paper, places, "Its place along the finger", [](auto& c) -> auto& { return c.touch.y_mm; }),
       list(
           "contact.loads_N", loads, "Its loads", [](auto& c) -> auto& { return c.touch.loads_N; }, none),

@@ -198,9 +198,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
       plan_(std::move(plan)),
       seed_(seed),
       noise_(noise),
-      per_DN_(hand.rig.camera.exposure_DN > 0.0
-                  ? hand.rig.camera.exposure_DN
-                  : light.scale_to(hand.rig.camera.level_DN, hand.rig.camera.brightest_DN)),
+      per_DN_(light.exposure(hand.rig.camera)),
       hand_(hand) {
   check_plan();
   session_.title = plan_.title;

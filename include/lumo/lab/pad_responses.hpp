@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
+#include "lumo/lab/rig.hpp"
 
 #include <Eigen/Core>
 
@@ -108,6 +109,10 @@ class PadLight {
     for (const Eigen::MatrixXd& change : r_.change)
       most = std::max(most, (r_.unloaded + change.rightCols<1>()).maxCoeff());
     return std::min(level * bins / sum, brightest / std::max(most, 1e-300));
+  }
+  /// Light of a bin [DN] per emitted power in a camera's pictures.
+  double exposure(const CameraRig& camera) const {
+    return camera.exposure_DN > 0.0 ? camera.exposure_DN : scale_to(camera.level_DN, camera.brightest_DN);
   }
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those

@@ -163,8 +163,7 @@ inline VirtualRig::VirtualRig(
     }
   }
   const PadResponses& r = light.responses();
-  per_DN_ = rig_.camera.exposure_DN > 0.0 ? rig_.camera.exposure_DN
-                                          : light.scale_to(rig_.camera.level_DN, rig_.camera.brightest_DN);
+  per_DN_ = light.exposure(rig_.camera);
 
   session_.title = plan_.title;
   session_.clock = "virtual";

@@ -21,6 +21,7 @@ struct ObservedState {
   TiltPlane tilt = TiltPlane::xz;
   double load_rise = 0.0;   ///< see load_rises()
   double area_error = 0.0;  ///< of the contact area, by the mesh, as a fraction (MechanicalError)
+  double x_m = 0.0;
 };
 
 /// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the
@@ -93,7 +94,7 @@ inline Eigen::MatrixXd response_change(const Response& loaded, const Response& u
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
   return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N &&
-         a.y_m != b.y_m;
+         (a.y_m != b.y_m || a.x_m != b.x_m);
 }
 
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the

@@ -64,6 +64,22 @@ concept WholeReadout = ConnectedReadout<R> && requires {
   requires R::gathers_emitters;
 };
 
+/// Light that stays on an opaque patch of the body.
+struct Landing {
+  Vec3d reference;  ///< where, in the undeformed body [m]
+  Vec3d position;   ///< the same point, deformed [m]
+  Vec3d direction;  ///< unit, in which it came
+  int patch;        ///< of Body::patches
+};
+
+/// A readout that sees light on opaque patches, too, as photodiodes on the face do. Laws: landing_channel() is pure,
+/// and −1 for light that is not seen. It is asked for patches that absorb or mirror; light on Lambertian ones goes on
+/// with all other that falls there.
+template <class R>
+concept LandingReadout = ExitReadout<R> && requires(const R& readout, const Landing& landing) {
+  { readout.landing_channel(landing) } -> std::convertible_to<int>;
+};
+
 /// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }

@@ -3,6 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
+#include "lumo/morphology/body.hpp"
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/exit_power.hpp"
 
@@ -10,7 +11,9 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <string>
 #include <utility>
+#include <variant>
 #include <vector>
 
 namespace lumo {
@@ -101,5 +104,39 @@ class Photodiodes {
 };
 
 static_assert(ConnectedReadout<Photodiodes>);
+
+/// Power that stays on opaque patches of the body, as on photodiodes that lie on its face: a channel for each; over the
+/// patch's area it is the absorbed part of the irradiance [W/m²]. Mirror images of a patch are one patch. Light that
+/// leaves the body is not seen.
+class PatchLight {
+ public:
+  /// Throws InvalidArgument unless each name is that of one patch of `body`, and its optics Absorber or Mirror.
+  PatchLight(const Body& body, const std::vector<std::string>& names) {
+    for (const std::string& name : names) {
+      const auto named = [&](const Patch& p) { return p.name == name; };
+      const auto& all = body.patches;
+      if (std::count_if(all.begin(), all.end(), named) != 1)
+        throw InvalidArgument(message("light is to fall on patch \"", printable(name), "\", the body must have one"));
+      const auto patch = std::find_if(all.begin(), all.end(), named);
+      if (!std::holds_alternative<Absorber>(patch->optics) && !std::holds_alternative<Mirror>(patch->optics))
+        throw InvalidArgument(
+            message("light is to stay on patch \"", printable(name), "\", its optics must be Absorber or Mirror"));
+      patches_.push_back(int(patch - all.begin()));
+    }
+  }
+
+  int channels(const Body&) const { return int(patches_.size()); }
+  int channel(const Escape&) const { return -1; }
+  int landing_channel(const Landing& light) const {
+    const auto at = std::find(patches_.begin(), patches_.end(), light.patch);
+    return at == patches_.end() ? -1 : int(at - patches_.begin());
+  }
+  std::optional<std::vector<int>> image_channels(const Body&, int) const { return std::vector<int>{}; }
+
+ private:
+  std::vector<int> patches_;
+};
+
+static_assert(LandingReadout<PatchLight>);
 
 }  // namespace lumo

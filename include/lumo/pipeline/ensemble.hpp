@@ -61,12 +61,12 @@ struct ScenarioImage {
 /// Which scenarios have to be solved if mirror images are solved once.
 template <Indenter Tool = Sphere> struct ContactPlan {
   struct Solve {
-    Scenario<Tool> scenario;  ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
+    Scenario<Tool> scenario;  ///< with angle, x and y ≥ 0 where mirror images are solved once
     std::size_t place;        ///< index into `places`
   };
   /// Contacts at one angle and place share a mesh.
   struct Place {
-    double angle_rad, y_m;
+    double angle_rad, x_m, y_m;
     TiltPlane tilt;
     std::vector<std::size_t> solves;
   };
@@ -78,10 +78,11 @@ template <Indenter Tool = Sphere> struct ContactPlan {
 namespace detail {
 
 /// Planes, of those that are allowed, in which a contact is to be mirrored so that all its images become the same one:
-/// y ≥ 0, angle ≥ 0.
+/// y ≥ 0, angle ≥ 0, and x ≥ 0 where that does not turn the angle.
 template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
   const bool along = s.tilt == TiltPlane::yz, back = s.angle_rad < 0.0;
-  return {allowed.x && !along && back, allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
+  return {allowed.x && (along || s.angle_rad == 0.0 ? s.x_m < 0.0 : back),
+      allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
 }
 
 }  // namespace detail
@@ -102,11 +103,11 @@ template <Indenter Tool> ContactPlan<Tool> plan_contacts(
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
       std::size_t place = 0;
-      while (
-          place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad &&
-                                            plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
+      while (place < plan.places.size() &&
+             !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].x_m == home.x_m &&
+                 plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
         ++place;
-      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
+      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.x_m, home.y_m, home.tilt, {}});
       plan.places[place].solves.push_back(k);
       plan.solves.push_back({first, place});
     }

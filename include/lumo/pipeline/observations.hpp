@@ -40,6 +40,7 @@ struct ScenarioRecord {
   std::vector<StateRecord> states;
   TiltPlane tilt = TiltPlane::xz;
   std::optional<Unresolved> unresolved = std::nullopt;  ///< the first contact that its mesh does not resolve
+  double x_m = 0.0;
 };
 
 /// Seconds spent, summed over threads, and by the clock in all.
@@ -65,6 +66,7 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
   ScenarioRecord record;
   record.diameter_m = 2.0 * contact_radius(scenario.indenter);
   record.angle_rad = scenario.angle_rad;
+  record.x_m = scenario.x_m;
   record.y_m = scenario.y_m;
   record.tilt = scenario.tilt;
   record.status = states.back().status;
@@ -106,8 +108,8 @@ inline std::vector<ObservedState> observed_states(const ScenarioRecord& record, 
   for (const StateRecord& s : record.states) {
     if (s.change.size() == 0) continue;
     const double known = s.contact_area_m2 > 0.0 ? std::min(1.0, s.contact_area_error_m2 / s.contact_area_m2) : 0.0;
-    states.push_back(
-        {scenario, record.diameter_m, record.angle_rad, record.y_m, s.load_N, s.change, record.tilt, 0.0, known});
+    states.push_back({scenario, record.diameter_m, record.angle_rad, record.y_m, s.load_N, s.change, record.tilt, 0.0,
+        known, record.x_m});
     loads_N.push_back(s.load_N);
     changes.push_back(s.change.colwise().mean());
   }
@@ -133,6 +135,7 @@ using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 template <Indenter Tool> ScenarioRecord mirrored(
     ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
+  record.x_m = scenario.x_m;
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
     if (!channel || channel->empty()) return;

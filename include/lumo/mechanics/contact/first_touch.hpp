@@ -133,7 +133,8 @@ template <Indenter Tool> struct PatchSearch {
 
 // A scenario's tool in a message.
 template <Indenter Tool> std::string approach(const Scenario<Tool>& s) {
-  return message("the indenter at y = ", s.y_m * 1e3, " mm and ", s.angle_rad * 180 / pi, " deg");
+  return message("the indenter at ", s.x_m == 0.0 ? "" : message("x = ", s.x_m * 1e3, " mm, "), "y = ", s.y_m * 1e3,
+      " mm and ", s.angle_rad * 180 / pi, " deg");
 }
 
 // Why a tool on this line touches nothing.
@@ -169,8 +170,9 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
   const Vec3d direction = scenario.direction();
   double size = 0.0;
   for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
-  const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + std::abs(scenario.y_m);
-  const Vec3d start = body.pivot + Vec3d(0, scenario.y_m, 0) - reach * direction;
+  const Vec3d shift(scenario.x_m, scenario.y_m, 0.0);
+  const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + shift.norm();
+  const Vec3d start = body.pivot + shift - reach * direction;
   const detail::ApproachLine<Tool> line{scenario.indenter, start, direction, reach};
 
   double best = std::numeric_limits<double>::infinity();

@@ -66,9 +66,21 @@ template <ExitReadout Readout> class LightAccounts {
       else if (is_direct) direct_[std::size_t(c)] += e.power;
     }
   }
+  /// Books what stays of light on an opaque patch, of all images. `power` is that of one.
+  void book_landing(const Landing& l, double power) {
+    for (unsigned image : images_) {
+      int c = -1;
+      if constexpr (LandingReadout<Readout>) {
+        const Vec3d m = signs(image);
+        c = readout_.landing_channel(
+            {m.cwiseProduct(l.reference), m.cwiseProduct(l.position), m.cwiseProduct(l.direction), l.patch});
+      }
+      (seen(c) ? ledger.channels[std::size_t(c)] : ledger.absorbed_at_surfaces) += power;
+    }
+  }
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
-    const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3d m = signs(image);
     const Vec3d out = m.cwiseProduct(e.light.direction);
     const int region = e.at.face >= 0 ? surface_.region(e.at, image)
                                       : surface_.region(e.patch, e.light.reference, e.light.position, image);
@@ -102,6 +114,7 @@ template <ExitReadout Readout> class LightAccounts {
   EnergyLedger ledger;
 
  private:
+  static Vec3d signs(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
   bool seen(int channel) const { return channel >= 0 && std::size_t(channel) < ledger.channels.size(); }
   void reset() {
     ledger = {};

@@ -252,19 +252,25 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       return false;
     }
     b.carrier_last = !b.inside;
-    return reflect_off(b, optics,
-        b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
-        accounts_.ledger.absorbed_at_surfaces);
+    const Vec3d normal = b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle);
+    const Vec3d came = b.direction;
+    return reflect_off(b, optics, normal, [&](double power) {
+      if (LandingReadout<Readout> && at.face >= 0)
+        accounts_.book_landing({body_.surface.reference(at), b.origin, came, body_.surface.patch_number(at)}, power);
+      else accounts_.book(accounts_.ledger.absorbed_at_surfaces, power);
+    });
   }
 
-  // Reflection off an opaque surface whose unit normal points back to where the light comes from.
-  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
+  // Reflection off an opaque surface whose unit normal points back to where the light comes from. `absorb` is given
+  // what stays there [W].
+  template <class Absorb>
+  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, Absorb&& absorb) {
     b.key = combine(b.key, 1);
     std::visit(
         [&](const auto& s) {
           if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
             const double kept = b.power * reflectance(s);
-            accounts_.book(absorbed, b.power - kept);
+            absorb(b.power - kept);
             b.power = kept;
             b.direction = reflected(
                 s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), start_->mirror);
@@ -297,7 +303,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     const bool specular = std::holds_alternative<Mirror>(body_.surface.touched());
     b.spread = b.spread || !specular;
     const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
-    return reflect_off(b, body_.surface.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
+    return reflect_off(b, body_.surface.touched(), smooth ? curved : flat,
+        [&](double power) { accounts_.book(accounts_.ledger.to_indenter, power); });
   }
 
   Split split(const Branch& b, int triangle, const ScenePoint& at) const {
