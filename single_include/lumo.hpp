@@ -3295,7 +3295,7 @@ struct Body {
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
   std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on
-  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
+  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted by the place) [m]
 
   Medium medium;        ///< inside
   Medium surroundings;  ///< outside (air)
@@ -8876,13 +8876,14 @@ namespace lumo {
 enum class TiltPlane { xz, yz };
 
 /// One contact: an indenter, the line on which it comes, and the loads at which it is observed.
-/// It moves along direction() on the line through Body::pivot shifted by `y_m`; it does not move sideways.
+/// It moves along direction() on the line through Body::pivot shifted by `x_m` and `y_m`; it does not move sideways.
 template <Indenter Tool = Sphere> struct Scenario {
   Tool indenter;
   double angle_rad = 0.0;                                     ///< approach angle from the pad normal
   double y_m = 0.0;                                           ///< place along the finger [m]
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};  ///< increasing
   TiltPlane tilt = TiltPlane::xz;                             ///< in which the angle lies
+  double x_m = 0.0;                                           ///< place across the finger [m]
 
   bool operator==(const Scenario&) const = default;
 
@@ -8896,12 +8897,13 @@ template <Indenter Tool = Sphere> struct Scenario {
 /// Planes in which a contact is its own mirror image.
 template <Indenter Tool> Symmetry symmetry_of(const Scenario<Tool>& s) {
   const bool straight = s.angle_rad == 0.0;
-  return {(straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0),
+  return {s.x_m == 0.0 && (straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0),
       s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
 }
 
 /// Mirror image of a contact with a symmetric tool in these planes.
 template <Indenter Tool> Scenario<Tool> mirrored(Scenario<Tool> s, Symmetry planes) {
+  if (planes.x) s.x_m = 0.0 - s.x_m;
   if (planes.y) s.y_m = 0.0 - s.y_m;
   if (s.tilt == TiltPlane::xz ? planes.x : planes.y) s.angle_rad = 0.0 - s.angle_rad;
   return s;
@@ -8914,6 +8916,7 @@ inline constexpr Limits approach_angles_deg{-80.0, 80.0}, contact_places_mm{-1e4
 template <Indenter Tool> void validate(const Scenario<Tool>& s) {
   validate(s.indenter);
   require_in_range("approach angle", s.angle_rad * 180.0 / pi, approach_angles_deg, "deg");
+  require_in_range("contact place x", s.x_m * 1e3, contact_places_mm, "mm");
   require_in_range("contact place y", s.y_m * 1e3, contact_places_mm, "mm");
   if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
   double last = 0.0;
@@ -9057,7 +9060,8 @@ template <Indenter Tool> struct PatchSearch {
 
 // A scenario's tool in a message.
 template <Indenter Tool> std::string approach(const Scenario<Tool>& s) {
-  return message("the indenter at y = ", s.y_m * 1e3, " mm and ", s.angle_rad * 180 / pi, " deg");
+  return message("the indenter at ", s.x_m == 0.0 ? "" : message("x = ", s.x_m * 1e3, " mm, "), "y = ", s.y_m * 1e3,
+      " mm and ", s.angle_rad * 180 / pi, " deg");
 }
 
 // Why a tool on this line touches nothing.
@@ -9093,8 +9097,9 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
   const Vec3d direction = scenario.direction();
   double size = 0.0;
   for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
-  const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + std::abs(scenario.y_m);
-  const Vec3d start = body.pivot + Vec3d(0, scenario.y_m, 0) - reach * direction;
+  const Vec3d shift(scenario.x_m, scenario.y_m, 0.0);
+  const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + shift.norm();
+  const Vec3d start = body.pivot + shift - reach * direction;
   const detail::ApproachLine<Tool> line{scenario.indenter, start, direction, reach};
 
   double best = std::numeric_limits<double>::infinity();
@@ -13187,6 +13192,22 @@ concept WholeReadout = ConnectedReadout<R> && requires {
   requires R::gathers_emitters;
 };
 
+/// Light that stays on an opaque patch of the body.
+struct Landing {
+  Vec3d reference;  ///< where, in the undeformed body [m]
+  Vec3d position;   ///< the same point, deformed [m]
+  Vec3d direction;  ///< unit, in which it came
+  int patch;        ///< of Body::patches
+};
+
+/// A readout that sees light on opaque patches, too, as photodiodes on the face do. Laws: landing_channel() is pure,
+/// and −1 for light that is not seen. It is asked for patches that absorb or mirror; light on Lambertian ones goes on
+/// with all other that falls there.
+template <class R>
+concept LandingReadout = ExitReadout<R> && requires(const R& readout, const Landing& landing) {
+  { readout.landing_channel(landing) } -> std::convertible_to<int>;
+};
+
 /// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
@@ -13354,6 +13375,40 @@ class Photodiodes {
 };
 
 static_assert(ConnectedReadout<Photodiodes>);
+
+/// Power that stays on opaque patches of the body, as on photodiodes that lie on its face: a channel for each; over the
+/// patch's area it is the absorbed part of the irradiance [W/m²]. Mirror images of a patch are one patch. Light that
+/// leaves the body is not seen.
+class PatchLight {
+ public:
+  /// Throws InvalidArgument unless each name is that of one patch of `body`, and its optics Absorber or Mirror.
+  PatchLight(const Body& body, const std::vector<std::string>& names) {
+    for (const std::string& name : names) {
+      const auto named = [&](const Patch& p) { return p.name == name; };
+      const auto& all = body.patches;
+      if (std::count_if(all.begin(), all.end(), named) != 1)
+        throw InvalidArgument(message("light is to fall on patch \"", printable(name), "\", the body must have one"));
+      const auto patch = std::find_if(all.begin(), all.end(), named);
+      if (!std::holds_alternative<Absorber>(patch->optics) && !std::holds_alternative<Mirror>(patch->optics))
+        throw InvalidArgument(
+            message("light is to stay on patch \"", printable(name), "\", its optics must be Absorber or Mirror"));
+      patches_.push_back(int(patch - all.begin()));
+    }
+  }
+
+  int channels(const Body&) const { return int(patches_.size()); }
+  int channel(const Escape&) const { return -1; }
+  int landing_channel(const Landing& light) const {
+    const auto at = std::find(patches_.begin(), patches_.end(), light.patch);
+    return at == patches_.end() ? -1 : int(at - patches_.begin());
+  }
+  std::optional<std::vector<int>> image_channels(const Body&, int) const { return std::vector<int>{}; }
+
+ private:
+  std::vector<int> patches_;
+};
+
+static_assert(LandingReadout<PatchLight>);
 
 }  // namespace lumo
 
@@ -15432,9 +15487,21 @@ template <ExitReadout Readout> class LightAccounts {
       else if (is_direct) direct_[std::size_t(c)] += e.power;
     }
   }
+  /// Books what stays of light on an opaque patch, of all images. `power` is that of one.
+  void book_landing(const Landing& l, double power) {
+    for (unsigned image : images_) {
+      int c = -1;
+      if constexpr (LandingReadout<Readout>) {
+        const Vec3d m = signs(image);
+        c = readout_.landing_channel(
+            {m.cwiseProduct(l.reference), m.cwiseProduct(l.position), m.cwiseProduct(l.direction), l.patch});
+      }
+      (seen(c) ? ledger.channels[std::size_t(c)] : ledger.absorbed_at_surfaces) += power;
+    }
+  }
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
-    const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3d m = signs(image);
     const Vec3d out = m.cwiseProduct(e.light.direction);
     const int region = e.at.face >= 0 ? surface_.region(e.at, image)
                                       : surface_.region(e.patch, e.light.reference, e.light.position, image);
@@ -15468,6 +15535,7 @@ template <ExitReadout Readout> class LightAccounts {
   EnergyLedger ledger;
 
  private:
+  static Vec3d signs(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
   bool seen(int channel) const { return channel >= 0 && std::size_t(channel) < ledger.channels.size(); }
   void reset() {
     ledger = {};
@@ -16080,19 +16148,25 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       return false;
     }
     b.carrier_last = !b.inside;
-    return reflect_off(b, optics,
-        b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
-        accounts_.ledger.absorbed_at_surfaces);
+    const Vec3d normal = b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle);
+    const Vec3d came = b.direction;
+    return reflect_off(b, optics, normal, [&](double power) {
+      if (LandingReadout<Readout> && at.face >= 0)
+        accounts_.book_landing({body_.surface.reference(at), b.origin, came, body_.surface.patch_number(at)}, power);
+      else accounts_.book(accounts_.ledger.absorbed_at_surfaces, power);
+    });
   }
 
-  // Reflection off an opaque surface whose unit normal points back to where the light comes from.
-  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
+  // Reflection off an opaque surface whose unit normal points back to where the light comes from. `absorb` is given
+  // what stays there [W].
+  template <class Absorb>
+  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, Absorb&& absorb) {
     b.key = combine(b.key, 1);
     std::visit(
         [&](const auto& s) {
           if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
             const double kept = b.power * reflectance(s);
-            accounts_.book(absorbed, b.power - kept);
+            absorb(b.power - kept);
             b.power = kept;
             b.direction = reflected(
                 s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), start_->mirror);
@@ -16125,7 +16199,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     const bool specular = std::holds_alternative<Mirror>(body_.surface.touched());
     b.spread = b.spread || !specular;
     const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
-    return reflect_off(b, body_.surface.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
+    return reflect_off(b, body_.surface.touched(), smooth ? curved : flat,
+        [&](double power) { accounts_.book(accounts_.ledger.to_indenter, power); });
   }
 
   Split split(const Branch& b, int triangle, const ScenePoint& at) const {
@@ -17471,6 +17546,7 @@ struct ObservedState {
   TiltPlane tilt = TiltPlane::xz;
   double load_rise = 0.0;   ///< see load_rises()
   double area_error = 0.0;  ///< of the contact area, by the mesh, as a fraction (MechanicalError)
+  double x_m = 0.0;
 };
 
 /// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the
@@ -17543,7 +17619,7 @@ inline Eigen::MatrixXd response_change(const Response& loaded, const Response& u
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
   return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N &&
-         a.y_m != b.y_m;
+         (a.y_m != b.y_m || a.x_m != b.x_m);
 }
 
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
@@ -17694,12 +17770,12 @@ struct ScenarioImage {
 /// Which scenarios have to be solved if mirror images are solved once.
 template <Indenter Tool = Sphere> struct ContactPlan {
   struct Solve {
-    Scenario<Tool> scenario;  ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
+    Scenario<Tool> scenario;  ///< with angle, x and y ≥ 0 where mirror images are solved once
     std::size_t place;        ///< index into `places`
   };
   /// Contacts at one angle and place share a mesh.
   struct Place {
-    double angle_rad, y_m;
+    double angle_rad, x_m, y_m;
     TiltPlane tilt;
     std::vector<std::size_t> solves;
   };
@@ -17711,10 +17787,11 @@ template <Indenter Tool = Sphere> struct ContactPlan {
 namespace detail {
 
 /// Planes, of those that are allowed, in which a contact is to be mirrored so that all its images become the same one:
-/// y ≥ 0, angle ≥ 0.
+/// y ≥ 0, angle ≥ 0, and x ≥ 0 where that does not turn the angle.
 template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
   const bool along = s.tilt == TiltPlane::yz, back = s.angle_rad < 0.0;
-  return {allowed.x && !along && back, allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
+  return {allowed.x && (along || s.angle_rad == 0.0 ? s.x_m < 0.0 : back),
+      allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
 }
 
 }  // namespace detail
@@ -17735,11 +17812,11 @@ template <Indenter Tool> ContactPlan<Tool> plan_contacts(
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
       std::size_t place = 0;
-      while (
-          place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad &&
-                                            plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
+      while (place < plan.places.size() &&
+             !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].x_m == home.x_m &&
+                 plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
         ++place;
-      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
+      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.x_m, home.y_m, home.tilt, {}});
       plan.places[place].solves.push_back(k);
       plan.solves.push_back({first, place});
     }
@@ -17780,6 +17857,7 @@ struct ScenarioRecord {
   std::vector<StateRecord> states;
   TiltPlane tilt = TiltPlane::xz;
   std::optional<Unresolved> unresolved = std::nullopt;  ///< the first contact that its mesh does not resolve
+  double x_m = 0.0;
 };
 
 /// Seconds spent, summed over threads, and by the clock in all.
@@ -17805,6 +17883,7 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
   ScenarioRecord record;
   record.diameter_m = 2.0 * contact_radius(scenario.indenter);
   record.angle_rad = scenario.angle_rad;
+  record.x_m = scenario.x_m;
   record.y_m = scenario.y_m;
   record.tilt = scenario.tilt;
   record.status = states.back().status;
@@ -17846,8 +17925,8 @@ inline std::vector<ObservedState> observed_states(const ScenarioRecord& record, 
   for (const StateRecord& s : record.states) {
     if (s.change.size() == 0) continue;
     const double known = s.contact_area_m2 > 0.0 ? std::min(1.0, s.contact_area_error_m2 / s.contact_area_m2) : 0.0;
-    states.push_back(
-        {scenario, record.diameter_m, record.angle_rad, record.y_m, s.load_N, s.change, record.tilt, 0.0, known});
+    states.push_back({scenario, record.diameter_m, record.angle_rad, record.y_m, s.load_N, s.change, record.tilt, 0.0,
+        known, record.x_m});
     loads_N.push_back(s.load_N);
     changes.push_back(s.change.colwise().mean());
   }
@@ -17873,6 +17952,7 @@ using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 template <Indenter Tool> ScenarioRecord mirrored(
     ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
+  record.x_m = scenario.x_m;
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
     if (!channel || channel->empty()) return;

@@ -2138,7 +2138,7 @@ struct Body {
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
   std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on
-  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
+  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted by the place) [m]
 
   Medium medium;        ///< inside
   Medium surroundings;  ///< outside (air)

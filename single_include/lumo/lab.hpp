@@ -388,6 +388,241 @@ struct Symmetry {
 
 #endif
 
+// ---- lumo/lab/rig.hpp
+#ifndef SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
+#define SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
+
+namespace lumo {
+
+// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md explains each). They were
+// fixed before any decoder, localiser or force estimator ran on a log of the lab. The lab's `noise` multiplies all that
+// is marked σ.
+
+/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is
+/// recorded. The picture is its green plane.
+struct CameraRig {
+  int width = 192, height = 80;    ///< of the window [px]
+  double focal_px = 616.0;         ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
+  double distance_m = 0.25;        ///< from the facing side; assumed, 0.41 mm/px
+  double aim_sigma_rad = 1.5_deg;  ///< σ of yaw, pitch and roll of one placing by hand; assumed
+  double aim_sigma_m = 1.0_mm;     ///< σ of the place along y and z; assumed
+  double frames_per_s = 30.0;
+  double exposure_s = 1.0e-3;   ///< device setting 10 (paper), 100 µs each (librealsense #8243)
+  double gain = 64.0;           ///< device setting (paper)
+  double level_DN = 70.0;       ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
+  double brightest_DN = 220.0;  ///< of a loaded side: where it would be more, the exposure is shorter; assumed
+  /// Light of a bin [DN] per emitted power: one exposure for all pads (paper). 0: each pad is exposed by itself, for
+  /// `level_DN`.
+  double exposure_DN = 0.0;
+  double gamma = 1.0;     ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;  ///< assumed
+  double full_DN = 255.0;
+  double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
+  double read_DN = 0.6;           ///< σ, assumed
+  double row_DN = 0.35;           ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
+  double pixel_gain = 0.01;       ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
+  double blur_px = 0.8;           ///< standard deviation of the lens's point spread; assumed
+  double stamp_sigma_s = 0.2e-3;  ///< σ of a stamp; assumed
+};
+
+/// The finger's lamps and the room's.
+struct LightRig {
+  double lamp_drift = 3.0e-3;  ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up
+                               ///< (memory: assumed)
+  double lamp_drift_s = 20.0;   ///< its time
+  double lamp_white = 1.0e-3;   ///< σ frame by frame; assumed
+  double ambient_DN = 5.0;      ///< mean; assumed
+  double ambient_slope = 0.2;   ///< relative, from end to end of the window; assumed
+  double ambient_drift = 0.02;  ///< σ relative; assumed
+  double ambient_drift_s = 5.0;
+  double flicker = 0.1;  ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
+  double flicker_hz = 100.0;
+  double spot_DN = 80.0;  ///< a LED's package seen through the side, on top of the side's light; assumed (the paper
+                          ///< detects five LEDs)
+  double spot_sigma_m = 0.7_mm;  ///< half of the package's 1.6 mm, blurred; assumed
+  // Off unless asked for.
+  double one_lamp_sigma = 0.0;       ///< σ of each LED's slow change by itself, relative
+  double one_lamp_drift_s = 60.0;    ///< its time; assumed
+  double one_lamp_reach_m = 6.0_mm;  ///< along the finger, over which an LED's share of the light falls to 1/e; assumed
+  double shadow = 0.0;               ///< share of the room's light that the tool takes away before it
+  double shadow_sigma_m = 12.0_mm;   ///< half width of its shadow; assumed
+};
+
+/// The indenter and how well it comes back.
+struct ContactRig {
+  double place_sigma_m = 0.25_mm;  ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
+  /// σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
+  double tilt_sigma_rad = 0.5_deg;
+  double load_sigma = 0.005;     ///< σ of a hold's load, relative; assumed
+  double sensor_sigma_N = 0.05;  ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
+  double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
+  double sensor_hz = 100.0;
+  double marker_sigma_m = 0.02_mm;  ///< σ of the followed marker on the indenter; assumed
+  double slide_m = 0.0;             ///< way along the finger from the first touch to leaving; a contact slides or rolls
+};
+
+/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes
+/// suggest for Dragon Skin; assumed.
+struct SiliconeRig {
+  std::array<double, 3> part{0.02, 0.015, 0.015};
+  std::array<double, 3> time_s{0.1, 1.0, 10.0};
+};
+
+/// How a joint moves without contact: to and fro as a cosine, with a rest after each sweep. Moving shows friction,
+/// resting what sticks. Assumed.
+struct FreeRunRig {
+  double beat_s = 0.75;  ///< of a sweep and its rest
+  double sweep_s = 0.5;
+  double swing_rad = 0.35;                ///< to both sides
+  double rest_velocity_rad_per_s = 0.02;  ///< Coulomb friction turns within about it
+};
+
+/// The joints under local position control, with current for torque: one, or a second one alike before it.
+struct MotorRig {
+  int joints = 1;
+  double joint_to_joint_m = 45.0_mm;       ///< from the first of two to the second; assumed
+  double joint_to_origin_m = 65.0_mm;      ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
+  double torque_constant_Nm_per_A = 0.35;  ///< gear included; assumed
+  /// σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
+  double constant_sigma = 0.02;
+  /// σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  double stiction_Nm = 0.079;
+  double white_Nm = 0.0685;  ///< σ of one sample; current noise and ripple: set for 1.29 N
+  double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
+  double weight_Nm = 0.06;                                ///< of the finger, times sin q; assumed
+  double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed
+  double velocity_sigma_rad_per_s = 0.003;  ///< σ; assumed
+  double hold_rad = 0.15;                   ///< where it holds; assumed
+  double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
+  double hz = 250.0;
+  FreeRunRig free_run;
+  // Off unless asked for.
+  double cogging_Nm = 0.0;        ///< amplitude; 2–10 mN·m (memory: assumed)
+  double cogging_periods = 10.0;  ///< per turn; 6–14 (memory: assumed)
+  double backlash_rad = 0.0;      ///< the encoder turns by this before the finger does; 0.11° (PULSE115-60)
+  double clock_offset_s = 0.0;    ///< of the joints' stamps, which the session does not state
+};
+
+/// How the pad at hand differs from the computed one.
+struct SpecimenRig {
+  double stiffness = 1.0;  ///< of its silicone, relative: it deforms as the computed pad does under the load over this
+  double lamps = 1.0;      ///< power of its LEDs, relative
+
+  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms
+  /// more.
+  double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
+};
+
+/// How far a finger is from its drawing, drawn once for a log; its session states the drawing. All 0: as drawn.
+struct AssemblyRig {
+  double pad_sigma_m = 0.0;       ///< σ: silicone glued off along the finger, by which its ends move
+  double strip_sigma_m = 0.0;     ///< σ: LEDs off along the finger
+  double distance_sigma = 0.0;    ///< σ of the camera's distance, relative
+  double distortion_sigma = 0.0;  ///< σ of the lens's radial distortion, of a ray at 45°: tan becomes tan (1 + k tan²)
+  double end_near_m = 5.0_mm, end_far_m = 15.0_mm;  ///< from an end: a contact's light moves with it wholly, not at all
+};
+
+/// All of it.
+struct Rig {
+  SpecimenRig specimen;
+  AssemblyRig assembly;
+  CameraRig camera;
+  LightRig light;
+  ContactRig contact;
+  SiliconeRig silicone;
+  MotorRig motor;
+};
+
+/// What a pixel gives for the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number,
+/// times `noise`), the row's offset, black level, full well, gamma, 8 bits (EMVA 1288's linear model).
+inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise, double normal, double row_offset) {
+  signal = std::max(signal, 0.0);
+  signal += noise * std::sqrt(camera.shot_DN * signal + camera.read_DN * camera.read_DN) * normal + row_offset;
+  double value = std::clamp(signal + camera.black_DN, 0.0, camera.full_DN);
+  const double inverse_gamma = 1.0 / camera.gamma;
+  if (inverse_gamma != 1.0) value = camera.full_DN * std::pow(value / camera.full_DN, inverse_gamma);
+  return std::uint8_t(std::lround(value));
+}
+
+/// The lab's clock.
+inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
+
+/// Throws InvalidArgument for numbers out of range.
+inline void validate(const Rig& r) {
+  require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
+  require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
+  require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
+  require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
+  require_positive("focal length", r.camera.focal_px, "px");
+  require_in_range("distance of the camera", r.camera.distance_m, 0.05, 10.0, "m");
+  require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
+  require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
+  require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
+  require_in_range("level of the brightest side", r.camera.brightest_DN, 1.0, 1e6, "DN");
+  require_in_range("exposure for all pads", r.camera.exposure_DN, 0.0, 1e12, "DN per emitted power");
+  require_in_range("glue of the pad", 1e3 * r.assembly.pad_sigma_m, 0.0, 10.0, "mm");
+  require_in_range("glue of the LED strip", 1e3 * r.assembly.strip_sigma_m, 0.0, 10.0, "mm");
+  require_in_range("error of the camera's distance", r.assembly.distance_sigma, 0.0, 0.1, "");
+  require_in_range("distortion of the lens", r.assembly.distortion_sigma, 0.0, 1.0, "");
+  require_in_range("change of one LED", r.light.one_lamp_sigma, 0.0, 0.3, "");
+  require_in_range("shadow of the tool", r.light.shadow, 0.0, 1.0, "of the room's light");
+  require_in_range("way that a contact slides", 1e3 * r.contact.slide_m, -20.0, 20.0, "mm");
+  require_in_range("cogging", 1e3 * r.motor.cogging_Nm, 0.0, 1000.0, "mN·m");
+  require_in_range("backlash", r.motor.backlash_rad, 0.0, 0.2, "rad");
+  require_in_range("offset of the joints' clock", r.motor.clock_offset_s, -1.0, 1.0, "s");
+  require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
+  require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
+  require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
+  require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
+  require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");
+  require_positive("stiffness of the position control", r.motor.stiffness_Nm_per_rad, "N·m/rad");
+  double sum = 0.0;
+  for (std::size_t k = 0; k < r.silicone.part.size(); ++k) {
+    require_in_range("part of the relaxation", r.silicone.part[k], 0.0, 0.9, "");
+    require_positive("relaxation time", r.silicone.time_s[k], "s");
+    sum += r.silicone.part[k];
+  }
+  require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
+}
+
+/// What load would, in equilibrium, give the deformation that a pad has now: it lags behind the load on it (Prony
+/// series; generalised Maxwell body). With the equilibrium modulus for unit, load = e + Σ w_k h_k, where h_k' = e' −
+/// h_k/τ_k and w_k = part_k/(1 − Σ part).
+class Relaxation {
+ public:
+  explicit Relaxation(const SiliconeRig& rig) : time_s_(rig.time_s) {
+    double rest = 1.0;
+    for (const double g : rig.part) rest -= g;
+    for (std::size_t k = 0; k < weight_.size(); ++k) weight_[k] = rig.part[k] / rest;
+  }
+
+  /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches
+  /// are exact. Returns e, never below 0.
+  double step(double load_N, double dt_s) {
+    double lag = 0.0, whole = 1.0;
+    std::array<double, 3> keep{}, gain{};
+    for (std::size_t k = 0; k < weight_.size(); ++k) {
+      keep[k] = std::exp(-dt_s / time_s_[k]);
+      gain[k] = (1.0 - keep[k]) * time_s_[k] / dt_s;
+      lag += weight_[k] * (keep[k] * branch_[k] - gain[k] * equivalent_N_);
+      whole += weight_[k] * gain[k];
+    }
+    const double next = std::max(0.0, (load_N - lag) / whole);
+    for (std::size_t k = 0; k < weight_.size(); ++k)
+      branch_[k] = keep[k] * branch_[k] + gain[k] * (next - equivalent_N_);
+    return equivalent_N_ = next;
+  }
+  double equivalent_N() const { return equivalent_N_; }
+
+ private:
+  std::array<double, 3> time_s_, weight_{}, branch_{};
+  double equivalent_N_ = 0.0;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/lab/pad_responses.hpp
 #ifndef SINGLE_INCLUDE_LUMO_LAB_PAD_RESPONSES_HPP
 #define SINGLE_INCLUDE_LUMO_LAB_PAD_RESPONSES_HPP
@@ -489,6 +724,10 @@ class PadLight {
     for (const Eigen::MatrixXd& change : r_.change)
       most = std::max(most, (r_.unloaded + change.rightCols<1>()).maxCoeff());
     return std::min(level * bins / sum, brightest / std::max(most, 1e-300));
+  }
+  /// Light of a bin [DN] per emitted power in a camera's pictures.
+  double exposure(const CameraRig& camera) const {
+    return camera.exposure_DN > 0.0 ? camera.exposure_DN : scale_to(camera.level_DN, camera.brightest_DN);
   }
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those
@@ -748,241 +987,6 @@ struct OwenSobol {
     const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
     return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
   }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/lab/rig.hpp
-#ifndef SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
-#define SINGLE_INCLUDE_LUMO_LAB_RIG_HPP
-
-namespace lumo {
-
-// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md explains each). They were
-// fixed before any decoder, localiser or force estimator ran on a log of the lab. The lab's `noise` multiplies all that
-// is marked σ.
-
-/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is
-/// recorded. The picture is its green plane.
-struct CameraRig {
-  int width = 192, height = 80;    ///< of the window [px]
-  double focal_px = 616.0;         ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
-  double distance_m = 0.25;        ///< from the facing side; assumed, 0.41 mm/px
-  double aim_sigma_rad = 1.5_deg;  ///< σ of yaw, pitch and roll of one placing by hand; assumed
-  double aim_sigma_m = 1.0_mm;     ///< σ of the place along y and z; assumed
-  double frames_per_s = 30.0;
-  double exposure_s = 1.0e-3;   ///< device setting 10 (paper), 100 µs each (librealsense #8243)
-  double gain = 64.0;           ///< device setting (paper)
-  double level_DN = 70.0;       ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
-  double brightest_DN = 220.0;  ///< of a loaded side: where it would be more, the exposure is shorter; assumed
-  /// Light of a bin [DN] per emitted power: one exposure for all pads (paper). 0: each pad is exposed by itself, for
-  /// `level_DN`.
-  double exposure_DN = 0.0;
-  double gamma = 1.0;     ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
-  double black_DN = 2.0;  ///< assumed
-  double full_DN = 255.0;
-  double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
-  double read_DN = 0.6;           ///< σ, assumed
-  double row_DN = 0.35;           ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
-  double pixel_gain = 0.01;       ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
-  double blur_px = 0.8;           ///< standard deviation of the lens's point spread; assumed
-  double stamp_sigma_s = 0.2e-3;  ///< σ of a stamp; assumed
-};
-
-/// The finger's lamps and the room's.
-struct LightRig {
-  double lamp_drift = 3.0e-3;  ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up
-                               ///< (memory: assumed)
-  double lamp_drift_s = 20.0;   ///< its time
-  double lamp_white = 1.0e-3;   ///< σ frame by frame; assumed
-  double ambient_DN = 5.0;      ///< mean; assumed
-  double ambient_slope = 0.2;   ///< relative, from end to end of the window; assumed
-  double ambient_drift = 0.02;  ///< σ relative; assumed
-  double ambient_drift_s = 5.0;
-  double flicker = 0.1;  ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
-  double flicker_hz = 100.0;
-  double spot_DN = 80.0;  ///< a LED's package seen through the side, on top of the side's light; assumed (the paper
-                          ///< detects five LEDs)
-  double spot_sigma_m = 0.7_mm;  ///< half of the package's 1.6 mm, blurred; assumed
-  // Off unless asked for.
-  double one_lamp_sigma = 0.0;       ///< σ of each LED's slow change by itself, relative
-  double one_lamp_drift_s = 60.0;    ///< its time; assumed
-  double one_lamp_reach_m = 6.0_mm;  ///< along the finger, over which an LED's share of the light falls to 1/e; assumed
-  double shadow = 0.0;               ///< share of the room's light that the tool takes away before it
-  double shadow_sigma_m = 12.0_mm;   ///< half width of its shadow; assumed
-};
-
-/// The indenter and how well it comes back.
-struct ContactRig {
-  double place_sigma_m = 0.25_mm;  ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
-  /// σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
-  double tilt_sigma_rad = 0.5_deg;
-  double load_sigma = 0.005;     ///< σ of a hold's load, relative; assumed
-  double sensor_sigma_N = 0.05;  ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
-  double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
-  double sensor_hz = 100.0;
-  double marker_sigma_m = 0.02_mm;  ///< σ of the followed marker on the indenter; assumed
-  double slide_m = 0.0;             ///< way along the finger from the first touch to leaving; a contact slides or rolls
-};
-
-/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes
-/// suggest for Dragon Skin; assumed.
-struct SiliconeRig {
-  std::array<double, 3> part{0.02, 0.015, 0.015};
-  std::array<double, 3> time_s{0.1, 1.0, 10.0};
-};
-
-/// How a joint moves without contact: to and fro as a cosine, with a rest after each sweep. Moving shows friction,
-/// resting what sticks. Assumed.
-struct FreeRunRig {
-  double beat_s = 0.75;  ///< of a sweep and its rest
-  double sweep_s = 0.5;
-  double swing_rad = 0.35;                ///< to both sides
-  double rest_velocity_rad_per_s = 0.02;  ///< Coulomb friction turns within about it
-};
-
-/// The joints under local position control, with current for torque: one, or a second one alike before it.
-struct MotorRig {
-  int joints = 1;
-  double joint_to_joint_m = 45.0_mm;       ///< from the first of two to the second; assumed
-  double joint_to_origin_m = 65.0_mm;      ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
-  double torque_constant_Nm_per_A = 0.35;  ///< gear included; assumed
-  /// σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
-  double constant_sigma = 0.02;
-  /// σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
-  double stiction_Nm = 0.079;
-  double white_Nm = 0.0685;  ///< σ of one sample; current noise and ripple: set for 1.29 N
-  double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
-  double weight_Nm = 0.06;                                ///< of the finger, times sin q; assumed
-  double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed
-  double velocity_sigma_rad_per_s = 0.003;  ///< σ; assumed
-  double hold_rad = 0.15;                   ///< where it holds; assumed
-  double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
-  double hz = 250.0;
-  FreeRunRig free_run;
-  // Off unless asked for.
-  double cogging_Nm = 0.0;        ///< amplitude; 2–10 mN·m (memory: assumed)
-  double cogging_periods = 10.0;  ///< per turn; 6–14 (memory: assumed)
-  double backlash_rad = 0.0;      ///< the encoder turns by this before the finger does; 0.11° (PULSE115-60)
-  double clock_offset_s = 0.0;    ///< of the joints' stamps, which the session does not state
-};
-
-/// How the pad at hand differs from the computed one.
-struct SpecimenRig {
-  double stiffness = 1.0;  ///< of its silicone, relative: it deforms as the computed pad does under the load over this
-  double lamps = 1.0;      ///< power of its LEDs, relative
-
-  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms
-  /// more.
-  double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
-};
-
-/// How far a finger is from its drawing, drawn once for a log; its session states the drawing. All 0: as drawn.
-struct AssemblyRig {
-  double pad_sigma_m = 0.0;       ///< σ: silicone glued off along the finger, by which its ends move
-  double strip_sigma_m = 0.0;     ///< σ: LEDs off along the finger
-  double distance_sigma = 0.0;    ///< σ of the camera's distance, relative
-  double distortion_sigma = 0.0;  ///< σ of the lens's radial distortion, of a ray at 45°: tan becomes tan (1 + k tan²)
-  double end_near_m = 5.0_mm, end_far_m = 15.0_mm;  ///< from an end: a contact's light moves with it wholly, not at all
-};
-
-/// All of it.
-struct Rig {
-  SpecimenRig specimen;
-  AssemblyRig assembly;
-  CameraRig camera;
-  LightRig light;
-  ContactRig contact;
-  SiliconeRig silicone;
-  MotorRig motor;
-};
-
-/// What a pixel gives for the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number,
-/// times `noise`), the row's offset, black level, full well, gamma, 8 bits (EMVA 1288's linear model).
-inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise, double normal, double row_offset) {
-  signal = std::max(signal, 0.0);
-  signal += noise * std::sqrt(camera.shot_DN * signal + camera.read_DN * camera.read_DN) * normal + row_offset;
-  double value = std::clamp(signal + camera.black_DN, 0.0, camera.full_DN);
-  const double inverse_gamma = 1.0 / camera.gamma;
-  if (inverse_gamma != 1.0) value = camera.full_DN * std::pow(value / camera.full_DN, inverse_gamma);
-  return std::uint8_t(std::lround(value));
-}
-
-/// The lab's clock.
-inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
-
-/// Throws InvalidArgument for numbers out of range.
-inline void validate(const Rig& r) {
-  require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
-  require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
-  require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
-  require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
-  require_positive("focal length", r.camera.focal_px, "px");
-  require_in_range("distance of the camera", r.camera.distance_m, 0.05, 10.0, "m");
-  require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
-  require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
-  require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
-  require_in_range("level of the brightest side", r.camera.brightest_DN, 1.0, 1e6, "DN");
-  require_in_range("exposure for all pads", r.camera.exposure_DN, 0.0, 1e12, "DN per emitted power");
-  require_in_range("glue of the pad", 1e3 * r.assembly.pad_sigma_m, 0.0, 10.0, "mm");
-  require_in_range("glue of the LED strip", 1e3 * r.assembly.strip_sigma_m, 0.0, 10.0, "mm");
-  require_in_range("error of the camera's distance", r.assembly.distance_sigma, 0.0, 0.1, "");
-  require_in_range("distortion of the lens", r.assembly.distortion_sigma, 0.0, 1.0, "");
-  require_in_range("change of one LED", r.light.one_lamp_sigma, 0.0, 0.3, "");
-  require_in_range("shadow of the tool", r.light.shadow, 0.0, 1.0, "of the room's light");
-  require_in_range("way that a contact slides", 1e3 * r.contact.slide_m, -20.0, 20.0, "mm");
-  require_in_range("cogging", 1e3 * r.motor.cogging_Nm, 0.0, 1000.0, "mN·m");
-  require_in_range("backlash", r.motor.backlash_rad, 0.0, 0.2, "rad");
-  require_in_range("offset of the joints' clock", r.motor.clock_offset_s, -1.0, 1.0, "s");
-  require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
-  require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
-  require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
-  require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
-  require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");
-  require_positive("stiffness of the position control", r.motor.stiffness_Nm_per_rad, "N·m/rad");
-  double sum = 0.0;
-  for (std::size_t k = 0; k < r.silicone.part.size(); ++k) {
-    require_in_range("part of the relaxation", r.silicone.part[k], 0.0, 0.9, "");
-    require_positive("relaxation time", r.silicone.time_s[k], "s");
-    sum += r.silicone.part[k];
-  }
-  require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
-}
-
-/// What load would, in equilibrium, give the deformation that a pad has now: it lags behind the load on it (Prony
-/// series; generalised Maxwell body). With the equilibrium modulus for unit, load = e + Σ w_k h_k, where h_k' = e' −
-/// h_k/τ_k and w_k = part_k/(1 − Σ part).
-class Relaxation {
- public:
-  explicit Relaxation(const SiliconeRig& rig) : time_s_(rig.time_s) {
-    double rest = 1.0;
-    for (const double g : rig.part) rest -= g;
-    for (std::size_t k = 0; k < weight_.size(); ++k) weight_[k] = rig.part[k] / rest;
-  }
-
-  /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches
-  /// are exact. Returns e, never below 0.
-  double step(double load_N, double dt_s) {
-    double lag = 0.0, whole = 1.0;
-    std::array<double, 3> keep{}, gain{};
-    for (std::size_t k = 0; k < weight_.size(); ++k) {
-      keep[k] = std::exp(-dt_s / time_s_[k]);
-      gain[k] = (1.0 - keep[k]) * time_s_[k] / dt_s;
-      lag += weight_[k] * (keep[k] * branch_[k] - gain[k] * equivalent_N_);
-      whole += weight_[k] * gain[k];
-    }
-    const double next = std::max(0.0, (load_N - lag) / whole);
-    for (std::size_t k = 0; k < weight_.size(); ++k)
-      branch_[k] = keep[k] * branch_[k] + gain[k] * (next - equivalent_N_);
-    return equivalent_N_ = next;
-  }
-  double equivalent_N() const { return equivalent_N_; }
-
- private:
-  std::array<double, 3> time_s_, weight_{}, branch_{};
-  double equivalent_N_ = 0.0;
 };
 
 }  // namespace lumo
@@ -1671,7 +1675,7 @@ struct Body {
   double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
   std::vector<RigidBox> carrier;  ///< union of boxes; what patches rest on
-  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
+  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted by the place) [m]
 
   Medium medium;        ///< inside
   Medium surroundings;  ///< outside (air)
@@ -3650,9 +3654,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
       plan_(std::move(plan)),
       seed_(seed),
       noise_(noise),
-      per_DN_(hand.rig.camera.exposure_DN > 0.0
-                  ? hand.rig.camera.exposure_DN
-                  : light.scale_to(hand.rig.camera.level_DN, hand.rig.camera.brightest_DN)),
+      per_DN_(light.exposure(hand.rig.camera)),
       hand_(hand) {
   check_plan();
   session_.title = plan_.title;
@@ -4333,6 +4335,22 @@ concept WholeReadout = ConnectedReadout<R> && requires {
   requires R::gathers_emitters;
 };
 
+/// Light that stays on an opaque patch of the body.
+struct Landing {
+  Vec3d reference;  ///< where, in the undeformed body [m]
+  Vec3d position;   ///< the same point, deformed [m]
+  Vec3d direction;  ///< unit, in which it came
+  int patch;        ///< of Body::patches
+};
+
+/// A readout that sees light on opaque patches, too, as photodiodes on the face do. Laws: landing_channel() is pure,
+/// and −1 for light that is not seen. It is asked for patches that absorb or mirror; light on Lambertian ones goes on
+/// with all other that falls there.
+template <class R>
+concept LandingReadout = ExitReadout<R> && requires(const R& readout, const Landing& landing) {
+  { readout.landing_channel(landing) } -> std::convertible_to<int>;
+};
+
 /// All power that leaves through each region of the body and is seen (model reading of paper §III: r_b).
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
@@ -4517,13 +4535,14 @@ namespace lumo {
 enum class TiltPlane { xz, yz };
 
 /// One contact: an indenter, the line on which it comes, and the loads at which it is observed.
-/// It moves along direction() on the line through Body::pivot shifted by `y_m`; it does not move sideways.
+/// It moves along direction() on the line through Body::pivot shifted by `x_m` and `y_m`; it does not move sideways.
 template <Indenter Tool = Sphere> struct Scenario {
   Tool indenter;
   double angle_rad = 0.0;                                     ///< approach angle from the pad normal
   double y_m = 0.0;                                           ///< place along the finger [m]
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};  ///< increasing
   TiltPlane tilt = TiltPlane::xz;                             ///< in which the angle lies
+  double x_m = 0.0;                                           ///< place across the finger [m]
 
   bool operator==(const Scenario&) const = default;
 
@@ -4537,12 +4556,13 @@ template <Indenter Tool = Sphere> struct Scenario {
 /// Planes in which a contact is its own mirror image.
 template <Indenter Tool> Symmetry symmetry_of(const Scenario<Tool>& s) {
   const bool straight = s.angle_rad == 0.0;
-  return {(straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0),
+  return {s.x_m == 0.0 && (straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0),
       s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
 }
 
 /// Mirror image of a contact with a symmetric tool in these planes.
 template <Indenter Tool> Scenario<Tool> mirrored(Scenario<Tool> s, Symmetry planes) {
+  if (planes.x) s.x_m = 0.0 - s.x_m;
   if (planes.y) s.y_m = 0.0 - s.y_m;
   if (s.tilt == TiltPlane::xz ? planes.x : planes.y) s.angle_rad = 0.0 - s.angle_rad;
   return s;
@@ -4555,6 +4575,7 @@ inline constexpr Limits approach_angles_deg{-80.0, 80.0}, contact_places_mm{-1e4
 template <Indenter Tool> void validate(const Scenario<Tool>& s) {
   validate(s.indenter);
   require_in_range("approach angle", s.angle_rad * 180.0 / pi, approach_angles_deg, "deg");
+  require_in_range("contact place x", s.x_m * 1e3, contact_places_mm, "mm");
   require_in_range("contact place y", s.y_m * 1e3, contact_places_mm, "mm");
   if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
   double last = 0.0;
@@ -4735,7 +4756,8 @@ template <Indenter Tool> struct PatchSearch {
 
 // A scenario's tool in a message.
 template <Indenter Tool> std::string approach(const Scenario<Tool>& s) {
-  return message("the indenter at y = ", s.y_m * 1e3, " mm and ", s.angle_rad * 180 / pi, " deg");
+  return message("the indenter at ", s.x_m == 0.0 ? "" : message("x = ", s.x_m * 1e3, " mm, "), "y = ", s.y_m * 1e3,
+      " mm and ", s.angle_rad * 180 / pi, " deg");
 }
 
 // Why a tool on this line touches nothing.
@@ -4771,8 +4793,9 @@ template <Indenter Tool> Touch first_touch(const Body& body, const TetMesh& mesh
   const Vec3d direction = scenario.direction();
   double size = 0.0;
   for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
-  const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + std::abs(scenario.y_m);
-  const Vec3d start = body.pivot + Vec3d(0, scenario.y_m, 0) - reach * direction;
+  const Vec3d shift(scenario.x_m, scenario.y_m, 0.0);
+  const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + shift.norm();
+  const Vec3d start = body.pivot + shift - reach * direction;
   const detail::ApproachLine<Tool> line{scenario.indenter, start, direction, reach};
 
   double best = std::numeric_limits<double>::infinity();
@@ -9444,12 +9467,12 @@ struct ScenarioImage {
 /// Which scenarios have to be solved if mirror images are solved once.
 template <Indenter Tool = Sphere> struct ContactPlan {
   struct Solve {
-    Scenario<Tool> scenario;  ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
+    Scenario<Tool> scenario;  ///< with angle, x and y ≥ 0 where mirror images are solved once
     std::size_t place;        ///< index into `places`
   };
   /// Contacts at one angle and place share a mesh.
   struct Place {
-    double angle_rad, y_m;
+    double angle_rad, x_m, y_m;
     TiltPlane tilt;
     std::vector<std::size_t> solves;
   };
@@ -9461,10 +9484,11 @@ template <Indenter Tool = Sphere> struct ContactPlan {
 namespace detail {
 
 /// Planes, of those that are allowed, in which a contact is to be mirrored so that all its images become the same one:
-/// y ≥ 0, angle ≥ 0.
+/// y ≥ 0, angle ≥ 0, and x ≥ 0 where that does not turn the angle.
 template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
   const bool along = s.tilt == TiltPlane::yz, back = s.angle_rad < 0.0;
-  return {allowed.x && !along && back, allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
+  return {allowed.x && (along || s.angle_rad == 0.0 ? s.x_m < 0.0 : back),
+      allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
 }
 
 }  // namespace detail
@@ -9485,11 +9509,11 @@ template <Indenter Tool> ContactPlan<Tool> plan_contacts(
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
       std::size_t place = 0;
-      while (
-          place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad &&
-                                            plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
+      while (place < plan.places.size() &&
+             !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].x_m == home.x_m &&
+                 plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt))
         ++place;
-      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
+      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.x_m, home.y_m, home.tilt, {}});
       plan.places[place].solves.push_back(k);
       plan.solves.push_back({first, place});
     }
@@ -11209,9 +11233,21 @@ template <ExitReadout Readout> class LightAccounts {
       else if (is_direct) direct_[std::size_t(c)] += e.power;
     }
   }
+  /// Books what stays of light on an opaque patch, of all images. `power` is that of one.
+  void book_landing(const Landing& l, double power) {
+    for (unsigned image : images_) {
+      int c = -1;
+      if constexpr (LandingReadout<Readout>) {
+        const Vec3d m = signs(image);
+        c = readout_.landing_channel(
+            {m.cwiseProduct(l.reference), m.cwiseProduct(l.position), m.cwiseProduct(l.direction), l.patch});
+      }
+      (seen(c) ? ledger.channels[std::size_t(c)] : ledger.absorbed_at_surfaces) += power;
+    }
+  }
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
-    const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3d m = signs(image);
     const Vec3d out = m.cwiseProduct(e.light.direction);
     const int region = e.at.face >= 0 ? surface_.region(e.at, image)
                                       : surface_.region(e.patch, e.light.reference, e.light.position, image);
@@ -11245,6 +11281,7 @@ template <ExitReadout Readout> class LightAccounts {
   EnergyLedger ledger;
 
  private:
+  static Vec3d signs(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
   bool seen(int channel) const { return channel >= 0 && std::size_t(channel) < ledger.channels.size(); }
   void reset() {
     ledger = {};
@@ -11924,19 +11961,25 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       return false;
     }
     b.carrier_last = !b.inside;
-    return reflect_off(b, optics,
-        b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
-        accounts_.ledger.absorbed_at_surfaces);
+    const Vec3d normal = b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle);
+    const Vec3d came = b.direction;
+    return reflect_off(b, optics, normal, [&](double power) {
+      if (LandingReadout<Readout> && at.face >= 0)
+        accounts_.book_landing({body_.surface.reference(at), b.origin, came, body_.surface.patch_number(at)}, power);
+      else accounts_.book(accounts_.ledger.absorbed_at_surfaces, power);
+    });
   }
 
-  // Reflection off an opaque surface whose unit normal points back to where the light comes from.
-  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
+  // Reflection off an opaque surface whose unit normal points back to where the light comes from. `absorb` is given
+  // what stays there [W].
+  template <class Absorb>
+  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, Absorb&& absorb) {
     b.key = combine(b.key, 1);
     std::visit(
         [&](const auto& s) {
           if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
             const double kept = b.power * reflectance(s);
-            accounts_.book(absorbed, b.power - kept);
+            absorb(b.power - kept);
             b.power = kept;
             b.direction = reflected(
                 s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), start_->mirror);
@@ -11969,7 +12012,8 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     const bool specular = std::holds_alternative<Mirror>(body_.surface.touched());
     b.spread = b.spread || !specular;
     const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
-    return reflect_off(b, body_.surface.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
+    return reflect_off(b, body_.surface.touched(), smooth ? curved : flat,
+        [&](double power) { accounts_.book(accounts_.ledger.to_indenter, power); });
   }
 
   Split split(const Branch& b, int triangle, const ScenePoint& at) const {
@@ -13370,6 +13414,7 @@ struct ObservedState {
   TiltPlane tilt = TiltPlane::xz;
   double load_rise = 0.0;   ///< see load_rises()
   double area_error = 0.0;  ///< of the contact area, by the mesh, as a fraction (MechanicalError)
+  double x_m = 0.0;
 };
 
 /// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the
@@ -13442,7 +13487,7 @@ inline Eigen::MatrixXd response_change(const Response& loaded, const Response& u
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
   return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N &&
-         a.y_m != b.y_m;
+         (a.y_m != b.y_m || a.x_m != b.x_m);
 }
 
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
@@ -13562,6 +13607,7 @@ struct ScenarioRecord {
   std::vector<StateRecord> states;
   TiltPlane tilt = TiltPlane::xz;
   std::optional<Unresolved> unresolved = std::nullopt;  ///< the first contact that its mesh does not resolve
+  double x_m = 0.0;
 };
 
 /// Seconds spent, summed over threads, and by the clock in all.
@@ -13587,6 +13633,7 @@ template <Indenter Tool> ScenarioRecord record_of(const Body& body, const TetMes
   ScenarioRecord record;
   record.diameter_m = 2.0 * contact_radius(scenario.indenter);
   record.angle_rad = scenario.angle_rad;
+  record.x_m = scenario.x_m;
   record.y_m = scenario.y_m;
   record.tilt = scenario.tilt;
   record.status = states.back().status;
@@ -13628,8 +13675,8 @@ inline std::vector<ObservedState> observed_states(const ScenarioRecord& record, 
   for (const StateRecord& s : record.states) {
     if (s.change.size() == 0) continue;
     const double known = s.contact_area_m2 > 0.0 ? std::min(1.0, s.contact_area_error_m2 / s.contact_area_m2) : 0.0;
-    states.push_back(
-        {scenario, record.diameter_m, record.angle_rad, record.y_m, s.load_N, s.change, record.tilt, 0.0, known});
+    states.push_back({scenario, record.diameter_m, record.angle_rad, record.y_m, s.load_N, s.change, record.tilt, 0.0,
+        known, record.x_m});
     loads_N.push_back(s.load_N);
     changes.push_back(s.change.colwise().mean());
   }
@@ -13655,6 +13702,7 @@ using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 template <Indenter Tool> ScenarioRecord mirrored(
     ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
+  record.x_m = scenario.x_m;
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
     if (!channel || channel->empty()) return;
@@ -15096,6 +15144,40 @@ class Photodiodes {
 
 static_assert(ConnectedReadout<Photodiodes>);
 
+/// Power that stays on opaque patches of the body, as on photodiodes that lie on its face: a channel for each; over the
+/// patch's area it is the absorbed part of the irradiance [W/m²]. Mirror images of a patch are one patch. Light that
+/// leaves the body is not seen.
+class PatchLight {
+ public:
+  /// Throws InvalidArgument unless each name is that of one patch of `body`, and its optics Absorber or Mirror.
+  PatchLight(const Body& body, const std::vector<std::string>& names) {
+    for (const std::string& name : names) {
+      const auto named = [&](const Patch& p) { return p.name == name; };
+      const auto& all = body.patches;
+      if (std::count_if(all.begin(), all.end(), named) != 1)
+        throw InvalidArgument(message("light is to fall on patch \"", printable(name), "\", the body must have one"));
+      const auto patch = std::find_if(all.begin(), all.end(), named);
+      if (!std::holds_alternative<Absorber>(patch->optics) && !std::holds_alternative<Mirror>(patch->optics))
+        throw InvalidArgument(
+            message("light is to stay on patch \"", printable(name), "\", its optics must be Absorber or Mirror"));
+      patches_.push_back(int(patch - all.begin()));
+    }
+  }
+
+  int channels(const Body&) const { return int(patches_.size()); }
+  int channel(const Escape&) const { return -1; }
+  int landing_channel(const Landing& light) const {
+    const auto at = std::find(patches_.begin(), patches_.end(), light.patch);
+    return at == patches_.end() ? -1 : int(at - patches_.begin());
+  }
+  std::optional<std::vector<int>> image_channels(const Body&, int) const { return std::vector<int>{}; }
+
+ private:
+  std::vector<int> patches_;
+};
+
+static_assert(LandingReadout<PatchLight>);
+
 }  // namespace lumo
 
 #endif
@@ -15538,8 +15620,7 @@ inline VirtualRig::VirtualRig(
     }
   }
   const PadResponses& r = light.responses();
-  per_DN_ = rig_.camera.exposure_DN > 0.0 ? rig_.camera.exposure_DN
-                                          : light.scale_to(rig_.camera.level_DN, rig_.camera.brightest_DN);
+  per_DN_ = light.exposure(rig_.camera);
 
   session_.title = plan_.title;
   session_.clock = "virtual";

@@ -5827,11 +5827,13 @@ class BrightRows {
       return false;
     profile.stamp_ns = frame.stamp_ns;
     profile.value.resize(places_.size());
+    ImageView unloaded = config_.unloaded.view();
+    unloaded.lit = view.lit;
     std::size_t full = 0, nearly = 0, all = 0;
     for (std::size_t r = 0; r < samples_.size(); ++r) {
       excess_.clear();
       for (const auto& [x, y] : samples_[r]) {
-        const int now = frame.image.green(x, y), before = unloaded_green(x, y);
+        const int now = frame.image.green(x, y), before = unloaded.green(x, y);
         excess_.push_back(std::max(0, now - before));
         full += now == 255;
         nearly += now >= 250;
@@ -5874,11 +5876,6 @@ class BrightRows {
     }
     if (std::all_of(samples_.begin(), samples_.end(), [](const auto& row) { return row.empty(); }))
       throw InvalidArgument("the finger's rows leave the image");
-  }
-  int unloaded_green(int x, int y) const {
-    ImageView v = config_.unloaded.view();
-    v.lit = config_.view.lit;
-    return v.green(x, y);
   }
   double mean_of_brightest() {
     if (excess_.empty()) return 0.0;

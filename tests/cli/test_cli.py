@@ -19,7 +19,7 @@ from refusal import check_refusal
 
 LUMO = ""
 FAULT, USAGE, INFEASIBLE, BAD_FILE = 1, 2, 3, 5
-DESIGN_COMMANDS = ["section", "mesh", "press", "trace", "evaluate"]
+DESIGN_COMMANDS = ["section", "mesh", "press", "trace", "render", "evaluate"]
 
 
 def run(*arguments, **options):
@@ -149,6 +149,29 @@ class Refusals(unittest.TestCase):
         self.bad_store(["no/such/folder"], "campaign", "run", "--store", "no/such/folder/s")
         self.refused(USAGE, ["--store", "2 times"], "campaign", "status", "--store", "s", "--store", "t")
         self.refused(USAGE, ["--seeds", "1 to 1000"], "campaign", "select", "--store", "s", "--seeds", "0")
+
+    def test_cameras(self):
+        for option, words, texts in [
+            ("--distance", ["[10, 10000]", "mm"], ["9", "-250", "1e6"]),
+            ("--pitch", ["[-10, 89]", "deg"], ["90", "-11"]),
+            ("--yaw", ["[-80, 80]", "deg"], ["81"]),
+            ("--focal", ["px"], ["0", "-3"]),
+            ("--fov", ["[0.1, 170]", "deg"], ["0", "171"]),
+            ("--aperture", ["mm"], ["0"]),
+            ("--exposure", ["ms"], ["0", "-1"]),
+            ("--gain", ["[0.01, 10000]"], ["0"]),
+            ("--range", ["1/(m2 sr)"], ["0"]),
+        ]:
+            for text in texts:
+                self.refused(USAGE, [option, f"'{text}'", *words], "render", option, text)
+            for text in ["nan", "inf", "much"]:
+                self.refused(USAGE, [option, "number"], "render", option, text)
+        for text in ["0", "3", "12", "65537", "-8"]:
+            self.refused(USAGE, ["samples", text], "render", "--samples", text)
+        self.refused(USAGE, ["--pixels", "columns,rows"], "render", "--pixels", "640")
+        self.refused(USAGE, ["--pixels", "1 to 4096"], "render", "--pixels", "640,0")
+        self.refused(USAGE, ["--observe", "side or camera or photodiodes"], "evaluate", "--observe", "eye")
+        self.refused(USAGE, ["observation.by", "side"], "trace", "--set", "observation.by=camera")
 
     def test_study(self):
         self.refused(USAGE, ["no command", "lumo study --help"], "study")

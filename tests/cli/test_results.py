@@ -21,7 +21,7 @@ import unittest
 import xml.etree.ElementTree
 
 LUMO, LONG = "", False
-COMPUTE = ["mesh", "press", "trace", "evaluate", "study"]
+COMPUTE = ["mesh", "press", "trace", "render", "evaluate", "study"]
 STATE = [
     "load_N",
     "force_N",
@@ -487,6 +487,42 @@ class Quick(unittest.TestCase):
         self.assertEqual({name: traced.get(name) for name in pressed}, pressed)  # byte for byte
         columns = traced["trace.csv"].decode().splitlines()[0]
         self.assertTrue(columns.startswith(pressed["press.csv"].decode().splitlines()[0] + ",response_1"), columns)
+
+    def test_pictures(self):
+        camera = ["--pixels", "48,20", "--focal", "154", "--samples", "8", "--load", "5", "--exposure", "auto"]
+        reports, files = [], []
+        for threads in ["1", "2"]:
+            with tempfile.TemporaryDirectory() as folder:
+                done = self.good(
+                    "render", *camera, "--json", "--radiance", "--out", folder, "--threads", threads
+                )
+                reports.append(without_times(strict(done.stdout)))
+                files.append({p.name: p.read_bytes() for p in pathlib.Path(folder).iterdir()})
+        self.assertEqual(reports[0], reports[1])
+        self.assertEqual(files[0], files[1])
+        self.assertEqual(
+            sorted(files[0]), ["difference_5N.png", "pressed_5N.pfm", "pressed_5N.png", "unloaded.pfm", "unloaded.png"]
+        )
+        unloaded, pressed = reports[0]["pictures"]
+        self.assertEqual([unloaded["load_N"], pressed["load_N"]], [0, 5])
+        for name, picture in [("unloaded", unloaded), ("pressed_5N", pressed)]:
+            head, pixels = files[0][name + ".pfm"].split(b"\n-1.0\n", 1)
+            self.assertEqual(head, b"Pf\n48 20")
+            values = struct.unpack("<960f", pixels)
+            self.assertTrue(all(v >= 0 and math.isfinite(v) for v in values))
+            self.assertAlmostEqual(
+                sum(values) / 960 / picture["mean_radiance_per_m2_sr"], 1.0, delta=1e-5
+            )
+            self.assertEqual(struct.unpack(">II", files[0][name + ".png"][16:24]), (48, 20))
+        self.assertAlmostEqual(
+            pressed["mean_change_per_m2_sr"],
+            pressed["mean_radiance_per_m2_sr"] - unloaded["mean_radiance_per_m2_sr"],
+            delta=1e-6 * unloaded["mean_radiance_per_m2_sr"],
+        )
+        self.assertGreater(abs(pressed["mean_change_per_m2_sr"]), pressed["mean_change_per_m2_sr_err"])
+        self.assertLess(unloaded["saturated"], 0.01)
+        ledger = reports[0]["ledger"]
+        self.assertAlmostEqual(ledger["emitted"], sum(v for k, v in ledger.items() if k != "emitted"), delta=1e-9)
 
     def test_trace_does_not_depend_on_threads(self):
         one, two = (

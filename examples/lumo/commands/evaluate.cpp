@@ -10,6 +10,9 @@ struct Evaluate : DesignCommand {
   void declare(CLI::App& app) {
     declare_common(app);
     add_ensemble(app, effective);
+    add_setting(app, effective, "--observe", "observation.by",
+        "Light that J_obs is of: side (default: all that leaves its regions), camera (what a lens takes in of it) or "
+        "photodiodes");
     add_ray_error(app, effective);
     add_mechanics(app, effective);
     add_time_limit(app, effective);

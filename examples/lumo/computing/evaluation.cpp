@@ -2,6 +2,7 @@
 #include "computing/contacts.hpp"
 #include "computing/provenance.hpp"
 #include "computing/tools.hpp"
+#include "computing/viewpoint.hpp"
 #include "console/version.hpp"
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/study/assumptions.hpp"
@@ -9,13 +10,23 @@
 
 #include <memory>
 #include <new>
+#include <type_traits>
 
 namespace lumo::program {
 
-Evaluation make_evaluation(const Configuration& r, int threads, Progress& progress) {
-  const auto pipeline = pipeline_for(r);
-  return evaluate({r.pad.design(), r.pad.silicone, finger_options(r)}, r.ensemble, pipeline, TbbExecutor{threads},
-      shown_in(progress));
+Evaluation make_evaluation(const Configuration& o, int threads, Progress& progress) {
+  const auto run = [&](const auto& pipeline) {
+    return evaluate({o.pad.design(), o.pad.silicone, finger_options(o)}, o.ensemble, pipeline, TbbExecutor{threads},
+        shown_in(progress));
+  };
+  const auto seen_by = [&](const auto& readout) {
+    using Readout = std::decay_t<decltype(readout)>;
+    return run(pipeline_for<Readout>(o, Light<Readout>(ray_numbers<Readout>(o), readout)));
+  };
+  using By = Observation::By;
+  if (o.observation.by == By::camera) return seen_by(side_view(o.camera).cone(side_geometry(body_of(o))));
+  if (o.observation.by == By::photodiodes) return seen_by(photodiode_row(o).before(side_geometry(body_of(o))));
+  return run(pipeline_for(o));
 }
 
 std::vector<double> make_depths(const Configuration& o, int threads, Progress& progress) {
@@ -98,6 +109,7 @@ template <class P> auto shared(P pipeline) { return std::make_shared<P>(std::mov
 }  // namespace
 
 Evaluator campaign_evaluator(const Configuration& o, int threads, Progress& progress) {
+  require_side_light(o);
   const auto pipeline = shared(pipeline_for(o));
   return [o, threads, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
@@ -113,6 +125,7 @@ Evaluator campaign_evaluator(const Configuration& o, int threads, Progress& prog
 }
 
 Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, Progress& progress) {
+  require_side_light(o.asked);
   const auto pipeline = shared(pipeline_for(o.asked));
   return [o, study, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
@@ -137,6 +150,7 @@ Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, Progre
 
 Evaluator assumptions_evaluator(const StudyTools& o, const std::vector<Scenario<Sphere>>& contacts,
     const std::vector<AssumptionVariant>& variants, Progress& progress) {
+  require_side_light(o.asked);
   const double edges = o.coarse ? 1.4 : 1.0;
   auto usual_tools = pipeline_for(o.asked);
   if (o.coarse) {

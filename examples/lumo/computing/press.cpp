@@ -97,6 +97,7 @@ std::vector<PressOutcome> make_presses(const std::vector<Configuration>& request
 }
 
 TraceResult make_trace(const Configuration& o, int threads, Progress& progress) {
+  require_side_light(o);
   const Stopwatch watch;
   const Body body = body_of(o);
   const auto pipeline = pipeline_for(o);

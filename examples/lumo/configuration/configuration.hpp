@@ -82,6 +82,31 @@ struct LabSettings {
   bool operator==(const LabSettings&) const = default;
 };
 
+/// A camera before the side x > 0 of a pad, aimed at the middle of it; as the virtual lab's, where that has the number
+/// (lumo/lab/rig.hpp).
+struct CameraSettings {
+  double distance_mm = 250.0;              ///< from the facing side
+  double yaw_deg = 0.0, pitch_deg = 0.0;   ///< of where it stands: towards +y, and above the base plane
+  double roll_deg = 0.0;                   ///< about the line of sight
+  double along_mm = 0.0, height_mm = 0.0;  ///< of what it is aimed at, beside the middle of the side
+  double focal_px = 616.0;                 ///< focal length
+  int columns = 192, rows = 80;            ///< of the picture
+  double aperture_mm = 0.48;               ///< radius of the lens' opening
+  double exposure_ms = 1.0, gain = 64.0;   ///< of lumo::program::digital_number()
+  int samples = 16;                        ///< lines of sight a pixel
+
+  bool operator==(const CameraSettings&) const = default;
+};
+
+/// By what J_obs is observed.
+struct Observation {
+  enum class By { side, camera, photodiodes };
+  By by = By::side;
+  double diode_gap_mm = 5.0, diode_mm = 2.0;  ///< photodiodes: from the facing side, and their edge
+
+  bool operator==(const Observation&) const = default;
+};
+
 struct Configuration {
   Pad pad;
   Touch touch;
@@ -91,6 +116,8 @@ struct Configuration {
   LightEffort light;
   Search search;
   LabSettings lab;
+  CameraSettings camera;
+  Observation observation;
   CastingOptions casting;  ///< without what the finger decides
 
   bool operator==(const Configuration&) const = default;

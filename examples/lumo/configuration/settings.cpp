@@ -284,6 +284,50 @@ Settings readout() {
           [](auto& c) -> auto& { return c.pad.finger.readout.in_space; })};
 }
 
+Settings cameras() {
+  using enum Mark;
+  const auto part = [](const char* path, Range range, const char* help, auto member) {
+    return number(
+        path, lumo, range, help, [member](auto& c) -> auto& { return c.camera.*member; });
+  };
+  const auto count = [](const char* path, Limits limits, const char* help, auto member) {
+    return whole(
+        path, lumo, limits, help, [member](auto& c) -> auto& { return c.camera.*member; });
+  };
+  const Limits sizes{1, 4096};
+  using C = CameraSettings;
+  using By = Observation::By;
+  return {part("camera.distance_mm", {{10, 10000}, "mm"}, "From the side x > 0, at whose middle it is aimed",
+              &C::distance_mm),
+      part("camera.yaw_deg", {{-80, 80}, "deg"}, "Where it stands: towards +y", &C::yaw_deg),
+      part("camera.pitch_deg", {{-10, 89}, "deg"}, "Likewise: above the base plane, it looks down by so much",
+          &C::pitch_deg),
+      part("camera.roll_deg", {{-180, 180}, "deg"}, "About its line of sight", &C::roll_deg),
+      part("camera.along_mm", {{-200, 200}, "mm"}, "Of what it is aimed at: beside the side's middle, along y",
+          &C::along_mm),
+      part("camera.height_mm", {{-200, 200}, "mm"}, "Likewise: above it", &C::height_mm),
+      part("camera.focal_px", {{1, 100000}, "px"}, "Focal length", &C::focal_px),
+      count("camera.columns", sizes, "Pixels of the picture", &C::columns),
+      count("camera.rows", sizes, "Likewise", &C::rows),
+      part("camera.aperture_mm", {{0.001, 100}, "mm"}, "Radius of its lens' opening; what it is aimed at is sharp",
+          &C::aperture_mm),
+      part("camera.exposure_ms", {{0.001, 10000}, "ms"}, "Exposure of the picture", &C::exposure_ms),
+      part("camera.gain", {{0.01, 10000}}, "Gain of the picture", &C::gain),
+      count("camera.samples", {1, 65536}, "Lines of sight a pixel: 1, 2, 4 or a multiple of 8", &C::samples),
+      choice(
+          "observation.by", paper,
+          Names<By>{{"side", By::side}, {"camera", By::camera}, {"photodiodes", By::photodiodes}},
+          "Light that evaluate has J_obs of: all that leaves the regions of the side, in whatever direction; of them, "
+          "what the camera's lens takes in; or what falls on photodiodes, one before each region",
+          [](auto& c) -> auto& { return c.observation.by; }),
+      number(
+          "observation.diode_gap_mm", lumo, {{0.1, 100}, "mm"}, "From the side x > 0 to the photodiodes",
+          [](auto& c) -> auto& { return c.observation.diode_gap_mm; }),
+      number(
+          "observation.diode_mm", lumo, {{0.1, 20}, "mm"}, "Edge of a photodiode",
+          [](auto& c) -> auto& { return c.observation.diode_mm; })};
+}
+
 Settings meshes() {
   using enum Mark;
   using M = FingerOptions::Mesh;
@@ -576,7 +620,7 @@ Settings casting() {
 Settings make_settings() {
   Settings all = design_and_silicone();
   for (auto* group : {&finger_shape, &touched_surface, &finger_light, &readout, &meshes, &mechanics_settings,
-           &contacts_settings, &efforts, &lab_disturbances, &time_limits, &casting})
+           &contacts_settings, &efforts, &lab_disturbances, &time_limits, &cameras, &casting})
     add(all, group());
   return all;
 }

@@ -209,6 +209,8 @@ std::string evaluation_text(const Configuration& o, const Evaluation& e) {
                      std::to_string(seen.scenarios.size()) + " scenarios\n" + how(o.mechanics) +
                      "J_contact = " + cell(value_of(e.J_contact), 4) + " ± " + cell(error_of(e.J_contact), 4);
   if (e.worst_contact) text += "   worst: " + scenario_text(seen.scenarios[*e.worst_contact]);
+  const Observation::By by = o.observation.by;
+  text += by == Observation::By::side ? "" : by == Observation::By::camera ? "\nby a camera" : "\nby photodiodes";
   text += "\nJ_obs     = " + scientific(value_of(e.J_obs)) + " ± " + scientific(error_of(e.J_obs));
   if (e.worst_observation) {
     const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];

@@ -1,4 +1,5 @@
 // The module: the only source that uses OpenCV.
+#include "charts/false_colour.hpp"
 #include "charts/hand_overlay.hpp"
 #include "sensing/pictures.hpp"
 
@@ -49,6 +50,7 @@ class OpenCvPictures : public Pictures {
   std::vector<std::uint8_t> encode(const std::string& ending, const ImageView& image) const override {
     return encode_image(ending, image);
   }
+  std::string false_colour(const FalseColour& values) const override { return false_colour_png(values); }
   std::string hand_overlay(const ImageView& image, const HandObserver& hand, const HandEstimate& e) const override {
     return hand_overlay_png(image, hand, e);
   }

@@ -52,6 +52,15 @@ struct LiveSettings {
   double wait_s = 0.001;  ///< for a frame
 };
 
+/// Signed values to be drawn, row by row from the top.
+struct FalseColour {
+  int columns = 0, rows = 0;
+  std::vector<double> values;
+  double range = 1.0;  ///< value of the strongest colour
+  int decimals = 2;    ///< of the numbers at the colour bar
+  std::string title, subtitle, unit;
+};
+
 /// All throw InputError for what cannot be read, decoded or written.
 class Pictures {
  public:
@@ -64,6 +73,8 @@ class Pictures {
   virtual Decode decoder() const = 0;
   /// Bytes of an image file in the format of an ending (".png" without loss).
   virtual std::vector<std::uint8_t> encode(const std::string& ending, const ImageView& image) const = 0;
+  /// A PNG file.
+  virtual std::string false_colour(const FalseColour& values) const = 0;
   virtual std::string hand_overlay(const ImageView& image, const HandObserver& hand, const HandEstimate& e) const = 0;
 };
 
