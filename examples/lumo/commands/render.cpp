@@ -40,8 +40,8 @@ double automatic_exposure_ms(CameraSettings camera, const Picture& unloaded) {
   constexpr double brightest_part = 0.995, wanted_DN = 220.0, least_ms = 1e-3, most_ms = 1e4;
   const double bright = part_of(unloaded.radiance, brightest_part);
   camera.exposure_ms = 1.0;
-  const double black = digital_number(camera, 0.0), per_ms = digital_number(camera, 1.0) - black;
-  return bright > 0.0 ? std::clamp((wanted_DN - black) / (per_ms * bright), least_ms, most_ms) : most_ms;
+  const double room_DN = wanted_DN - digital_number(camera, 0.0), per_ms = numbers_per_radiance(camera);
+  return bright > 0.0 ? std::clamp(room_DN / (per_ms * bright), least_ms, most_ms) : most_ms;
 }
 
 /// 1, 2 or 5 times a power of ten, not below `value`.

@@ -70,11 +70,15 @@ RenderResult make_render(const Configuration& o, int threads, Progress& progress
   return result;
 }
 
-double digital_number(const CameraSettings& camera, double radiance) {
+double numbers_per_radiance(const CameraSettings& camera) {
   constexpr double baseline = 0.054;  // mean radiance of the built baseline's side per emitted power [1/(m² sr)]
   const CameraRig rig;
-  const double exposure = 1e-3 * camera.exposure_ms * camera.gain / (rig.exposure_s * rig.gain);
-  return std::clamp(rig.black_DN + rig.level_DN * exposure * radiance / baseline, 0.0, rig.full_DN);
+  return rig.level_DN / baseline * 1e-3 * camera.exposure_ms * camera.gain / (rig.exposure_s * rig.gain);
+}
+
+double digital_number(const CameraSettings& camera, double radiance) {
+  const CameraRig rig;
+  return std::clamp(rig.black_DN + numbers_per_radiance(camera) * radiance, 0.0, rig.full_DN);
 }
 
 }  // namespace lumo::program

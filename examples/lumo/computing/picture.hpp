@@ -32,6 +32,8 @@ struct RenderResult {
 
 RenderResult make_render(const Configuration& request, int threads, Progress& progress);
 
+/// Of a linear sensor, above black and below full [DN per 1/(m² sr)].
+double numbers_per_radiance(const CameraSettings& camera);
 /// What a linear sensor makes of a radiance per emitted power [1/(m² sr)], 0 to 255. One scale for all pads: at 1 ms
 /// and gain 64 the side of the built baseline in DS, unloaded, has on average the 70 that the virtual lab assumes.
 double digital_number(const CameraSettings& camera, double radiance);

@@ -195,7 +195,6 @@ class Tracer {
     const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide),
                   exits = gathering_faces(surface, symmetry, focus);
     const int channels = readout_.channels(body), colors = color_count(body.emitters);
-    require_in_range("readout channels", channels, 0, 1 << 24, "");
     const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
         readout_, channels, nodes, exits, symmetry};
     PathTracer<Scene, Medium, Readout> path(lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
@@ -391,6 +390,7 @@ class Tracer {
       throw InvalidArgument(
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
+    require_in_range("readout channels", readout_.channels(body), 0, 1 << 18, "");
   }
   /// Replicates that lines of a view are divided by. Throws InvalidArgument.
   int check(const Body& body, int pixels, const ViewEffort& effort) const {
