@@ -4596,6 +4596,9 @@ template <Indenter Tool> void validate(const Scenario<Tool>& s) {
 
 namespace lumo {
 
+/// Nodes lie within this of the origin [m]; lengths far beyond have no finite squares.
+inline constexpr double largest_coordinate_m = 1e6;
+
 /// Boundary triangle of a tetrahedral mesh, counter-clockwise seen from outside.
 /// Nodes: three corners, then the middles of edges 01, 12, 20 (−1 in a linear mesh).
 struct BoundaryFace {
@@ -4684,6 +4687,7 @@ template <Indenter Tool> struct PatchSearch {
   static constexpr double first_step = 0.1;    // of the box's diagonal
   static constexpr double finest_step = 1e-9;  // [m]: the advance is quadratic about its minimum
   static constexpr int directions = 8;
+  static constexpr int most_moves = 1000;  // with one step: where rounding makes gains, there is no end to them
 
   const ApproachLine<Tool>& line;
   const Patch& patch;
@@ -4740,15 +4744,15 @@ template <Indenter Tool> struct PatchSearch {
   void refine(double spin, double gain) {
     double spun = 0.0;
     for (double step = first_step * (high - low).norm(); step > finest_step; step *= 0.5)
-      for (bool moved = true; moved; spun += spin) {
-        moved = false;
+      for (int moves = 0, moved = 1; moved && moves < most_moves; ++moves, spun += spin) {
+        moved = 0;
         const Vec3d n = outward_normal(patch.shape, seed);
         const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
         for (int k = 0; k < directions; ++k) {
           const double turn = 0.25 * pi * k + spun;
           const Vec3d trial =
               closest_point(patch.shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
-          if (inside(trial) && try_seed(trial, gain)) moved = true;
+          if (inside(trial) && try_seed(trial, gain)) moved = 1;
         }
       }
   }
@@ -5083,8 +5087,8 @@ inline void require_indices(const TetMesh& mesh) {
     throw MeshError(Reason::degenerate, "mesh has no elements: a bare surface can be lit, not pressed");
   const std::size_t count = mesh.nodes.size();
   for (std::size_t k = 0; k < count; ++k)
-    if (!mesh.nodes[k].allFinite())
-      throw MeshError(Reason::not_finite, message("mesh node ", k, " is not at a finite place"));
+    if (!mesh.nodes[k].allFinite() || !(mesh.nodes[k].cwiseAbs().maxCoeff() < largest_coordinate_m))
+      throw MeshError(Reason::not_finite, message("mesh node ", k, " is not at a finite place below 1e6 m"));
   for (std::size_t e = 0; e < mesh.tets.size(); ++e)
     require_nodes("element", e, mesh.tets[e], mesh.nodes_per_tet(), count);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f)
@@ -10632,7 +10636,6 @@ class OpticalScene {
 
  private:
   static constexpr int mixed = -2;
-  static constexpr double largest_coordinate_m = 1e6;
   static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
   void add_faces(const TetMesh& mesh, const SurfaceState& state) {
     const std::size_t nodes = mesh.nodes.size();
@@ -12825,7 +12828,6 @@ class Tracer {
     const FaceSet lambertian = sending_faces(body, surface, nodes, symmetry, guide),
                   exits = gathering_faces(surface, symmetry, focus);
     const int channels = readout_.channels(body), colors = color_count(body.emitters);
-    require_in_range("readout channels", channels, 0, 1 << 24, "");
     const LitBody<Scene, Medium, Readout> lit{surface, scene, medium, BeerLambert(body.surroundings).refractive_index(),
         readout_, channels, nodes, exits, symmetry};
     PathTracer<Scene, Medium, Readout> path(lit, {config_.roulette_below, config_.scattered_below, config_.max_events});
@@ -13007,7 +13009,7 @@ class Tracer {
     require_in_range("carrier rays", config_.carrier_rays, 1, 1 << 30, "");
     require_in_range("exit rays", config_.exit_rays, 0, 1 << 30, "");
     require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
-    require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
+    require_in_range("scattered_below", config_.scattered_below, 1e-4, 1.0, "");  // each piece sends on two
     require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
     require_in_range("largest share of lost light", config_.largest_lost, 0.0, 1.0, "");
     if (body.surroundings.extinction_per_m != 0.0)
@@ -13021,6 +13023,7 @@ class Tracer {
       throw InvalidArgument(
           message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
     validate(body.emitters);
+    require_in_range("readout channels", readout_.channels(body), 0, 1 << 18, "");
   }
   /// Replicates that lines of a view are divided by. Throws InvalidArgument.
   int check(const Body& body, int pixels, const ViewEffort& effort) const {

@@ -149,8 +149,8 @@ inline void require_indices(const TetMesh& mesh) {
     throw MeshError(Reason::degenerate, "mesh has no elements: a bare surface can be lit, not pressed");
   const std::size_t count = mesh.nodes.size();
   for (std::size_t k = 0; k < count; ++k)
-    if (!mesh.nodes[k].allFinite())
-      throw MeshError(Reason::not_finite, message("mesh node ", k, " is not at a finite place"));
+    if (!mesh.nodes[k].allFinite() || !(mesh.nodes[k].cwiseAbs().maxCoeff() < largest_coordinate_m))
+      throw MeshError(Reason::not_finite, message("mesh node ", k, " is not at a finite place below 1e6 m"));
   for (std::size_t e = 0; e < mesh.tets.size(); ++e)
     require_nodes("element", e, mesh.tets[e], mesh.nodes_per_tet(), count);
   for (std::size_t f = 0; f < mesh.faces.size(); ++f)

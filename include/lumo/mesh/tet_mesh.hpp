@@ -7,6 +7,9 @@
 
 namespace lumo {
 
+/// Nodes lie within this of the origin [m]; lengths far beyond have no finite squares.
+inline constexpr double largest_coordinate_m = 1e6;
+
 /// Boundary triangle of a tetrahedral mesh, counter-clockwise seen from outside.
 /// Nodes: three corners, then the middles of edges 01, 12, 20 (−1 in a linear mesh).
 struct BoundaryFace {

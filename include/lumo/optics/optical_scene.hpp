@@ -214,7 +214,6 @@ class OpticalScene {
 
  private:
   static constexpr int mixed = -2;
-  static constexpr double largest_coordinate_m = 1e6;
   static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
   void add_faces(const TetMesh& mesh, const SurfaceState& state) {
     const std::size_t nodes = mesh.nodes.size();

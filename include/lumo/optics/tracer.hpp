@@ -376,7 +376,7 @@ class Tracer {
     require_in_range("carrier rays", config_.carrier_rays, 1, 1 << 30, "");
     require_in_range("exit rays", config_.exit_rays, 0, 1 << 30, "");
     require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
-    require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
+    require_in_range("scattered_below", config_.scattered_below, 1e-4, 1.0, "");  // each piece sends on two
     require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
     require_in_range("largest share of lost light", config_.largest_lost, 0.0, 1.0, "");
     if (body.surroundings.extinction_per_m != 0.0)

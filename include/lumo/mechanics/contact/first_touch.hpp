@@ -61,6 +61,7 @@ template <Indenter Tool> struct PatchSearch {
   static constexpr double first_step = 0.1;    // of the box's diagonal
   static constexpr double finest_step = 1e-9;  // [m]: the advance is quadratic about its minimum
   static constexpr int directions = 8;
+  static constexpr int most_moves = 1000;  // with one step: where rounding makes gains, there is no end to them
 
   const ApproachLine<Tool>& line;
   const Patch& patch;
@@ -117,15 +118,15 @@ template <Indenter Tool> struct PatchSearch {
   void refine(double spin, double gain) {
     double spun = 0.0;
     for (double step = first_step * (high - low).norm(); step > finest_step; step *= 0.5)
-      for (bool moved = true; moved; spun += spin) {
-        moved = false;
+      for (int moves = 0, moved = 1; moved && moves < most_moves; ++moves, spun += spin) {
+        moved = 0;
         const Vec3d n = outward_normal(patch.shape, seed);
         const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
         for (int k = 0; k < directions; ++k) {
           const double turn = 0.25 * pi * k + spun;
           const Vec3d trial =
               closest_point(patch.shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
-          if (inside(trial) && try_seed(trial, gain)) moved = true;
+          if (inside(trial) && try_seed(trial, gain)) moved = 1;
         }
       }
   }
