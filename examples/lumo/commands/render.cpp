@@ -35,9 +35,9 @@ double part_of(std::vector<double> values, double part) {
   return values[std::size_t(k)];
 }
 
-/// The exposure at which all but the brightest pixels of the unloaded picture stay below full.
+/// The exposure at which all but the brightest pixels of the unloaded picture, as of lamps, stay below full.
 double automatic_exposure_ms(CameraSettings camera, const Picture& unloaded) {
-  constexpr double brightest_part = 0.995, wanted_DN = 220.0, least_ms = 1e-3, most_ms = 1e4;
+  constexpr double brightest_part = 0.98, wanted_DN = 220.0, least_ms = 1e-3, most_ms = 1e4;
   const double bright = part_of(unloaded.radiance, brightest_part);
   camera.exposure_ms = 1.0;
   const double room_DN = wanted_DN - digital_number(camera, 0.0), per_ms = numbers_per_radiance(camera);
