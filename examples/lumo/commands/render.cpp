@@ -78,9 +78,7 @@ struct Render : DesignCommand {
 
   void declare(CLI::App& app) {
     declare_common(app);
-    add_setting(app, effective, "--diameter", "contact.diameter_mm", "Sphere's diameter [mm], default 10");
-    add_setting(app, effective, "--angle", "contact.angle_deg", "Approach angle from the pad normal [deg], default 0");
-    add_setting(app, effective, "--y", "contact.y_mm", "Place along the finger [mm], default 0");
+    add_approach(app, effective);
     add_setting(
         app, effective, "--load", "contact.loads_N", "Load, or increasing loads, a picture each [N], default 10");
     declare_camera(app);
@@ -88,10 +86,8 @@ struct Render : DesignCommand {
     add_time_limit(app, effective);
     app.footer(
         "DIR gets unloaded.png, a pressed_LOADN.png and a difference_LOADN.png for each load. The camera is aimed at "
-        "the "
-        "middle of the side x > 0 and, by default, stands where the virtual lab's does. The sphere itself is not "
-        "drawn: "
-        "where it touches, the pad is black.");
+        "the middle of the side x > 0 and, by default, stands where the virtual lab's does. The sphere itself is not "
+        "drawn: where it touches, the pad is black.");
   }
   void declare_camera(CLI::App& app) {
     add_setting(app, effective, "--distance", "camera.distance_mm", "Of the camera from the side [mm], default 250");

@@ -168,7 +168,10 @@ template <class Change> void Effective::layer(const std::string& from, const Cha
   change(value_);
   for (const Setting& s : settings()) {
     if (s.get(before) == s.get(value_)) continue;
-    from_[s.path] = from;
+    std::string& source = from_[s.path];
+    if (source.starts_with("--set ") && !from.starts_with("--set "))
+      throw UsageError(from + " takes back " + source + ": give one of them");
+    source = from;
     given_.erase(s.path);
   }
 }
@@ -181,23 +184,12 @@ void Effective::put_marked(const Setting& s, const Json& value, const std::strin
 
 void Effective::type(const std::string& flag, const std::string& path, const std::string& typed) {
   const Setting& s = setting(path);
-  const Effective before = *this;
   try {
     put_marked(s, typed_value(s, typed), flag);
-    require_kept(before, flag);
   } catch (const Misfit& e) {
     std::vector<std::string> fields;
     for (const std::string_view field : split(typed)) fields.push_back(in_quotes(field));
     throw UsageError(flag + " is " + in_quotes(typed) + said(e, fields));
-  }
-}
-
-void Effective::require_kept(const Effective& before, const std::string& flag) const {
-  if (flag.starts_with("--set ")) return;
-  for (const Setting& s : settings()) {
-    const auto source = before.from_.find(s.path);
-    if (source != before.from_.end() && source->second.starts_with("--set ") && s.get(value_) != s.get(before.value_))
-      throw UsageError(flag + " takes back " + source->second + ": give one of them");
   }
 }
 

@@ -45,11 +45,9 @@ class Effective {
 
  private:
   void check_silicone() const;
-  /// Refuses an option that changes what --set has given.
-  void require_kept(const Effective& before, const std::string& flag) const;
   /// Refuses a file's name of an ensemble that is another.
   void check_ensemble(const Json& file) const;
-  /// Marks what `change` changes.
+  /// Marks what `change` changes. Throws UsageError where that takes back what --set has given.
   template <class Change> void layer(const std::string& from, const Change& change);
   void put_marked(const Setting& s, const Json& value, const std::string& from);
 

@@ -39,11 +39,15 @@ void add_seed(CLI::App& app, int& seed, const char* help) {
   add_whole(app, "--seed", seed, 0, std::numeric_limits<int>::max(), help);
 }
 
-void add_touch(CLI::App& app, Effective& e) {
+void add_approach(CLI::App& app, Effective& e) {
   add_setting(app, e, "--diameter", "contact.diameter_mm", "Sphere's diameter [mm], default 10");
   add_setting(app, e, "--angle", "contact.angle_deg", "Approach angle from the pad normal [deg], default 0");
   add_setting(app, e, "--x", "contact.x_mm", "Place across the finger [mm], default 0");
   add_setting(app, e, "--y", "contact.y_mm", "Place along the finger [mm], default 0");
+}
+
+void add_touch(CLI::App& app, Effective& e) {
+  add_approach(app, e);
   add_setting(app, e, "--loads", "contact.loads_N", "Increasing loads [N], default 1,2,5,10,15");
 }
 

@@ -16,6 +16,9 @@ void add_material(
 void add_pad(CLI::App& app, Effective& effective);
 void add_threads(CLI::App& app, int& threads);
 void add_seed(CLI::App& app, int& seed, const char* help);
+/// Diameter, angle and place of the sphere.
+void add_approach(CLI::App& app, Effective& effective);
+/// And its loads.
 void add_touch(CLI::App& app, Effective& effective);
 void add_ensemble(CLI::App& app, Effective& effective);
 void add_ray_error(CLI::App& app, Effective& effective);
