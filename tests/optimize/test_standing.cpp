@@ -99,7 +99,7 @@ TEST_CASE("gradients of the likelihood with standard errors are those of differe
         Approx((at(-1.0, -3.0 + h).log_likelihood - at(-1.0, -3.0 - h).log_likelihood) / (2.0 * h)).epsilon(1e-5));
 }
 
-TEST_CASE("without noise a front is of reported values; with it of means, in units of the objectives", "[noise]") {
+TEST_CASE("without noise a front is of reported values, with it of means, in units of the objectives", "[noise]") {
   const Quick exact = searched(bowls(26), 0.0, false, 3);
   const Standing clear = exact.standing();
   CHECK(clear.modelled.empty());

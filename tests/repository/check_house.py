@@ -356,6 +356,14 @@ def phantoms(tree):
                 yield f"{name}:{number}: {match.group(0)} hides a type behind a template parameter"
 
 
+def names_of_tests(tree):
+    """CTest's lists end their items at a semicolon: a name with one becomes two tests that cannot be found."""
+    for name, text in tree.texts.items():
+        for number, line in enumerate(text.splitlines(), 1):
+            if re.search(r'\bTEST_CASE\("[^"]*;', line):
+                yield f"{name}:{number}: the name of a test has a semicolon, at which CTest splits it"
+
+
 CHECKS = {
     "lines": long_lines,
     "functions": functions,
@@ -367,6 +375,7 @@ CHECKS = {
     "map": map_of_tree,
     "comma chains": comma_chains,
     "phantom parameters": phantoms,
+    "test names": names_of_tests,
 }
 
 

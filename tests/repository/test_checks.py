@@ -264,6 +264,10 @@ class House(unittest.TestCase):
             line=2,
         )
 
+    def test_names_of_tests(self):
+        self.passes('TEST_CASE("a, b", "[c]") {\n  f();\n}\n')
+        self.fails("test names", '\nTEST_CASE("a; b", "[c]") {\n}\n', "semicolon, at which CTest", line=2)
+
     def test_parameters(self):
         self.passes(
             "void f(std::map<int, int> a, int b, int c, int d, int e, std::function<void(int, int)> f = {1, 2});\n"
