@@ -62,7 +62,11 @@ class Part {
   }
 
   Part(Part&& other) noexcept : path_(std::move(other.path_)), file_(std::exchange(other.file_, -1)) {}
-  Part& operator=(Part&&) = delete;
+  Part& operator=(Part&& other) noexcept {
+    std::swap(path_, other.path_);
+    std::swap(file_, other.file_);
+    return *this;
+  }
   /// Removes it, unless it has its name.
   ~Part() {
     std::error_code none;
