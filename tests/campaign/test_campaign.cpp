@@ -9,6 +9,7 @@
 #include <chrono>
 #include <csignal>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <random>
 #include <set>
@@ -63,6 +64,63 @@ TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result"
   }
 }
 
+TEST_CASE("Entries keep standard errors, and refuse what is none", "[noise]") {
+  const JournalEntry kept = tell_entry(7, {0.1, -2e-30}, {0.0, 1e-3});
+  CHECK(kept.content == "7 0.1 -2e-30 +- 0 0.001");
+  const TrialEntry read = parse_trial(kept);
+  CHECK(read.id == 7);
+  CHECK(read.values == std::vector<double>{0.1, -2e-30});
+  CHECK(read.errors == std::vector<double>{0.0, 1e-3});
+  CHECK(tell_entry(7, {0.1}).content == "7 0.1");  // as ever
+  CHECK(parse_trial(tell_entry(7, {0.1})).errors.empty());
+  using Kind = JournalEntry::Kind;
+  for (const char* damaged : {"7 1 +-", "7 1 +- ", "7 1 +- x", "7 1 +-2", "7 1 +- 2 +- 3", "7 1+- 2"})
+    CHECK_THROWS_AS(parse_trial({3, Kind::tell, damaged, "", ""}), StoreError);
+  CHECK_THROWS_AS(parse_trial({3, Kind::ask, "7 1 +- 2", "", ""}), StoreError);
+}
+
+TEST_CASE("A campaign's models know the errors of its objectives, after any interruption, too", "[noise]") {
+  const auto uncertain = [](const Design& x) {
+    TrialResult r = cheap(x);
+    r.errors = {0.05 + 0.02 * x[2], 0.1};
+    return r;
+  };
+  Cheap alone(cheap_campaign::problem(22));
+  while (const auto t = alone.ask()) {
+    const TrialResult r = uncertain(t->x);
+    alone.tell(t->id, r.outputs, r.errors);
+  }
+  const TemporaryFolder folder;
+  for (int evaluations = 20; evaluations <= 22; ++evaluations) {  // each time from the store
+    SqliteStore log(folder / "store", "p");
+    run_campaign(log, Cheap(cheap_campaign::problem(evaluations)), uncertain, unwatched);
+  }
+  const SqliteStore log(folder / "store");
+  const auto state = state_of(log, 22);
+  REQUIRE(state.optimizer().trials().size() == alone.trials().size());
+  for (std::size_t k = 0; k < alone.trials().size(); ++k) {
+    CHECK(state.optimizer().trials()[k].x == alone.trials()[k].x);
+    CHECK(state.optimizer().trials()[k].errors == alone.trials()[k].errors);
+  }
+  const Standing standing = state.optimizer().standing();
+  CHECK(standing.modelled == std::vector<std::string>{"f", "g"});
+  CHECK(standing.low < standing.hypervolume);
+  CHECK(standing.high > standing.hypervolume);
+
+  // Nothing of it where there is to be no noise: entries and proposals are those of a search that hears of no errors.
+  Problem exact = cheap_campaign::problem(22);
+  exact.noise = Noise::none;
+  MemoryJournal deaf("p"), plain("p");
+  run_campaign(deaf, Cheap(exact), uncertain, unwatched);
+  run_campaign(plain, Cheap(cheap_campaign::problem(22)), cheap, unwatched);
+  const auto a = deaf.entries(), b = plain.entries();
+  REQUIRE(a.size() == b.size());
+  for (std::size_t k = 0; k < a.size(); ++k) CHECK(a[k].content == b[k].content);
+  bool differs = false;
+  for (const JournalEntry& e : log.entries()) differs = differs || e.content != b[std::size_t(e.number)].content;
+  CHECK(differs);
+}
+
 TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried again, too many stop the campaign") {
   MemoryJournal log("p");
   std::map<Design, int> attempts;
@@ -100,6 +158,25 @@ TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried
   CHECK_THROWS_WITH(run_campaign(bad, Cheap(cheap_campaign::problem(25)), mostly_failing, unwatched),
       Catch::Contains("5 of 7 evaluations failed") && Catch::Contains("press: inverted"));
   CHECK(calls == 7);
+}
+
+TEST_CASE("Errors that are no numbers are a failure of the design", "[noise]") {
+  for (const double bad : {std::nan(""), -1.0, std::numeric_limits<double>::infinity()}) {
+    MemoryJournal log("p");
+    int calls = 0;
+    run_campaign(
+        log, Cheap(cheap_campaign::problem(11)),
+        [&](const Design& x) {
+          TrialResult r = cheap(x);
+          if (++calls == 3) r.errors = {0.1, bad};
+          return r;
+        },
+        unwatched);
+    const auto state = state_of(log, 11);
+    CHECK(state.optimizer().trials()[2].state == Trial::State::failed);
+    CHECK_THAT(state.optimizer().trials()[2].why, Catch::Contains("standard error"));
+    CHECK(state.optimizer().observed() == 11);
+  }
 }
 
 TEST_CASE("Outputs that no optimiser takes are a failure of the design, and the store goes on") {

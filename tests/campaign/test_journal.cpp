@@ -10,7 +10,9 @@
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <csignal>
+#include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <random>
 
 using namespace lumo;
@@ -276,6 +278,45 @@ TEST_CASE("Three processes on one store add each entry once, and living ones kee
     if (!other.claim(2)) throw 2;
   }) == 0);
   CHECK(log.claim(2));  // the child is dead
+  SqliteStore second(folder / "store");
+  CHECK_FALSE(second.claim(1));  // another worker, if in one process
+}
+
+TEST_CASE("A claim holds though its process cannot be seen, and ends with it") {
+  const TemporaryFolder folder;
+  { SqliteStore log(folder / "store", "p"); }
+  int ready[2];
+  REQUIRE(pipe(ready) == 0);
+  const pid_t worker = start_child([&] {
+    SqliteStore log(folder / "store", "p");
+    if (!log.claim(1) || write(ready[1], "x", 1) != 1) throw Error("claim");
+    while (true) pause();
+  });
+  char byte = 0;
+  REQUIRE(read(ready[0], &byte, 1) == 1);
+  {
+    // As the number of a process of another container, which has the same or none here.
+    sqlite3* db = nullptr;
+    REQUIRE(sqlite3_open((folder / "store").c_str(), &db) == SQLITE_OK);
+    REQUIRE(sqlite3_exec(db, "UPDATE worker SET process = 'another 1 1'", nullptr, nullptr, nullptr) == SQLITE_OK);
+    sqlite3_close(db);
+    SqliteStore log(folder / "store");
+    CHECK_FALSE(log.claim(1));
+    CHECK(log.claim_first({1, 2}) == 2);
+    CHECK(log.claims().size() == 2);
+    kill(worker, SIGKILL);
+    REQUIRE(waitpid(worker, nullptr, 0) == worker);
+    CHECK(log.claims().size() == 1);
+    CHECK(log.claim(1));
+    std::filesystem::remove(folder / "store.claims");  // what a person tidies away is made again
+    CHECK(log.claim(3));
+    SqliteStore other(folder / "store");
+    CHECK_FALSE(other.claim(2));
+    CHECK_FALSE(other.claim(3));
+    log.release(3);
+    CHECK(other.claim(3));
+  }
+  CHECK(folder.entries() == 1);  // no locks, no file
 }
 
 namespace {
@@ -344,6 +385,47 @@ TEST_CASE("A store is not used after a fork") {
     }) == 0);
   fill(log, 3);
   log.verify();
+}
+
+namespace {
+
+/// Bytes that this process has read so far, from wherever the system had them.
+std::uintmax_t bytes_read() {
+  std::ifstream in("/proc/self/io");
+  std::string key;
+  std::uintmax_t bytes = 0;
+  in >> key >> bytes;
+  REQUIRE(key == "rchar:");
+  return bytes;
+}
+
+/// Bytes that an append of one entry to so many reads, by two workers in turns, so that what SQLite has of the file in
+/// memory is never good, and with one answer that waits.
+double read_by_an_append(const std::string& store, std::size_t entries) {
+  SqliteStore one(store, "p"), other(store, "p");
+  fill(one, entries);
+  one.deliver(1, entry(entries + 1'000'000));
+  other.entries();
+  const std::uintmax_t before = bytes_read();
+  constexpr std::size_t appends = 20;
+  for (std::size_t k = 1; k <= appends; ++k) fill(k % 2 == 0 ? one : other, entries + k);
+  return double(bytes_read() - before) / double(appends);
+}
+
+}  // namespace
+
+TEST_CASE("An append reads no more of a long store than of a short one") {
+  const TemporaryFolder folder;
+  const double first = read_by_an_append(folder / "store", 100), later = read_by_an_append(folder / "store", 1500);
+  CHECK(later < first + 50'000.0);
+  CHECK(double(fs::file_size(folder / "store")) > first + 500'000.0);  // which would be seen
+}
+
+TEST_CASE("An append reads no more of a store of 10,000 entries than of a short one", "[long]") {
+  const TemporaryFolder folder;
+  const double first = read_by_an_append(folder / "store", 100), later = read_by_an_append(folder / "store", 10'000);
+  WARN("an append reads " << first << " bytes after 100 entries, " << later << " after 10,000");
+  CHECK(later < first + 50'000.0);
 }
 
 TEST_CASE("A store is made under every locale, and is the same") {

@@ -6,7 +6,8 @@
 // usage: make_store FILE DS|Sol flat|curved EVALUATIONS   a campaign with that many results and, as trial 6, one
 // failure; 0: all fail
 //        make_store FILE DS|Sol flat|curved h,h,w,h,w     a campaign whose one result is this design
-// With a number behind, the store says that its results are of that version.
+// Behind that, in any order: a number, and the store says that its results are of that version; "errors": they carry
+// their errors; "exact": the search knows of no errors, as those of earlier versions.
 #include "computing/contacts.hpp"
 #include "report/records.hpp"
 #include "store/campaign_problem.hpp"
@@ -25,6 +26,7 @@ using namespace lumo;
 using namespace lumo::program;
 
 constexpr int bins = 11;
+bool with_errors = false;  // does the journal have those of the objectives?
 
 double bump(double x, double middle, double width) { return std::exp(-0.5 * std::pow((x - middle) / width, 2)); }
 
@@ -86,6 +88,7 @@ TrialResult verdict(const Design& x, const CampaignProblem& problem, bool fails)
   else {
     const Evaluation e = made_up(x, problem.asked.ensemble);
     v.outputs = {e.J_contact->value, e.J_obs->value};
+    if (with_errors) v.errors = {e.J_contact->error, e.J_obs->error};
     append(record, json(e));
   }
   v.record = record.dump();
@@ -115,7 +118,7 @@ void run(SqliteStore& log, const CampaignProblem& problem, int evaluations) {
 void keep(SqliteStore& log, const CampaignProblem& problem, const Design& x) {
   log.append([&](const auto&) { return std::optional(lumo::ask_entry(0, x)); });
   const TrialResult v = verdict(x, problem, false);
-  JournalEntry entry = lumo::tell_entry(0, v.outputs);
+  JournalEntry entry = lumo::tell_entry(0, v.outputs, v.errors);
   entry.record = v.record;
   entry.notes = v.notes;
   log.append([&](const auto&) { return std::optional(entry); });
@@ -124,8 +127,8 @@ void keep(SqliteStore& log, const CampaignProblem& problem, const Design& x) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 5 && argc != 6) {
-    std::cerr << "usage: make_store FILE DS|Sol flat|curved EVALUATIONS|DESIGN [VERSION]\n";
+  if (argc < 5) {
+    std::cerr << "usage: make_store FILE DS|Sol flat|curved EVALUATIONS|DESIGN [VERSION|errors|exact]...\n";
     return 2;
   }
   try {
@@ -136,10 +139,15 @@ int main(int argc, char** argv) {
       problem.asked.search.references = References::plain;
     }
     if (std::string(argv[3]).starts_with("curved")) problem.asked.ensemble = curved_ensemble();
+    std::string version;
+    for (int k = 5; k < argc; ++k)
+      if (argv[k] == std::string("errors")) with_errors = true;
+      else if (argv[k] == std::string("exact")) problem.asked.search.noise = Noise::none;
+      else version = argv[k];
     std::string text = problem_text(problem);
-    const std::string version = "\"results\": ";
-    const std::size_t at = text.find(version) + version.size();
-    if (argc == 6) text.replace(at, text.find(',', at) - at, argv[5]);
+    const std::string key = "\"results\": ";
+    const std::size_t at = text.find(key) + key.size();
+    if (!version.empty()) text.replace(at, text.find(',', at) - at, version);
     SqliteStore log(argv[1], text);
     const std::string wanted = argv[4];
     if (wanted.find(',') == std::string::npos) {

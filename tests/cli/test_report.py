@@ -34,9 +34,10 @@ def run(*arguments, **options):
 def store(name):
     path = FOLDER / f"{name}.db"
     if not path.exists():
-        material, ensemble = name.split("_")
-        version = [str(OLD_VERSION)] if name == OLD_STORE else []
-        subprocess.run([MAKE_STORE, path, material, ensemble, str(STORES[name]), *version], check=True, timeout=300)
+        material, ensemble, *more = name.split("_")
+        more += [str(OLD_VERSION)] if name == OLD_STORE else []
+        wanted = str(STORES.get(name, 14))
+        subprocess.run([MAKE_STORE, path, material, ensemble, wanted, *more], check=True, timeout=300)
     return path
 
 
@@ -425,6 +426,27 @@ class OneCampaign(Page):
             )
         self.assertEqual(self.plot("force-figure", "plot.data.length"), 4)
         self.browser.screenshot(FOLDER / "no_press.png")
+
+
+class Errors(Page):
+    def test_a_search_that_knows_errors(self):
+        page = FOLDER / "errors.html"
+        report(page, "DS_flat_errors")
+        trials = exported("DS_flat_errors")
+        status = json.loads(run("campaign", "status", "--json", "--store", store("DS_flat_errors")).stdout)
+        self.open(page)
+        said = self.browser.evaluate("document.querySelector('p.values').textContent")
+        self.assertIn("of values means of the models, as there is noise: J_contact, J_obs", said)
+        self.assertIn("(90 %:", self.browser.evaluate("document.getElementById('campaigns').textContent"))
+        self.assertEqual(data_of(page)["campaigns"][0]["interval_90"], status["interval_90"])
+        rows = self.csv("pareto-figure", "pareto")
+        self.assertEqual(
+            [[float(r["J_contact_mean"]), float(r["J_obs_mean_err"])] for r in rows],
+            [[t["J_contact_mean"], t["J_obs_mean_err"]] for t in trials],
+        )
+        front = [t["J_contact_mean"] for t in trials if t["on_front"]]
+        line = self.plot("pareto-figure", "plot.data.find((d) => d.name === 'Pareto set').x")
+        self.assertEqual(sorted(line[1:-1]), sorted(front))
 
 
 class Campaigns(Page):

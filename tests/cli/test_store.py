@@ -12,6 +12,7 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 LUMO = MAKE_STORE = ""
@@ -30,8 +31,8 @@ class Stores(unittest.TestCase):
         self.addCleanup(self.folder.cleanup)
         self.store = pathlib.Path(self.folder.name) / "s.db"
 
-    def make(self, what, *version):
-        subprocess.run([MAKE_STORE, self.store, "DS", "flat", what, *version], check=True, timeout=300)
+    def make(self, what, *version, store=None, silicone="DS", ensemble="flat"):
+        subprocess.run([MAKE_STORE, store or self.store, silicone, ensemble, what, *version], check=True, timeout=300)
 
     def read(self, command, *arguments):
         done = run("campaign", command, "--store", self.store, *arguments)
@@ -161,6 +162,122 @@ class Stores(unittest.TestCase):
         done = run("campaign", "status", "--store", self.store)
         self.assertEqual((done.returncode, done.stdout), (BAD_FILE, ""))
         self.assertIn("belongs to another problem", done.stderr)
+
+    def test_errors_are_taken_into_account_and_said(self):
+        self.make("14", "errors")
+        status = json.loads(self.read("status", "--json"))
+        self.assertEqual(status["noise"], "estimated")
+        self.assertEqual(status["values"], "means of the models, as there is noise: J_contact, J_obs")
+        low, high = status["interval_90"]
+        self.assertLessEqual(low, status["hypervolume"])
+        self.assertLessEqual(status["hypervolume"], high)
+        self.assertLess(low, high)
+        text = self.read("status")
+        self.assertRegex(text, r"hypervolume \S+ \(90 %: \S+ to \S+\), values means of the models")
+        self.assertIn("front (means of the models", text)
+        self.assertIn("±", text)
+        trials = [t for t in json.loads(self.read("export", "--json")) if t["state"] == "evaluated"]
+        for t in trials:
+            # Made without noise: what is believed is what was computed, within what was reported of it.
+            for key in ("J_contact", "J_obs"):
+                error = t["record"][key + "_err"]
+                self.assertLess(t[key + "_mean_err"], 1.2 * error)
+                self.assertLess(abs(t[key + "_mean"] - t["record"][key]), 3 * error)
+        self.assertEqual(trials[-1]["hypervolume"], status["hypervolume"])
+        table = list(csv.DictReader(io.StringIO(self.read("export"))))
+        row = next(r for r in table if r["state"] == "evaluated")
+        self.assertEqual(float(row["J_obs_mean"]), trials[0]["J_obs_mean"])
+        done = run("campaign", "select", "--store", self.store, "--seeds", 1, "--json", "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        chosen = json.loads(done.stdout)
+        self.assertEqual(chosen["values"], status["values"])
+        best = {key: max(t[key + "_mean"] for t in trials) for key in ("J_contact", "J_obs")}
+        expected = max(trials, key=lambda t: min(t[key + "_mean"] / best[key] for key in best))
+        self.assertEqual(chosen["index"], expected["index"])
+
+    def test_a_store_without_errors_stays_as_it_was(self):
+        self.make("9", "exact", ensemble="flat-built")
+        _, problem = self.contents(0)
+        self.assertNotIn("noise", problem)
+        status = json.loads(self.read("status", "--json"))
+        self.assertEqual((status["noise"], status["values"], status["interval_90"]), ("none", "as reported", None))
+        digest = status["digest"]
+        done = run("campaign", "run", "--store", self.store, "--evaluations", 9, "--json", "--threads", 1)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("it goes on so (search.noise is none)", done.stderr)
+        self.assertEqual(json.loads(done.stdout)["digest"], digest)
+        done = run("campaign", "run", "--store", self.store, "--set", "search.noise=present", "--evaluations", 9)
+        self.assertEqual((done.returncode, done.stdout), (BAD_FILE, ""))
+        self.assertIn("belongs to another problem", done.stderr)
+
+    def start(self, store, *arguments):
+        """Begins a search and ends it once its store is there."""
+        begun = subprocess.Popen(
+            [LUMO, "campaign", "run", "--store", store, "--threads", "1", *map(str, arguments)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        until = time.monotonic() + 120
+        while begun.poll() is None and time.monotonic() < until:
+            if run("campaign", "status", "--store", store).returncode == 0:
+                break
+            time.sleep(0.1)
+        begun.terminate()
+        return begun.communicate(timeout=60)[1], begun.returncode
+
+    def test_known_results_stay_with_their_store(self):
+        folder = pathlib.Path(self.folder.name)
+        earlier, old = folder / "earlier.db", folder / "old.db"
+        self.make("5", "errors", store=earlier, ensemble="flat-built")
+        table = folder / "known.csv"
+        table.write_text(run("campaign", "export", "--store", earlier).stdout)
+        now = json.loads(run("campaign", "status", "--store", earlier, "--json").stdout)["results_version"]
+        self.make("4", str(now - 1), store=old, ensemble="flat-built")
+        for known, count, on_front in ((earlier, 5, True), (table, 5, True), (old, 4, False)):
+            with self.subTest(known=known.name):
+                store = folder / f"of-{known.name}.db"
+                said, code = self.start(store, "--known", known)
+                self.assertEqual(code, 130, said)
+                status = json.loads(run("campaign", "status", "--store", store, "--json").stdout)
+                self.assertEqual((status["known"], status["evaluated"]), (count, 0))
+                self.assertEqual(bool(status["known_on_front"]), on_front)
+                text = run("campaign", "status", "--store", store).stdout
+                self.assertIn(f"knows {count} earlier results", text)
+                self.assertEqual("which are in no front" in text, not on_front)
+                self.assertIn("ok", run("campaign", "verify", "--store", store).stdout)
+                copy = folder / f"copy-of-{known.name}.db"
+                self.assertEqual(run("campaign", "copy", store, copy).returncode, 0)
+                again = json.loads(run("campaign", "status", "--store", copy, "--json").stdout)
+                self.assertEqual((again["known"], again["digest"]), (count, status["digest"]))
+                # What is known is no proposal, and a later run need not name it.
+                with sqlite3.connect(store) as db:
+                    asked = [r[0] for r in db.execute("SELECT content FROM entry WHERE kind = 'ask'")]
+                    problem = json.loads(db.execute("SELECT content FROM entry WHERE number = 0").fetchone()[0])
+                designs = [problem[f"known {k}"]["theta_mm"] for k in range(count)]
+                for content in asked:
+                    self.assertNotIn([float(v) for v in content.split()[1:]], designs)
+                self.assertEqual(problem["known 0"].get("results"), {earlier: now, old: now - 1}.get(known))
+                said, code = self.start(store)
+                self.assertEqual(code, 130, said)
+        self.make("6", "errors", store=folder / "more.db", ensemble="flat-built")
+        done = run("campaign", "run", "--store", store, "--known", folder / "more.db")
+        self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (BAD_FILE, "", 1))
+        self.assertIn("was begun with 4 known results, which stay as they are: --known gives 6", done.stderr)
+
+    def test_known_results_of_other_objectives_are_refused(self):
+        other = pathlib.Path(self.folder.name) / "sol.db"
+        self.make("2", store=other, silicone="Sol")
+        for arguments, said in (
+            (("--finger", "plain", "--known", other), "is of other objectives: silicone.name is"),
+            (("--known", other), "is of other objectives"),
+            (("--known", "nowhere.csv"), "'nowhere.csv' cannot be opened"),
+            (("--known", __file__), "column"),
+        ):
+            done = run("campaign", "run", "--store", self.store, *arguments)
+            self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (BAD_FILE, "", 1), done.stderr)
+            self.assertIn(said, done.stderr)
+            self.assertFalse(self.store.exists())
 
     def test_an_emptied_store_is_reported(self):
         for command in (["campaign", "run"], ["study", "carrier"]):

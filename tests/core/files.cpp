@@ -5,6 +5,8 @@
 
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <csignal>
@@ -47,6 +49,39 @@ TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
     CHECK(folder.read("file") == bytes);
     CHECK(folder.entries() == 1);
   }
+}
+
+TEST_CASE("parts of dead writers go with the next write, those of living ones and of others stay", "[core]") {
+  const TemporaryFolder folder;
+  int ready[2];
+  REQUIRE(::pipe(ready) == 0);
+  const pid_t writer = ::fork();
+  if (writer == 0) {
+    const auto file = Part::make(folder / "file", Part::Kind::file),
+               log = Part::make(folder / "log", Part::Kind::folder);
+    const bool made = file && file->write("half") && log && ::mkdir((log->path() / "frames").c_str(), 0777) == 0;
+    if (::write(ready[1], made ? "y" : "n", 1) != 1) ::_exit(1);
+    while (true) ::pause();
+  }
+  char answer = 0;
+  REQUIRE(::read(ready[0], &answer, 1) == 1);
+  REQUIRE(answer == 'y');
+  folder.write("file.part-1", "of an earlier version");
+  folder.write("file.part-final", "a person's");
+  write_whole(folder / "file", "mine");
+  Part::sweep(folder / "log");
+  CHECK(folder.read("file") == "mine");
+  CHECK(folder.entries() == 4);  // both parts, the person's and the file
+  ::kill(writer, SIGKILL);
+  REQUIRE(::waitpid(writer, nullptr, 0) == writer);
+  write_whole(folder / "file", "mine again", Durability::memory);  // leaves no time for that
+  CHECK(folder.entries() == 4);
+  write_whole(folder / "file", "mine again");
+  Part::sweep(folder / "log");
+  CHECK(folder.entries() == 2);
+  CHECK(folder.read("file.part-final") == "a person's");
+  ::close(ready[0]);
+  ::close(ready[1]);
 }
 
 TEST_CASE("a file that cannot be written is reported in one line, and what was there stays") {

@@ -207,6 +207,41 @@ TEST_CASE("known results inform the models and the front, and are never proposed
   CHECK_THROWS_AS(Quick(p), InvalidArgument);
 }
 
+TEST_CASE("known results that cannot be compared inform the models, and stand in no front", "[known]") {
+  Problem p = bowls(12);
+  for (const double a : {0.3, 0.5, 0.7, 0.1, 0.9}) p.known.push_back({{a, 0.5}, two_bowls({a, 0.5}), {}, false});
+  p.known.push_back({{0.2, 0.2}, two_bowls({0.2, 0.2}), {}});
+  Quick o(p);
+  CHECK(o.models().front().size() == 6);
+  REQUIRE(o.front().size() == 1);
+  CHECK(o.front().front().id == -6);
+  while (const auto t = o.ask()) o.tell(t->id, two_bowls(t->x));
+  for (const Outcome& one : o.front()) CHECK((one.id >= 0 || one.id == -6));
+  // What they know is found again: nothing has to be better than they.
+  Problem blank = bowls(12);
+  Quick unknowing(blank);
+  while (const auto t = unknowing.ask()) unknowing.tell(t->id, two_bowls(t->x));
+  CHECK(o.hypervolume() > 0.98 * unknowing.hypervolume());
+  CHECK(o.hypervolume() < 1.2);
+}
+
+TEST_CASE("what is believed of every design is what the front is made of", "[noise]") {
+  const Quick exact = searched(bowls(20), 0.0, false, 3), noisy = searched(bowls(20), 0.1, true, 3);
+  for (const Quick* o : {&exact, &noisy}) {
+    const std::vector<Outcome> all = o->believed();
+    REQUIRE(all.size() == 20);
+    for (const Outcome& one : o->front()) {
+      const Outcome& same = all[std::size_t(one.id)];
+      CHECK(same.id == one.id);
+      CHECK(same.objectives == one.objectives);
+      REQUIRE(same.deviations.size() == one.deviations.size());
+      for (std::size_t j = 0; j < one.deviations.size(); ++j)  // in closed form, and of 256 draws
+        CHECK(same.deviations[j] == Approx(one.deviations[j]).epsilon(0.15));
+    }
+  }
+  for (const Outcome& one : exact.believed()) CHECK(one.objectives == exact.trials()[std::size_t(one.id)].outputs);
+}
+
 TEST_CASE("an initial design may lie off the lattice and outside the bounds, if that was said", "[known]") {
   Problem p;
   p.space.variables = {{"a", 0.0, 10.0, 0.5, "mm", 0.0}, {"b", 0.0, 1.0, 0.0, "", 0.0}};

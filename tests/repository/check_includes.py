@@ -64,7 +64,7 @@ STANDARD = set("""algorithm any array atomic barrier bit bitset charconv chrono 
     variant vector version cassert cctype cerrno cfenv cfloat cinttypes climits clocale csetjmp csignal
     cstdarg cuchar cwchar cwctype""".split())
 # Standard C++ cannot bring a file to the disk, without which one that was renamed may be empty after a power failure.
-SYSTEM = {"core/files.hpp": {"fcntl.h", "unistd.h"}}
+SYSTEM = {"core/files.hpp": {"fcntl.h", "unistd.h"}, "core/part.hpp": {"fcntl.h", "sys/file.h", "sys/stat.h", "unistd.h"}}
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 

@@ -193,33 +193,6 @@ Noise read_noise(const Reader& reader, const Json& value) {
   reader.refuse("noise", "is " + short_form(value) + ", must be \"estimated\", \"none\" or \"present\"");
 }
 
-/// A table with a column for each variable and objective, and perhaps one `<objective>_err` for each.
-void add_known_table(Problem& p, Json& whole, const std::string& path) {
-  std::ifstream in(path);
-  if (!in) throw InputError("'" + path + "' cannot be opened");
-  sense::CsvReader table(in, path);
-  std::vector<int> x, y, errors;
-  for (const Variable& v : p.space.variables) x.push_back(table.require(v.name));
-  for (const Objective& o : p.objectives) y.push_back(table.require(o.name));
-  for (const Objective& o : p.objectives)
-    if (const int column = table.find(o.name + "_err"); column >= 0) errors.push_back(column);
-  if (!errors.empty() && errors.size() != p.objectives.size())
-    throw InputError("'" + path + "': has a column of standard errors for some objectives, must have one for each");
-  const auto values = [&](const std::vector<int>& columns) {
-    Json list = Json::array();
-    for (const int c : columns) list.push_back(table.number(c));
-    return list;
-  };
-  const Reader reader(path);
-  if (!whole.contains("known")) whole["known"] = Json::array();
-  while (table.next()) {
-    Json row = {values(x), values(y)};
-    if (!errors.empty()) row.push_back(values(errors));
-    p.known.push_back(read_known(reader, row, lumo::message("line ", table.line()), p));
-    whole["known"].push_back(row);
-  }
-}
-
 Json parse_file(const std::string& path) {
   const std::string text = read_text(path);
   try {
@@ -253,6 +226,52 @@ Json parse_strictly(std::string_view text) {
     throw InvalidArgument("holds a number that is not finite");
   }
 }
+
+std::vector<KnownResult> read_known_table(const std::string& path, const Problem& p) {
+  std::ifstream in(path);
+  if (!in) throw InputError("'" + path + "' cannot be opened");
+  sense::CsvReader table(in, path);
+  std::vector<int> x, y, errors;
+  for (const Variable& v : p.space.variables) {
+    const int with_unit = v.unit.empty() ? -1 : table.find(v.name + "_" + v.unit);
+    x.push_back(with_unit >= 0 ? with_unit : table.require(v.name));
+  }
+  for (const Objective& o : p.objectives) y.push_back(table.require(o.name));
+  for (const Objective& o : p.objectives)
+    if (const int column = table.find(o.name + "_err"); column >= 0) errors.push_back(column);
+  if (!errors.empty() && errors.size() != p.objectives.size())
+    throw InputError("'" + path + "': has a column of standard errors for some objectives, must have one for each");
+  const auto values = [&](const std::vector<int>& columns) {
+    Json list = Json::array();
+    for (const int c : columns) list.push_back(table.number(c));
+    return list;
+  };
+  const Reader reader(path);
+  const int state = table.find("state");
+  std::vector<KnownResult> known;
+  while (table.next()) {
+    if (state >= 0 && table.text(state) != "evaluated") continue;
+    Json row = {values(x), values(y)};
+    if (!errors.empty()) row.push_back(values(errors));
+    known.push_back(read_known(reader, row, lumo::message("line ", table.line()), p));
+  }
+  return known;
+}
+
+namespace {
+
+void add_known_table(SpaceFile& space, const std::string& path) {
+  Json& all = space.whole["known"];
+  if (all.is_null()) all = Json::array();
+  for (KnownResult& k : read_known_table(path, space.problem)) {
+    Json row = {k.x, k.outputs};
+    if (!k.errors.empty()) row.push_back(k.errors);
+    all.push_back(std::move(row));
+    space.problem.known.push_back(std::move(k));
+  }
+}
+
+}  // namespace
 
 SpaceFile read_space(const std::string& path, const std::string& known_table) {
   const Json j = parse_file(path);
@@ -309,7 +328,7 @@ SpaceFile read_space(const std::string& path, const std::string& known_table) {
   if (j.contains("failures")) space.whole["failures"] = space.failures;
   for (const char* key : {"known", "noise", "repeats"})
     if (j.contains(key)) space.whole[key] = j[key];
-  if (!known_table.empty()) add_known_table(p, space.whole, known_table);
+  if (!known_table.empty()) add_known_table(space, known_table);
   return space;
 }
 

@@ -6,6 +6,7 @@
 
 #include <string>
 #include <string_view>
+#include <vector>
 
 /// `lumo optimize`: ask and tell as JSON lines.
 namespace lumo::program {
@@ -21,6 +22,11 @@ struct SpaceFile {
 /// Throws InputError in one line: the file, the key, its value, and what it must be. `known_table`: CSV of further
 /// known results, or empty.
 SpaceFile read_space(const std::string& path, const std::string& known_table);
+
+/// Results of a table with a column for each variable (`<name>` or `<name>_<unit>`) and objective, and perhaps one
+/// `<objective>_err` for each; where it has a column `state`, of the rows in which that is "evaluated". Throws
+/// InputError in one line.
+std::vector<KnownResult> read_known_table(const std::string& path, const Problem& problem);
 
 /// Throws InvalidArgument with the predicate of a sentence for what is no JSON, holds a number that is not finite, has
 /// a key twice, or nests values so deeply that only an attack makes sense of it.

@@ -8,10 +8,13 @@ namespace {
 
 std::string rows_of(const StoredCampaign& c) {
   Json rows = Json::array();
-  for (const StoredTrial& t : c.trials)
+  for (const StoredTrial& t : c.trials) {
     rows.push_back({{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"state", name(t.state)},
         {"why", t.why.empty() ? Json(nullptr) : Json(t.why)}, {"on_front", t.on_front}, {"selected", t.selected},
-        {"hypervolume", number(t.hypervolume)}, {"record", t.record}, {"notes", t.notes}});
+        {"hypervolume", number(t.hypervolume)}, {"values", c.values()}});
+    if (!c.modelled.empty()) append(rows.back(), means_json(t));
+    append(rows.back(), {{"record", t.record}, {"notes", t.notes}});
+  }
   return text_of(rows, 1) + "\n";
 }
 
@@ -22,7 +25,8 @@ std::string table_of(const StoredCampaign& c) {
       ",state,J_contact,J_contact_err,J_obs,J_obs_err,hypervolume,on_front,selected,worst_contact_diameter_mm,worst_"
       "contact_angle_deg,worst_contact_y_mm,"
       "worst_observation_diameter_mm,worst_observation_angle_deg,worst_observation_load_N,worst_observation_y_a_mm,"
-      "worst_observation_y_b_mm,nodes,elements,seconds,why\n";
+      "worst_observation_y_b_mm,nodes,elements,seconds,";
+  text += c.modelled.empty() ? "why\n" : "J_contact_mean,J_contact_mean_err,J_obs_mean,J_obs_mean_err,why\n";
   for (const StoredTrial& t : c.trials) {
     const Json r = t.record.is_object() ? t.record : Json::object();
     const auto at = [&](const char* pointer) { return csv_field(r.value(Json::json_pointer(pointer), Json(nullptr))); };
@@ -34,6 +38,8 @@ std::string table_of(const StoredCampaign& c) {
              "/worst_observation/y_mm/0", "/worst_observation/y_mm/1", "/mesh/nodes", "/mesh/elements"})
       text += "," + at(key);
     text += "," + csv_field(number(t.seconds()));
+    if (!c.modelled.empty())
+      for (const auto& [key, value] : means_json(t).items()) text += "," + csv_field(value);
     text += t.why.empty() ? ",\n" : "," + csv_text(t.why) + "\n";
   }
   return text;

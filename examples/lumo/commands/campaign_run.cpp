@@ -3,6 +3,7 @@
 #include "console/text.hpp"
 #include "store/campaign_problem.hpp"
 #include "store/emptied_store.hpp"
+#include "store/known_results.hpp"
 #include "store/open_store.hpp"
 
 #include "lumo/campaign/campaign.hpp"
@@ -18,12 +19,11 @@ template <class State> std::string line(const State& state, int id, const TrialR
                      " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
   if (v.outputs.empty()) text += "failed, " + v.why;
   else text += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
-  return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " +
-         pace.after(wanted - done, !v.outputs.empty());
+  return text + "  " + hypervolume_text(optimizer.standing()) + "  " + pace.after(wanted - done, !v.outputs.empty());
 }
 
 struct CampaignRun : Configured {
-  std::string store;
+  std::string store, known;
   int threads = all_threads();
 
   CampaignRun() {
@@ -47,12 +47,15 @@ struct CampaignRun : Configured {
         "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)");
     add_setting(app, effective, "--pending", "search.pending",
         "Designs under way at once, whatever the number of workers, default 1; part of the problem");
+    add_text(app, "--known", known, "FILE|STORE",
+        "Earlier results, which the models know from the start: a table (CSV) or another campaign's store");
     add_threads(app, threads);
   }
   Result run(Output&, Progress& progress) const {
     const Evaluator evaluate = campaign_evaluator(asked(), threads, progress);
-    const CampaignProblem problem{asked()};
     tell_if_emptied(store, progress);
+    const CampaignProblem problem =
+        continued(CampaignProblem{asked()}, store, {known, effective.gives("search.noise")}, progress);
     CampaignConfig config;
     config.pending = asked().search.pending;
     Pace pace;

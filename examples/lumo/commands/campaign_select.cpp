@@ -84,18 +84,19 @@ struct Selection {
   double best_contact = 0.0, best_observation = 0.0;
 
   const StoredTrial& trial() const { return campaign.trials[*campaign.selected]; }
-  double value(const char* key) const { return value_at(trial().record, key); }
 };
 
 Json selection_json(const Selection& r, const std::string& store) {
   const StoredCampaign& c = r.campaign;
   const StoredTrial& t = r.trial();
-  const double contact = r.value("J_contact"), observation = r.value("J_obs");
   Json j = {{"store", store}, {"material", c.problem.material()}, {"ensemble", c.problem.ensemble()},
-      {"evaluated", r.evaluated}, {"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"J_contact", contact},
-      {"J_contact_err", number(value_at(t.record, "J_contact_err"))}, {"J_obs", observation},
-      {"J_obs_err", number(value_at(t.record, "J_obs_err"))},
-      {"share_of_best", {contact / r.best_contact, observation / r.best_observation}}};
+      {"evaluated", r.evaluated}, {"index", t.id}, {"theta_mm", numbers(t.theta_mm)}};
+  for (const char* key : {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}) j[key] = number(value_at(t.record, key));
+  if (!c.modelled.empty()) append(j, means_json(t));
+  j["values"] = c.values();
+  j["share_of_best"] = {t.value[0] / r.best_contact, t.value[1] / r.best_observation};
+  j["hypervolume"] = number(c.hypervolume);
+  j["interval_90"] = interval_json(c);
   j["stability"] = nullptr;
   if (r.stability) {
     j["stability"] = {{"searches", r.stability->searches}, {"same", r.stability->same}, {"choices", Json::array()}};
@@ -127,12 +128,16 @@ std::string stability_text(const Selection& r) {
 std::string selection_text(const Selection& r) {
   const StoredCampaign& c = r.campaign;
   const StoredTrial& t = r.trial();
-  const double contact = r.value("J_contact"), observation = r.value("J_obs");
-  std::string text =
-      lumo::message("selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ",
-          c.problem.material(), ", ", c.problem.ensemble(), ", of ", r.evaluated, " evaluations\nJ_contact ",
-          cell(contact, 4), " (", cell(100 * contact / r.best_contact, 1), " % of the best), J_obs ",
-          scientific(observation), " (", cell(100 * observation / r.best_observation, 1), " % of the best)\n\n");
+  const auto with_deviation = [&](const std::string& value, const std::string& deviation) {
+    return c.modelled.empty() ? value : value + " ± " + deviation;
+  };
+  std::string text = lumo::message("selected: #", t.id, ", theta = ", joined(t.theta_mm),
+      " mm (h_fp, h_ep, w_s, h_s, w_v); ", c.problem.material(), ", ", c.problem.ensemble(), ", of ", r.evaluated,
+      " evaluations\nJ_contact ", with_deviation(cell(t.value[0], 4), cell(t.deviation[0], 4)), " (",
+      cell(100 * t.value[0] / r.best_contact, 1), " % of the best), J_obs ",
+      with_deviation(scientific(t.value[1]), scientific(t.deviation[1], 1)), " (",
+      cell(100 * t.value[1] / r.best_observation, 1), " % of the best)\nvalues ", c.values(), "; ", hypervolume_text(c),
+      "\n\n");
   text += stability_text(r);
   text += "\nprogressive-constraint gain over the baseline [%], sphere of 10 mm, 15 N\n" + pad("approach angle", -26) +
           pad("-30 deg", 10) + pad("0 deg", 10) + pad("+30 deg", 10) + "\n";
@@ -170,8 +175,8 @@ struct CampaignSelect : StoreCommand {
     progress.finish();
     for (const StoredTrial& k : c.trials) {
       if (k.state != Trial::State::observed) continue;
-      r.best_contact = std::max(r.best_contact, value_at(k.record, "J_contact"));
-      r.best_observation = std::max(r.best_observation, value_at(k.record, "J_obs"));
+      r.best_contact = std::max(r.best_contact, k.value[0]);
+      r.best_observation = std::max(r.best_observation, k.value[1]);
     }
     return json ? selection_json(r, shown_store(store)).dump(2) + "\n" : selection_text(r);
   }

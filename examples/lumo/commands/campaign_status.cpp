@@ -9,15 +9,37 @@ namespace lumo::program {
 
 namespace {
 
-Json summary(const StoredTrial& t) {
-  return {{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"J_contact", number(value_at(t.record, "J_contact"))},
+Json summary(const StoredTrial& t, const StoredCampaign& c) {
+  Json j = {{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"J_contact", number(value_at(t.record, "J_contact"))},
       {"J_obs", number(value_at(t.record, "J_obs"))}};
+  if (!c.modelled.empty()) append(j, means_json(t));
+  return j;
 }
 
-std::string line(const StoredTrial& t) {
-  return pad(std::to_string(t.id), 5) + "  " + pad(joined(t.theta_mm), -22) +
-         pad(cell(value_at(t.record, "J_contact"), 4), 10) + pad(scientific(value_at(t.record, "J_obs")), 12) +
-         (t.selected ? "  selected" : "") + "\n";
+constexpr int width_of_deviation = 11;
+
+/// Values as the front takes them, with their deviations where they are of models.
+std::string line(const StoredTrial& t, const StoredCampaign& c) {
+  const auto deviation = [&](const std::string& shown) {
+    return c.modelled.empty() ? std::string() : pad("± " + shown, width_of_deviation);
+  };
+  return pad(std::to_string(t.id), 5) + "  " + pad(joined(t.theta_mm), -22) + pad(cell(t.value[0], 4), 10) +
+         deviation(cell(t.deviation[0], 4)) + pad(scientific(t.value[1]), 12) +
+         deviation(scientific(t.deviation[1], 1)) + (t.selected ? "  selected" : "") + "\n";
+}
+std::string heading_of_front(const StoredCampaign& c) {
+  return "\nfront (" + c.values() + ")\n" + pad("index", 5) + "  " + pad("theta [mm]", -22) + pad("J_contact", 10) +
+         pad("", c.modelled.empty() ? 0 : width_of_deviation) + pad("J_obs", 12) + "\n";
+}
+/// Known results on the front, as lines.
+std::string known_lines(const StoredCampaign& c) {
+  std::string text;
+  for (const int k : c.known_on_front) {
+    const KnownResult& r = c.problem.known[std::size_t(k)].result;
+    text += pad("known", 5) + "  " + pad(joined(r.x), -22) + pad(cell(r.outputs[0], 4), 10) +
+            pad(scientific(r.outputs[1]), 12) + lumo::message("  known ", k, ", as it was given\n");
+  }
+  return text;
 }
 
 /// Those who are at work, and how fast.
@@ -86,22 +108,25 @@ std::string campaign_status(const std::string& store, bool as_json, int evaluati
     Json j = {{"store", shown}, {"material", c.problem.material()}, {"ensemble", c.problem.ensemble()},
         {"mode", c.problem.asked.mechanics.paper ? "paper" : "default"}, {"source", c.problem.asked.search.source},
         {"seed", c.problem.asked.search.seed}, {"evaluated", done}, {"failed", failed}, {"under_way", open},
-        {"hypervolume", number(c.hypervolume)}, {"seconds", number(seconds)}, {"digest", c.digest},
+        {"hypervolume", number(c.hypervolume)}, {"interval_90", interval_json(c)}, {"values", c.values()},
+        {"noise", tree_of(c.problem.asked, {"search"})["search"]["noise"]}, {"known", c.problem.known.size()},
+        {"known_on_front", c.known_on_front}, {"seconds", number(seconds)}, {"digest", c.digest},
         {"problem_digest", c.problem_digest}, {"results_version", c.problem.results},
         {"results_version_of_lumo", results_version}, {"pending", c.problem.asked.search.pending},
         {"workers", force.workers}, {"nodes", force.nodes}, {"evaluations_per_hour", number(force.per_hour)},
         {"seconds_left", number(force.seconds_left)}, {"claims", claims_json(c)}, {"processors", processors_of(c)}};
-    j["selected"] = c.selected ? summary(c.trials[*c.selected]) : Json(nullptr);
+    j["selected"] = c.selected ? summary(c.trials[*c.selected], c) : Json(nullptr);
     j["front"] = Json::array();
     for (const StoredTrial& t : c.trials)
-      if (t.on_front) j["front"].push_back(summary(t));
+      if (t.on_front) j["front"].push_back(summary(t, c));
     return j.dump(2) + "\n";
   }
   std::string text = lumo::message(shown, ": ", c.problem.material(), ", ", c.problem.ensemble(),
       c.problem.asked.mechanics.paper ? " ensemble, paper mode, source " : " ensemble, source ",
       c.problem.asked.search.source, ", seed ", c.problem.asked.search.seed, "\n", done, " evaluated, ", failed,
-      " failed, ", open, " under way; ", span(seconds), " in evaluations\nhypervolume ", scientific(c.hypervolume),
-      "\n");
+      " failed, ", open, " under way; ", span(seconds), " in evaluations\n", hypervolume_text(c), ", values ",
+      c.values(), "\n");
+  if (!c.problem.known.empty()) text += c.known_words() + "\n";
   text += workforce_text(c, force, evaluations);
   if (const auto kinds = processors_of(c); kinds.size() > 1) {
     text += "results come from unlike processors, on which the last bits may differ:";
@@ -111,12 +136,10 @@ std::string campaign_status(const std::string& store, bool as_json, int evaluati
   if (c.problem.results != results_version)
     text += lumo::message("results are of version ", c.problem.results, ", this lumo computes version ",
         results_version, ": they cannot be compared, nor the campaign continued\n");
-  if (done > 0)
-    text +=
-        "\nfront\n" + pad("index", 5) + "  " + pad("theta [mm]", -22) + pad("J_contact", 10) + pad("J_obs", 12) + "\n";
+  if (done > 0) text += heading_of_front(c) + known_lines(c);
   for (const StoredTrial& t : c.trials)
-    if (t.on_front) text += line(t);
-  if (c.selected && !c.trials[*c.selected].on_front) text += "\n" + line(c.trials[*c.selected]);
+    if (t.on_front) text += line(t, c);
+  if (c.selected && !c.trials[*c.selected].on_front) text += "\n" + line(c.trials[*c.selected], c);
   for (const StoredTrial& t : c.trials)
     if (t.state == Trial::State::failed) text += "failed " + std::to_string(t.id) + ": " + t.why + "\n";
   return text;

@@ -25,35 +25,31 @@ namespace {
 /// A file that takes its name only when it is whole.
 class NewFile {
  public:
-  explicit NewFile(const std::string& path) : path_(path), part_(path + ".part-" + std::to_string(getpid())) {
+  explicit NewFile(const std::string& path) : path_(path) {
     std::error_code error;
     if (fs::exists(path_, error)) throw InputError("cannot write to '" + path + "': it is there");
+    Part::sweep(path_);
     errno = 0;
-    stream.open(part_, std::ios::binary);
-    if (!stream) throw InputError("cannot write to '" + path + "': " + std::strerror(errno != 0 ? errno : EIO));
+    part_ = Part::make(path_, Part::Kind::file);
+    if (part_) stream.open(part_->path(), std::ios::binary);
+    if (!stream.is_open())
+      throw InputError("cannot write to '" + path + "': " + std::strerror(errno != 0 ? errno : EIO));
   }
-  ~NewFile() {
-    std::error_code error;
-    if (!part_.empty()) fs::remove(part_, error);
-  }
-  NewFile(const NewFile&) = delete;
-  NewFile& operator=(const NewFile&) = delete;
 
   void keep() {
     const FilesBeingWritten whole;
     stream.close();
     std::error_code error;
     if (!stream) error = std::make_error_code(std::errc::io_error);
-    else if (!synchronise(part_)) error = std::error_code(errno, std::generic_category());
-    else fs::rename(part_, path_, error);
+    else if (!part_->synchronise() || !part_->take_name(path_)) error = std::error_code(errno, std::generic_category());
     if (error) throw InputError("cannot write to '" + path_ + "': " + error.message());
-    part_.clear();
   }
 
   std::ofstream stream;
 
  private:
-  std::string path_, part_;
+  std::string path_;
+  std::optional<Part> part_;
 };
 
 /// Pictures that were carried over, and those that were not.

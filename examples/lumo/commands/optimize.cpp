@@ -141,10 +141,7 @@ template <class Optimizer> void send_front(const Optimizer& optimizer) {
   }
   Json last = {{"front", front}, {"hypervolume", standing.hypervolume}};
   if (standing.low != standing.high) last["interval_90"] = {standing.low, standing.high};
-  last["values"] = standing.modelled.empty()
-                       ? "as reported"
-                       : "means of the models, as there is noise: " +
-                             listing(standing.modelled, [](const std::string& name) { return one_line(name); });
+  last["values"] = values_words(standing.modelled);
   send(last);
 }
 

@@ -7,6 +7,7 @@
 #include "lumo/morphology/design.hpp"
 #include "lumo/morphology/finger_options.hpp"
 #include "lumo/morphology/silicone.hpp"
+#include "lumo/optimize/problem.hpp"
 #include "lumo/pipeline/ensemble.hpp"
 
 #include <array>
@@ -62,6 +63,7 @@ struct Search {
   int pending = 1;                            ///< designs under way at once
   std::string source = "default";             ///< of candidates: "default" or "paper"
   References references = References::built;  ///< the designs that it starts with
+  Noise noise = Noise::estimated;             ///< are the objectives' errors taken into account?
 
   bool operator==(const Search&) const = default;
 };

@@ -258,8 +258,8 @@ void Effective::read_text(const std::string& text, const std::string& source) {
 }
 
 bool Effective::gives(const std::string& group) const {
-  return std::any_of(
-      from_.begin(), from_.end(), [&](const auto& entry) { return entry.first.starts_with(group + "."); });
+  return std::any_of(from_.begin(), from_.end(),
+      [&](const auto& entry) { return entry.first == group || entry.first.starts_with(group + "."); });
 }
 
 void Effective::check_silicone() const {

@@ -29,7 +29,7 @@ class Effective {
   /// The same of a text; `source` stands in messages.
   void read_text(const std::string& text, const std::string& source);
 
-  /// Is a value of this group of settings no default?
+  /// Was this setting, or one of this group, given?
   bool gives(const std::string& group) const;
 
   /// Throws UsageError for a silicone that has a name of its own and lacks a number, InvalidArgument for values that do

@@ -530,6 +530,11 @@ Settings efforts() {
       choice(
           "search.references", code, Names<References>{{"built", References::built}, {"plain", References::plain}},
           "Designs that it starts with", [](auto& c) -> auto& { return c.search.references; }),
+      choice(
+          "search.noise", lumo,
+          Names<Noise>{{"estimated", Noise::estimated}, {"none", Noise::none}, {"present", Noise::present}},
+          "Do the models know the objectives' errors? none: they take every value for exact",
+          [](auto& c) -> auto& { return c.search.noise; }),
       whole(
           "lab.seed", lumo, any_seed, "Of everything random", [](auto& c) -> auto& { return c.lab.seed; }),
       whole(

@@ -31,33 +31,30 @@ class NewFolder {
     if (std::filesystem::exists(path_, error) &&
         !(std::filesystem::is_directory(path_, error) && std::filesystem::is_empty(path_, error)))
       throw InputError("cannot write to '" + path + "': it is there and not empty");
-    part_ = path_.string() + ".part-" + std::to_string(getpid());
-    unfinished_.emplace(part_);
-    std::filesystem::create_directories(part_ / "frames", error);
+    if (path_.has_parent_path()) std::filesystem::create_directories(path_.parent_path(), error);
+    Part::sweep(path_);
+    if (!error) part_ = Part::make(path_, Part::Kind::folder);
+    if (!error && !part_) error = std::error_code(errno, std::generic_category());
+    if (!error) unfinished_.emplace(part_->path());
+    if (!error) std::filesystem::create_directories(part_->path() / "frames", error);
     if (error) throw InputError("cannot write to '" + path + "': " + error.message());
   }
-  ~NewFolder() {
-    std::error_code error;
-    if (!part_.empty()) std::filesystem::remove_all(part_, error);
-  }
-  NewFolder(const NewFolder&) = delete;
-  NewFolder& operator=(const NewFolder&) = delete;
 
-  const std::filesystem::path& path() const { return part_; }
+  const std::filesystem::path& path() const { return part_->path(); }
   void keep() {
     const FilesBeingWritten now;
     std::error_code error;
-    for (const auto& entry : std::filesystem::recursive_directory_iterator(part_, error))
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(part_->path(), error))
       if (!error && !synchronise(entry.path().string())) error = std::error_code(errno, std::generic_category());
     if (!error) std::filesystem::remove(path_, error);
-    if (!error) std::filesystem::rename(part_, path_, error);
+    if (!error && !part_->take_name(path_)) error = std::error_code(errno, std::generic_category());
     if (error) throw InputError("cannot write to '" + path_.string() + "': " + error.message());
     synchronise(std::filesystem::absolute(path_).parent_path().string());
-    part_.clear();
   }
 
  private:
-  std::filesystem::path path_, part_;
+  std::filesystem::path path_;
+  std::optional<Part> part_;
   std::optional<UnfinishedFolder> unfinished_;
 };
 

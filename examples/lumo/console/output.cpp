@@ -58,35 +58,29 @@ std::vector<std::string> Output::write() {
   if (!wanted() || files_.empty()) return paths;
   const FilesBeingWritten guard;
   const fs::path directory = *directory_;
-  const std::string mark = ".part-" + std::to_string(getpid());
   std::error_code error;
   fs::create_directories(directory, error);
   if (error) refuse(directory, error.message());
   for (const auto& [name, contents] : files_)
     if (fs::is_directory(directory / name, error)) refuse(directory / name, "it is a directory");
 
-  std::vector<fs::path> parts;
+  std::vector<Part> parts;
   const auto give_up = [&](const fs::path& path, const std::string& why) {
-    for (const fs::path& p : parts) fs::remove(p, error);
     for (const std::string& p : paths) fs::remove(p, error);
     refuse(path, why);
   };
   for (const auto& [name, contents] : files_) {
-    parts.push_back(directory / ("." + name + mark));
+    const fs::path hidden = directory / ("." + name);
+    Part::sweep(hidden);
     errno = 0;
-    std::ofstream file(parts.back(), std::ios::binary | std::ios::trunc);
-    file.write(contents.data(), std::streamsize(contents.size()));
-    file.close();
-    if (!file || !synchronise(parts.back().string()))
+    auto part = Part::make(hidden, Part::Kind::file);
+    if (!part || !part->write(contents) || !part->synchronise())
       give_up(directory / name, errno != 0 ? std::strerror(errno) : "write failed");
+    parts.push_back(std::move(*part));
   }
   for (std::size_t i = 0; i < parts.size(); ++i) {
     const fs::path path = directory / files_[i].first;
-    fs::rename(parts[i], path, error);
-    if (error) {
-      const std::string why = error.message();
-      give_up(path, why);
-    }
+    if (!parts[i].take_name(path)) give_up(path, std::strerror(errno));
     paths.push_back(path.string());
   }
   synchronise(directory.string());  // the names must last as well

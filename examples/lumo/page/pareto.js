@@ -1,3 +1,6 @@
+// Of what stands in the figure: the models' deviations, or the errors that were reported.
+const errorsOf = (t) => isNumber(t.deviation[0]) ? t.deviation : [t.J_contact_err, t.J_obs_err];
+
 // One panel for each campaign; those of one material share their axes.
 function drawPareto(campaigns) {
   const figure = new Figure(
@@ -8,7 +11,7 @@ function drawPareto(campaigns) {
   const panels = campaigns.filter((c) => evaluated(c).some((t) => t.on_front))
                      .sort((a, b) => b.ensemble.localeCompare(a.ensemble) || a.material.localeCompare(b.material));
   if (panels.length === 0) return figure.say("No evaluation has succeeded yet, so there is no Pareto set.");
-  const {scale, title} = axisScale(panels.flatMap((c) => evaluated(c).map((t) => t.J_obs)), "J_obs", "W/W");
+  const {scale, title} = axisScale(panels.flatMap((c) => evaluated(c).map((t) => t.value[1])), "J_obs", "W/W");
   const columns = Math.min(2, panels.length), rows = Math.ceil(panels.length / columns), single = panels.length === 1;
   const data = [], errors = [], annotations = [];
   const layout = {
@@ -22,8 +25,8 @@ function drawPareto(campaigns) {
     const gap = single ? 0 : 0.13, width = (1 - gap * (columns - 1)) / columns, gapY = 0.27 / rows, height = (1 - gapY * (rows - 1)) / rows;
     const x0 = column * (width + gap), y1 = 1 - row * (height + gapY);
     const family = panels.filter((o) => o.material === c.material).flatMap(evaluated);
-    const within = (key) => family.flatMap((t) => [t[key] - t[`${key}_err`], t[key] + t[`${key}_err`]]);  // no closer than the errors allow
-    const xRange = range(within("J_contact"), 0.06), yRange = range(within("J_obs").map((v) => v / scale), 0.06);
+    const within = (k) => family.flatMap((t) => [t.value[k] - errorsOf(t)[k], t.value[k] + errorsOf(t)[k]]);  // no closer than the errors allow
+    const xRange = range(within(0), 0.06), yRange = range(within(1).map((v) => v / scale), 0.06);
     layout[`xaxis${n}`] = axis("J_contact [–]", {domain: [x0, x0 + width], anchor: `y${n}`, range: xRange});
     layout[`yaxis${n}`] = axis(title, {domain: [y1 - height, y1], anchor: `x${n}`, range: yRange});
     if (!single)
@@ -39,7 +42,7 @@ function drawPareto(campaigns) {
         font: {size: 14}
       });
     const on = {xaxis: `x${n}`, yaxis: `y${n}`}, trials = evaluated(c), first = p === 0;
-    const front = trials.filter((t) => t.on_front).sort((a, b) => a.J_contact - b.J_contact);
+    const front = trials.filter((t) => t.on_front).sort((a, b) => a.value[0] - b.value[0]);
     data.push(Object.assign(
         {
           type: "scatter",
@@ -49,8 +52,8 @@ function drawPareto(campaigns) {
           showlegend: first,
           hoverinfo: "skip",
           line: {shape: "vh", color: soft, width: 1.6},
-          x: [xRange[0], ...front.map((t) => t.J_contact), front[front.length - 1].J_contact],
-          y: [front[0].J_obs / scale, ...front.map((t) => t.J_obs / scale), yRange[0]]
+          x: [xRange[0], ...front.map((t) => t.value[0]), front[front.length - 1].value[0]],
+          y: [front[0].value[1] / scale, ...front.map((t) => t.value[1] / scale), yRange[0]]
         },
         on));
     for (const o of origins) {
@@ -87,10 +90,10 @@ function drawPareto(campaigns) {
           if (t)
             Plotly.restyle(
                 figure.plot, {
-                  x: [[t.J_contact]],
-                  y: [[t.J_obs / scale]],
-                  "error_x.array": [[t.J_contact_err]],
-                  "error_y.array": [[t.J_obs_err / scale]]
+                  x: [[t.value[0]]],
+                  y: [[t.value[1] / scale]],
+                  "error_x.array": [[errorsOf(t)[0]]],
+                  "error_y.array": [[errorsOf(t)[1] / scale]]
                 },
                 [errors[panel]]);
         });
@@ -103,8 +106,8 @@ function marks(trials, scale, rest, marker) {
       {
         type: "scatter",
         mode: "markers",
-        x: trials.map((t) => t.J_contact),
-        y: trials.map((t) => t.J_obs / scale),
+        x: trials.map((t) => t.value[0]),
+        y: trials.map((t) => t.value[1] / scale),
         customdata: trials,
         text: trials.map(hoverText),
         hoverinfo: "text",

@@ -19,6 +19,11 @@ function drawHead(campaigns) {
         `The evaluations of ${c.name} are of version ${c.results_version} of the results, this lumo computes version ${
             report.results_version}: they cannot be compared with new ones, and the presses of the selected design below are new.`,
         {className: "version"}));
+  for (const c of campaigns.filter((c) => hasMeans(c) || c.known !== ""))
+    document.getElementById("failures").before(element(
+        "p",
+        [`${c.name}: front, hypervolume and selection are of values ${c.values}`, c.known].filter((t) => t !== "").join("; it ") + ".",
+        {className: "values"}));
   drawTable(campaigns);
 }
 

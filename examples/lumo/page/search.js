@@ -8,14 +8,24 @@ const origins = [
 ];
 const trialHead = () =>
     ["index", ...report.variables.map((v) => `${v.name}_${v.unit}`), "origin", "J_contact", "J_contact_err", "J_obs", "J_obs_err",
-     "on_front", "selected"];
+     "on_front", "selected", ...(report.campaigns.some(hasMeans) ? ["J_contact_mean", "J_contact_mean_err", "J_obs_mean", "J_obs_mean_err"] : [])];
 const trialRow =
-    (t) => [t.index, ...t.theta_mm, t.origin, t.J_contact, t.J_contact_err, t.J_obs, t.J_obs_err, Number(t.on_front), Number(t.selected)];
+    (t) => [t.index, ...t.theta_mm, t.origin, t.J_contact, t.J_contact_err, t.J_obs, t.J_obs_err, Number(t.on_front), Number(t.selected),
+            ...(report.campaigns.some(hasMeans) ? [t.value[0], t.deviation[0], t.value[1], t.deviation[1]] : [])];
+
+// Does a campaign's front stand on the models' means? An evaluation then has them beside what was reported.
+const hasMeans = (campaign) => campaign.modelled.length > 0;
+const hypervolumeText = (c) => c.interval_90 === null ?
+    shown(c.hypervolume) :
+    `${shown(c.hypervolume)} (90 %: ${c.interval_90.map((v) => shown(v)).join(" to ")})`;
 
 function hoverText(t) {
   const mark = t.selected ? ", selected" : t.on_front ? ", on the front" : "";
+  const means = isNumber(t.deviation[0]) ?
+      `<br>means of the models: ${withError(t.value[0], t.deviation[0])} and ${withError(t.value[1], t.deviation[1])}` :
+      "";
   return `#${t.index}${mark}<br>θ = ${thetaText(t.theta_mm)} mm<br>J_contact ${withError(t.J_contact, t.J_contact_err)}<br>J_obs ${
-      withError(t.J_obs, t.J_obs_err)}`;
+      withError(t.J_obs, t.J_obs_err)}${means}`;
 }
 
 function drawTable(campaigns) {
@@ -27,7 +37,7 @@ function drawTable(campaigns) {
   for (const c of campaigns) {
     const row = element("tr"), best = c.trials.find((t) => t.selected);
     const cells = [
-      c.name, evaluated(c).length, failed(c).length, shown(c.hypervolume),
+      c.name, evaluated(c).length, failed(c).length, hypervolumeText(c),
       ...(best ? [thetaText(best.theta_mm), withError(best.J_contact, best.J_contact_err), withError(best.J_obs, best.J_obs_err)] :
                  ["none yet", "–", "–"])
     ];

@@ -26,7 +26,12 @@ struct Starts {
 
 Starts starts(const CampaignProblem& problem) {
   return with_optimizer(problem, 1000, [](auto optimizer) {
-    Starts s{{}, optimizer.problem().initial.size()};
+    const std::vector<Design>& initial = optimizer.problem().initial;
+    const std::vector<KnownResult>& known = optimizer.problem().known;
+    Starts s;
+    s.references = std::size_t(std::count_if(initial.begin(), initial.end(), [&](const Design& x) {
+      return std::none_of(known.begin(), known.end(), [&](const KnownResult& k) { return k.x == x; });
+    }));
     const std::size_t count = s.references + std::size_t(optimizer.problem().sobol);
     while (s.designs.size() < count)
       if (const auto trial = optimizer.ask()) s.designs.push_back(trial->x);
@@ -52,7 +57,8 @@ Json trial_model(const StoredTrial& t, const Starts& first) {
                                                 : "search"},
       {"state", name(t.state)}, {"why", t.why}};
   append(j, only_numbers(t.record, {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}));
-  append(j, {{"hypervolume", number(t.hypervolume)}, {"on_front", t.on_front}, {"selected", t.selected}});
+  append(j, {{"hypervolume", number(t.hypervolume)}, {"on_front", t.on_front}, {"selected", t.selected},
+                {"value", numbers(t.value)}, {"deviation", numbers(t.deviation)}});
   return j;
 }
 
@@ -72,6 +78,14 @@ Json model_check(const StoredCampaign& campaign, const char* objective) {
     for (Eigen::Index k = 0; k < n; ++k) data.x(i, k) = evaluated[std::size_t(k)]->theta_mm[std::size_t(i)];
   }
   for (Eigen::Index k = 0; k < n; ++k) data.y[k] = value_at(evaluated[std::size_t(k)]->record, objective);
+  if (campaign.problem.asked.search.noise != Noise::none) {
+    const std::size_t output = objective == std::string_view("J_contact") ? 0 : 1;
+    data.errors.setZero(n);
+    for (Eigen::Index k = 0; k < n; ++k)
+      if (const Trial& t = campaign.asked[std::size_t(evaluated[std::size_t(k)]->id)]; !t.errors.empty())
+        data.errors[k] = t.errors[output];
+    if ((data.errors.array() == 0.0).all()) data.errors.resize(0);
+  }
   const auto left_out = GaussianProcess<>::fit(data).leave_one_out();
   const Eigen::ArrayXd deviation = left_out.variance.array().sqrt(), z = (data.y - left_out.mean).array() / deviation;
   Json j = {{"objective", objective}, {"coverage", (z.abs() <= normal_95).cast<double>().mean()},
@@ -151,7 +165,8 @@ Json campaign_model(const StoredCampaign& c, const std::string& store) {
       {"mechanics", json(c.problem.asked.mechanics)}, {"configuration", tree_of(c.problem.asked, evaluation_groups)},
       {"seed", c.problem.asked.search.seed}, {"digest", c.digest}, {"problem", c.problem_text},
       {"problem_digest", c.problem_digest}, {"results_version", c.problem.results},
-      {"hypervolume", number(c.hypervolume)}, {"machine", machine_model(c)}, {"trials", Json::array()},
+      {"hypervolume", number(c.hypervolume)}, {"interval_90", interval_json(c)}, {"values", c.values()},
+      {"modelled", c.modelled}, {"known", c.known_words()}, {"machine", machine_model(c)}, {"trials", Json::array()},
       {"model_check", {model_check(c, "J_contact"), model_check(c, "J_obs")}}, {"design", nullptr}};
   const Starts first = starts(c.problem);
   for (const StoredTrial& t : c.trials) j["trials"].push_back(trial_model(t, first));

@@ -36,8 +36,27 @@ Json problem_json(const CampaignProblem& p) {
   j["sobol"] = problem.sobol;
   j["source"] = p.asked.search.source;
   if (p.asked.search.pending != 1) j["pending"] = p.asked.search.pending;  // stores from before it have none
+  if (p.asked.search.noise != Noise::none)                                 // nor this: they know of no errors
+    j["noise"] = p.asked.search.noise == Noise::present ? "present" : "estimated";
   j["seed"] = p.asked.search.seed;
+  for (std::size_t k = 0; k < p.known.size(); ++k) {
+    const auto& [result, results] = p.known[k];
+    Json& one = j[lumo::message("known ", k)] = {{"theta_mm", result.x}, {"values", result.outputs}};
+    if (!result.errors.empty()) one["errors"] = result.errors;
+    if (results) one["results"] = *results;
+  }
   return j;
+}
+
+std::vector<KnownEvaluation> known_in(const Json& problem) {
+  std::vector<KnownEvaluation> known;
+  for (std::size_t k = 0; problem.contains(lumo::message("known ", k)); ++k) {
+    const Json& one = problem[lumo::message("known ", k)];
+    known.push_back({{one.at("theta_mm").get<Design>(), one.at("values").get<std::vector<double>>(),
+        one.value("errors", std::vector<double>())}});
+    if (one.contains("results")) known.back().results = one["results"].get<int>();
+  }
+  return known;
 }
 
 /// Does a problem of other results search the same designs for the same objectives? What else decides its numbers may
@@ -79,6 +98,22 @@ References references_in(const Json& problem) {
 
 }  // namespace
 
+Problem problem_of(const CampaignProblem& p, int evaluations) {
+  Problem problem = problem_of(p.asked, evaluations);
+  problem.noise = p.asked.search.noise;
+  for (const KnownEvaluation& k : p.known) {
+    problem.known.push_back(k.result);
+    problem.known.back().stands = k.results.value_or(p.results) == p.results;
+  }
+  return problem;
+}
+
+std::string values_words(const std::vector<std::string>& modelled) {
+  if (modelled.empty()) return "as reported";
+  return "means of the models, as there is noise: " +
+         listing(modelled, [](const std::string& name) { return one_line(name); });
+}
+
 std::string problem_text(const CampaignProblem& p) { return line_by_line(problem_json(p)); }
 
 CampaignProblem read_problem(const std::string& text, const std::string& store) {
@@ -90,6 +125,9 @@ CampaignProblem read_problem(const std::string& text, const std::string& store) 
     p.asked.search.source = j.at("source").get<std::string>();
     p.asked.search.seed = j.at("seed").get<int>();
     p.asked.search.pending = j.value("pending", 1);
+    const std::string noise = j.value("noise", "none");
+    p.asked.search.noise = noise == "none" ? Noise::none : noise == "present" ? Noise::present : Noise::estimated;
+    p.known = known_in(j);
     p.asked.search.references = references_in(j);
     if (p.results == results_version ? text == problem_text(p) : same_search(j, problem_json(p))) return p;
   } catch (const nlohmann::json::exception&) {

@@ -6,8 +6,10 @@
 #include "lumo/optimize/optimizer.hpp"
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace lumo {
 
@@ -20,10 +22,17 @@ extern template class Optimizer<RbfKernel, LogNehvi, FreshCandidates>;
 
 namespace lumo::program {
 
+/// A result that a campaign knows from the start, and of which version it is, where that is known.
+struct KnownEvaluation {
+  KnownResult result;
+  std::optional<int> results = std::nullopt;
+};
+
 /// What a store of a campaign was made for: θ, the touch, the lab and how many evaluations are wanted apart.
 struct CampaignProblem {
   Configuration asked = {};
   int results = results_version;  ///< of the evaluations; another version's can be read, not continued
+  std::vector<KnownEvaluation> known = {};
 
   const std::string& material() const { return asked.pad.material(); }
   std::string ensemble() const { return name(asked.ensemble); }
@@ -43,8 +52,13 @@ template <class Use> auto with_optimizer(const Problem& problem, const std::stri
 inline Problem problem_of(const Configuration& o, int evaluations) {
   return finger_problem(evaluations, std::uint64_t(o.search.seed), o.pad.finger.pad, designs_of(o.search.references));
 }
+/// Known results of another version of the results inform the models only: they cannot be compared.
+Problem problem_of(const CampaignProblem& p, int evaluations);
 template <class Use> auto with_optimizer(const CampaignProblem& p, int evaluations, Use&& use) {
-  return with_optimizer(problem_of(p.asked, evaluations), p.asked.search.source, std::forward<Use>(use));
+  return with_optimizer(problem_of(p, evaluations), p.asked.search.source, std::forward<Use>(use));
 }
+
+/// Which values a front and its hypervolume are made of, in words; `modelled` as in Standing.
+std::string values_words(const std::vector<std::string>& modelled);
 
 }  // namespace lumo::program

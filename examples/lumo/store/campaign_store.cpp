@@ -6,6 +6,7 @@
 #include "lumo/optimize/hypervolume.hpp"
 
 #include <algorithm>
+#include <map>
 
 namespace lumo::program {
 
@@ -13,19 +14,34 @@ namespace {
 
 constexpr int any_number = 100000;  // a store does not say how many evaluations are wanted
 
-void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std::pair<double, double>>>& rated) {
-  Eigen::MatrixXd y(2, Eigen::Index(rated.size()));
+/// Rates the trials by what the optimiser believes of them.
+template <class O> void rate(StoredCampaign& campaign, const O& optimizer) {
+  const Standing standing = optimizer.standing();
+  campaign.hypervolume = standing.hypervolume;
+  campaign.low = standing.low;
+  campaign.high = standing.high;
+  campaign.modelled = standing.modelled;
+  for (const Outcome& o : standing.front)
+    if (o.id < 0) campaign.known_on_front.push_back(-1 - o.id);
+    else campaign.trials[std::size_t(o.id)].on_front = true;
+
+  const std::vector<Outcome> believed = optimizer.believed();
+  Eigen::MatrixXd y(2, Eigen::Index(believed.size()));
   std::vector<std::pair<double, double>> objectives;
-  for (std::size_t k = 0; k < rated.size(); ++k) {
-    y.col(Eigen::Index(k)) << rated[k].second.first, rated[k].second.second;
-    objectives.push_back(rated[k].second);
-    campaign.hypervolume = lumo::hypervolume(y.leftCols(Eigen::Index(k) + 1), Eigen::Vector2d::Zero());
-    campaign.trials[rated[k].first].hypervolume = campaign.hypervolume;
+  std::vector<std::size_t> rated;
+  for (std::size_t k = 0; k < believed.size(); ++k) {
+    const Outcome& o = believed[k];
+    y.col(Eigen::Index(k)) << o.objectives[0], o.objectives[1];
+    if (o.id < 0) continue;
+    StoredTrial& t = campaign.trials[std::size_t(o.id)];
+    std::copy_n(o.objectives.begin(), 2, t.value.begin());
+    if (!o.deviations.empty()) std::copy_n(o.deviations.begin(), 2, t.deviation.begin());
+    t.hypervolume = lumo::hypervolume(y.leftCols(Eigen::Index(k) + 1), Eigen::Vector2d::Zero());
+    objectives.emplace_back(o.objectives[0], o.objectives[1]);
+    rated.push_back(std::size_t(o.id));
   }
-  if (!rated.empty())
-    for (const Eigen::Index k : pareto_front(y)) campaign.trials[rated[std::size_t(k)].first].on_front = true;
   if (const auto best = balanced_choice(objectives)) {
-    campaign.selected = rated[*best].first;
+    campaign.selected = rated[*best];
     campaign.trials[*campaign.selected].selected = true;
   }
 }
@@ -56,6 +72,17 @@ int StoredCampaign::count(Trial::State state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
 }
 
+std::string StoredCampaign::known_words() const {
+  if (problem.known.empty()) return "";
+  std::map<int, int> others;
+  for (const KnownEvaluation& k : problem.known)
+    if (k.results.value_or(problem.results) != problem.results) ++others[*k.results];
+  std::string text = lumo::message("knows ", problem.known.size(), " earlier results");
+  for (const auto& [version, count] : others)
+    text += lumo::message(", ", count, " of version ", version, ", which are in no front");
+  return text;
+}
+
 StoredCampaign read_campaign(const std::string& store, Check check) {
   StoredCampaign campaign;
   std::vector<std::string> records;
@@ -73,7 +100,6 @@ StoredCampaign read_campaign(const std::string& store, Check check) {
   with_optimizer(campaign.problem, any_number, [&](auto optimizer) {
     CampaignState state(std::move(optimizer));
     state.read(entries);
-    std::vector<std::pair<std::size_t, std::pair<double, double>>> rated;
     for (const Trial& t : state.optimizer().trials()) {
       StoredTrial s;
       s.id = t.id;
@@ -84,12 +110,11 @@ StoredCampaign read_campaign(const std::string& store, Check check) {
         s.record = json_or_null(records[std::size_t(*number)]);
         s.notes = json_or_null(entries[std::size_t(*number)].notes);
       }
-      if (t.state == Trial::State::observed) rated.push_back({campaign.trials.size(), {t.outputs[0], t.outputs[1]}});
       campaign.trials.push_back(std::move(s));
     }
     campaign.asked = state.optimizer().trials();
     keep_claims_of_trials(campaign, state);
-    rate(campaign, rated);
+    rate(campaign, state.optimizer());
   });
   return campaign;
 }

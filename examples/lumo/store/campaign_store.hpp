@@ -22,6 +22,9 @@ struct StoredTrial {
   std::string why;     ///< it failed
   Json record, notes;  ///< null while it is under way, or where they are damaged
   bool on_front = false, selected = false;
+  /// J_contact and J_obs as the front and the selection take them, as StoredCampaign::modelled says: reported values,
+  /// or the models' means with their standard deviations. Undefined unless it was evaluated.
+  std::array<double, 2> value = {undefined, undefined}, deviation = {undefined, undefined};
   double hypervolume = undefined;  ///< of all that was evaluated up to it; undefined unless it was
 
   double seconds() const;  ///< that its evaluation took, as noted; undefined when it was not
@@ -35,11 +38,27 @@ struct StoredCampaign {
   std::vector<StoredTrial> trials;
   std::vector<Trial> asked;   ///< the same trials as the optimiser knows them
   std::vector<Claim> claims;  ///< of living workers, by trial: their numbers are indices into `trials`
-  double hypervolume = 0.0;
-  std::optional<std::size_t> selected;  ///< index into `trials`
+  double hypervolume = 0.0, low = 0.0, high = 0.0;  ///< with its 90 % interval, equal to it for reported values
+  std::vector<std::string> modelled;                ///< objectives that are the models' means, as there is noise
+  std::vector<int> known_on_front;                  ///< indices into `problem.known`
+  std::optional<std::size_t> selected;              ///< index into `trials`
 
   int count(Trial::State state) const;
+  /// Which values front, hypervolume and selection are made of, in words.
+  std::string values() const { return values_words(modelled); }
+  /// What is known from the start, in words; empty if nothing is.
+  std::string known_words() const;
 };
+
+/// What the models believe of a trial: J_contact and J_obs with their standard deviations.
+inline Json means_json(const StoredTrial& t) {
+  return {{"J_contact_mean", number(t.value[0])}, {"J_contact_mean_err", number(t.deviation[0])},
+      {"J_obs_mean", number(t.value[1])}, {"J_obs_mean_err", number(t.deviation[1])}};
+}
+/// The hypervolume's 90 % interval; null where it has none.
+inline Json interval_json(const StoredCampaign& c) {
+  return c.low == c.high ? Json(nullptr) : Json{number(c.low), number(c.high)};
+}
 
 enum class Check { as_read, whole };
 

@@ -16,11 +16,12 @@ namespace lumo {
 
 /// The result of one evaluation.
 struct TrialResult {
-  std::vector<double> outputs;  ///< empty: it failed
-  bool retry = false;           ///< failed for a reason of the machine, not of the design
-  std::string why;              ///< stage and scenario of the failure
-  std::string record;           ///< the whole result, the same in every run
-  std::string notes;            ///< what may differ in another run: times, machine
+  std::vector<double> outputs;      ///< empty: it failed
+  bool retry = false;               ///< failed for a reason of the machine, not of the design
+  std::string why;                  ///< stage and scenario of the failure
+  std::string record;               ///< the whole result, the same in every run
+  std::string notes;                ///< what may differ in another run: times, machine
+  std::vector<double> errors = {};  ///< standard errors of the outputs; empty: not known
 };
 
 /// More evaluations failed than a campaign can stand.
@@ -47,7 +48,7 @@ template <class O> class CampaignState {
           answered_.emplace_back();
           continue;
         }
-        if (t.kind == JournalEntry::Kind::tell) optimizer_.tell(t.id, t.values);
+        if (t.kind == JournalEntry::Kind::tell) optimizer_.tell(t.id, t.values, t.errors);
         else optimizer_.fail(t.id, t.retry, t.why);
         answered_[std::size_t(t.id)] = e.number;
       } catch (const StoreError&) {
@@ -152,12 +153,13 @@ template <Store S, class O> std::optional<JournalEntry> next_entry(
   return std::nullopt;
 }
 
-/// Outputs that the optimiser does not take (too few, too many, not finite) are a failure of the design: as an answer
-/// they would end the journal.
+/// Outputs or errors that the optimiser does not take (too few, too many, not finite) are a failure of the design: as
+/// an answer they would end the journal. A search that is to know of no noise keeps no errors.
 template <class O> TrialResult acceptable(O probe, int id, TrialResult result) {
+  if (probe.problem().noise == Noise::none) result.errors.clear();
   if (result.outputs.empty()) return result;
   try {
-    probe.tell(id, result.outputs);
+    probe.tell(id, result.outputs, result.errors);
   } catch (const InvalidArgument& e) {
     result.outputs.clear();
     result.retry = false;
@@ -168,7 +170,8 @@ template <class O> TrialResult acceptable(O probe, int id, TrialResult result) {
 
 /// An evaluation as the entry that answers its trial.
 inline JournalEntry answer_entry(int id, const TrialResult& result) {
-  JournalEntry e = result.outputs.empty() ? fail_entry(id, result.retry, result.why) : tell_entry(id, result.outputs);
+  JournalEntry e =
+      result.outputs.empty() ? fail_entry(id, result.retry, result.why) : tell_entry(id, result.outputs, result.errors);
   e.record = result.record;
   e.notes = result.notes;
   return e;
@@ -178,7 +181,7 @@ inline JournalEntry answer_entry(int id, const TrialResult& result) {
 inline std::optional<std::pair<int, TrialResult>> answer_in(const JournalEntry& e) {
   const TrialEntry t = parse_trial(e);
   if (t.kind == JournalEntry::Kind::ask) return std::nullopt;
-  return std::pair(t.id, TrialResult{t.values, t.retry, t.why, e.record, e.notes});
+  return std::pair(t.id, TrialResult{t.values, t.retry, t.why, e.record, e.notes, t.errors});
 }
 
 /// May next_entry() have one? Without a look at the models.

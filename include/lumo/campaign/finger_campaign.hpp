@@ -72,7 +72,10 @@ inline bool is_machine_limit(const MeshError& e) {
 inline TrialResult trial_result(const Evaluation& e, bool accept_held = false) {
   TrialResult result;
   result.why = failure_of(e, accept_held);
-  if (result.why.empty()) result.outputs = {e.J_contact->value, e.J_obs->value};
+  if (result.why.empty()) {
+    result.outputs = {e.J_contact->value, e.J_obs->value};
+    result.errors = {e.J_contact->error, e.J_obs->error};
+  }
   result.retry = is_machine_limit(e.observations.scenarios);
   return result;
 }

@@ -158,11 +158,13 @@ class MemoryJournal {
 
 static_assert(Store<MemoryJournal>);
 
-/// A trial in a journal: "<id> <design>" (ask), "<id> <outputs>" (tell) or "<id> retry|final <why>" (fail).
+/// A trial in a journal: "<id> <design>" (ask), "<id> <outputs>" or "<id> <outputs> +- <their standard errors>" (tell),
+/// or "<id> retry|final <why>" (fail).
 struct TrialEntry {
   JournalEntry::Kind kind = JournalEntry::Kind::ask;
   int id = 0;
   std::vector<double> values;  ///< the design, or its outputs
+  std::vector<double> errors;  ///< standard errors of the outputs; empty: not known
   bool retry = false;
   std::string why;
 };
@@ -175,8 +177,11 @@ inline JournalEntry trial_entry(JournalEntry::Kind kind, int id, const std::vect
 inline JournalEntry ask_entry(int id, const std::vector<double>& design) {
   return trial_entry(JournalEntry::Kind::ask, id, design);
 }
-inline JournalEntry tell_entry(int id, const std::vector<double>& outputs) {
-  return trial_entry(JournalEntry::Kind::tell, id, outputs);
+inline JournalEntry tell_entry(int id, const std::vector<double>& outputs, const std::vector<double>& errors = {}) {
+  JournalEntry e = trial_entry(JournalEntry::Kind::tell, id, outputs);
+  if (!errors.empty()) e.content += " +-";
+  for (const double v : errors) e.content += ' ' + exact(v);
+  return e;
 }
 inline JournalEntry fail_entry(int id, bool retry, const std::string& why) {
   return {0, JournalEntry::Kind::fail, std::to_string(id) + (retry ? " retry " : " final ") + why, "", ""};
@@ -205,7 +210,13 @@ inline TrialEntry parse_trial(const JournalEntry& entry) {
     t.why = rest.substr(std::string_view("retry ").size());
     return t;
   }
-  while (!rest.empty()) read(t.values.emplace_back());
+  constexpr std::string_view and_errors = "+- ";
+  while (!rest.empty() && !rest.starts_with(and_errors)) read(t.values.emplace_back());
+  if (rest.empty()) return t;
+  if (entry.kind != JournalEntry::Kind::tell) refuse();
+  rest.remove_prefix(and_errors.size());
+  do read(t.errors.emplace_back());
+  while (!rest.empty());
   return t;
 }
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/stopwatch.hpp"
+#include "lumo/core/part.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -79,24 +79,19 @@ enum class Durability {
   memory  ///< what the system had written by then: for the many pictures of a recording
 };
 
-/// The whole file or none, after a power failure, too: written beside its place under a name that no other writer
-/// takes, brought to the disk, then renamed; an older one is replaced. Throws InputError of one line, and leaves what
-/// was there.
+/// The whole file or none, after a power failure, too: written beside its place as a Part, brought to the disk, then
+/// renamed; an older one is replaced. Throws InputError of one line, and leaves what was there.
 inline void write_whole(const std::string& path, std::string_view bytes, Durability durability = Durability::disk) {
-  // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
-  const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
-  errno = 0;
-  std::ofstream out(part, std::ios::binary);
-  out.write(bytes.data(), std::streamsize(bytes.size()));
-  out.close();
   const bool durable = durability == Durability::disk;
-  if (out && (!durable || synchronise(part)) && std::rename(part.c_str(), path.c_str()) == 0) {
+  if (durable) Part::sweep(path);
+  errno = 0;
+  std::optional<Part> part = Part::make(path, Part::Kind::file);
+  if (part && part->write(bytes) && (!durable || part->synchronise()) && part->take_name(path)) {
     if (durable) synchronise(std::filesystem::absolute(path).parent_path().string());  // the name must last as well
     return;
   }
-  const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
-  std::remove(part.c_str());
-  throw InputError(message(path, ": cannot be written: ", why));
+  throw InputError(message(
+      path, ": cannot be written: ", std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message()));
 }
 
 }  // namespace lumo

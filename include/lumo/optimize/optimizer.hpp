@@ -86,6 +86,8 @@ class Optimizer {
   /// The designs that no other dominates, and what they are worth.
   Standing standing() const { return beliefs().standing(); }
   std::vector<Outcome> front() const { return standing().front; }
+  /// All designs that may stand there, with what is believed of them: known results, then trials by id.
+  std::vector<Outcome> believed() const { return beliefs().outcomes(); }
   double hypervolume() const { return standing().hypervolume; }
 
   /// A value that lies absurdly far from the others of its objective. The models of values do without its trial; to the
@@ -215,7 +217,7 @@ class Optimizer {
     const Trials::Results r = trials_.results();
     std::vector<Eigen::Index> kept;
     for (const Eigen::Index i : inliers())
-      if (problem().space.encloses(design(r, i))) kept.push_back(i);
+      if (trials_.stands(r.ids[std::size_t(i)], design(r, i))) kept.push_back(i);
     std::vector<Design> standing;
     for (const Eigen::Index i : pareto_front(objectives_of(config_.reduction, problem(), r.outputs(Eigen::all, kept))))
       if (const Design x = design(r, kept[std::size_t(i)]); problem().space.contains(x)) standing.push_back(x);
@@ -248,11 +250,16 @@ class Optimizer {
   static Design design(const Trials::Results& r, Eigen::Index i) {
     return {r.x.col(i).data(), r.x.col(i).data() + r.x.rows()};
   }
-  /// Evidence of designs inside the space: results outside inform the models, but nothing has to be better than they.
+  /// Evidence of designs that may stand in the front: all others inform the models, but nothing has to be better than
+  /// they.
   Evidence inside(Evidence e) const {
+    const std::vector<int> ids = trials_.results().ids;
+    const std::vector<Eigen::Index> columns = inliers();
     std::vector<Eigen::Index> kept;
     for (Eigen::Index i = 0; i < e.x.cols(); ++i)
-      if (problem().space.encloses(Design(e.x.col(i).data(), e.x.col(i).data() + e.x.rows()))) kept.push_back(i);
+      if (trials_.stands(
+              ids[std::size_t(columns[std::size_t(i)])], Design(e.x.col(i).data(), e.x.col(i).data() + e.x.rows())))
+        kept.push_back(i);
     if (Eigen::Index(kept.size()) == e.x.cols()) return e;
     e.x = Eigen::MatrixXd(e.x(Eigen::all, kept));
     e.outputs = Eigen::MatrixXd(e.outputs(Eigen::all, kept));

@@ -29,6 +29,7 @@ struct KnownResult {
   Design x;
   std::vector<double> outputs;  ///< in their own units and sense
   std::vector<double> errors;   ///< standard errors of the outputs; empty: not known
+  bool stands = true;  ///< in the front, if it lies inside the space; what cannot be compared only informs the models
 };
 
 /// Whether observations carry noise: then a front is of the models' means, not of the values that were reported.

@@ -36,7 +36,7 @@ template <Reduction R> Eigen::MatrixXd objectives_of(const R& reduction, const P
 
 /// The designs that no other dominates, from the best in the first objective on, and what they are worth. Where there
 /// is noise (Problem::noise), values are the models' means; else they are those that were reported, as those of
-/// outliers always are. Known results inside the space count.
+/// outliers always are. Known results inside the space count if they stand (KnownResult).
 struct Standing {
   std::vector<Outcome> front;
   double hypervolume = 0.0;                ///< that the front dominates above the reference point
@@ -59,7 +59,7 @@ template <CovarianceKernel Kernel, Reduction R> class Beliefs {
     for (std::size_t i = 0; i < r.ids.size(); ++i) {
       const auto column = r.x.col(Eigen::Index(i));
       const Design x(column.data(), column.data() + column.size());
-      if (problem().space.encloses(x) && (!any_noise() || seen.insert(x).second)) kept.push_back(Eigen::Index(i));
+      if (trials.stands(r.ids[i], x) && (!any_noise() || seen.insert(x).second)) kept.push_back(Eigen::Index(i));
     }
     for (const Eigen::Index i : kept) {
       ids_.push_back(r.ids[std::size_t(i)]);
@@ -82,16 +82,28 @@ template <CovarianceKernel Kernel, Reduction R> class Beliefs {
   /// Do the models know the design? They do not know outliers.
   bool modelled(std::size_t design) const { return known_to_models_[design]; }
 
+  /// Every design with its objectives in their own units and sense. Deviations are there where objectives are single
+  /// outputs and one is noisy; of a reported value 0.
+  std::vector<Outcome> outcomes() const {
+    std::vector<Outcome> out;
+    for (Eigen::Index i = 0; i < objectives_.cols(); ++i) out.push_back(outcome(i));
+    if (!any_noise() || !reduction_.identity()) return out;
+    for (Eigen::Index j = 0; j < objectives_.rows(); ++j) {
+      Eigen::VectorXd deviations = Eigen::VectorXd::Zero(x_.cols());
+      if (noisy_[std::size_t(j)])
+        deviations = scale_[j] * (*models_)[std::size_t(j)].predict(x_).variance.array().max(0.0).sqrt().matrix();
+      for (std::size_t i = 0; i < out.size(); ++i)
+        out[i].deviations.push_back(modelled(i) ? deviations[Eigen::Index(i)] : 0.0);
+    }
+    return out;
+  }
+
   Standing standing() const {
     Standing out;
     for (std::size_t j = 0; j < noisy_.size(); ++j)
       if (noisy_[j]) out.modelled.push_back(problem().objectives[j].name);
     const std::vector<Eigen::Index> front = pareto_front(objectives_);
-    for (const Eigen::Index i : front) {
-      out.front.push_back({ids_[std::size_t(i)], {}, {}});
-      for (Eigen::Index j = 0; j < objectives_.rows(); ++j)
-        out.front.back().objectives.push_back(objective(int(j)).signed_value(objectives_(j, i)));
-    }
+    for (const Eigen::Index i : front) out.front.push_back(outcome(i));
     const HypervolumeEstimate volume = volume_of(objectives_, 512);
     constexpr double of_90_percent = 1.645;
     out.hypervolume = volume.value;
@@ -104,6 +116,12 @@ template <CovarianceKernel Kernel, Reduction R> class Beliefs {
  private:
   const Problem& problem() const { return trials_->problem(); }
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
+  Outcome outcome(Eigen::Index i) const {
+    Outcome o{ids_[std::size_t(i)], {}, {}};
+    for (Eigen::Index j = 0; j < objectives_.rows(); ++j)
+      o.objectives.push_back(objective(int(j)).signed_value(objectives_(j, i)));
+    return o;
+  }
 
   // An objective is noisy if that was said of one of its outputs, or the data are e³ times likelier with noise: without
   // any, Branin's and Currin's functions give e⁰, with that of a public tutorial (a fourth of their spread) e²⁰ at

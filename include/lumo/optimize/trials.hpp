@@ -71,6 +71,10 @@ class Trials {
     if ((r.errors.array() == 0.0).all()) r.errors.resize(0, 0);
     return r;
   }
+  /// Does the front count the result of this design?
+  bool stands(int id, const Design& x) const {
+    return problem_.space.encloses(x) && (id >= 0 || problem_.known[std::size_t(-1 - id)].stands);
+  }
   /// Results before the first that a model chose.
   std::size_t result_starts() const {
     std::size_t count = problem_.known.size();

@@ -4,6 +4,7 @@
 #include "lumo/objective/selection.hpp"
 #include "lumo/optimize/optimizer.hpp"
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <utility>
@@ -18,9 +19,9 @@ struct SeedStudy {
 };
 
 /// The choice of a search with each seed, if the objectives were the posterior means of Gaussian processes of the
-/// observed trials: how much of the choice is the search's luck. Both objectives are maximised, reference (0, 0).
-/// `make_optimizer(problem)` gives a fresh optimiser; `watch()` is called after each search, from any thread. nullopt
-/// for a search that found no choice. Throws InvalidArgument for fewer than two observed trials.
+/// observed trials and their errors: how much of the choice is the search's luck. Both objectives are maximised,
+/// reference (0, 0). `make_optimizer(problem)` gives a fresh optimiser; `watch()` is called after each search, from any
+/// thread. nullopt for a search that found no choice. Throws InvalidArgument for fewer than two observed trials.
 template <class MakeOptimizer, Executor E, class Watch>
 std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, const std::vector<Trial>& trials,
     const SeedStudy& study, const MakeOptimizer& make_optimizer, const E& executor, const Watch& watch) {
@@ -36,11 +37,17 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, co
     data.lower[i] = problem.space.variables[std::size_t(i)].lower;
     data.upper[i] = problem.space.variables[std::size_t(i)].upper;
   }
+  const bool errors = problem.noise != Noise::none && std::any_of(observed.begin(), observed.end(), [](const Trial* t) {
+    return std::any_of(t->errors.begin(), t->errors.end(), [](double e) { return e > 0.0; });
+  });
   std::vector<GaussianProcess<>> models;
   for (std::size_t k = 0; k < problem.objectives.size(); ++k) {
+    if (errors) data.errors.setZero(n);
     for (Eigen::Index j = 0; j < n; ++j) {
-      data.x.col(j) = Eigen::Map<const Eigen::VectorXd>(observed[std::size_t(j)]->x.data(), d);
-      data.y[j] = observed[std::size_t(j)]->outputs[k];
+      const Trial& t = *observed[std::size_t(j)];
+      data.x.col(j) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), d);
+      data.y[j] = t.outputs[k];
+      if (errors && !t.errors.empty()) data.errors[j] = t.errors[k];
     }
     models.push_back(GaussianProcess<>::fit(data));
   }

@@ -63,6 +63,7 @@ inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_
   p.sobol = study_points;
   p.evaluations = designs;
   p.seed = seed;
+  p.noise = Noise::none;  // no model learns from them
   return p;
 }
 

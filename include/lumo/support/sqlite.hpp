@@ -3,6 +3,7 @@
 // Adapter to SQLite (public domain) and, for digests, xxHash (BSD-2, header only). Link with -lsqlite3.
 
 #include "lumo/campaign/journal.hpp"
+#include "lumo/support/detail/claim_locks.hpp"
 #include "lumo/support/detail/entry_chain.hpp"
 #include "lumo/support/process/process.hpp"
 
@@ -15,10 +16,13 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <system_error>
+#include <utility>
 
 namespace lumo {
 
 /// A campaign's journal in one SQLite file: durable (synchronous=FULL), safe under kill -9 and with several processes.
+/// A claim is a lock that the kernel frees when its worker dies, on a file `<store>.claims` that is there meanwhile.
 /// Each entry carries a digest that includes the one before, and the file says how many there are, because SQLite
 /// itself does not notice a flipped bit. Every path is a file's, also ":memory:" and "file:x". What is found removed,
 /// renamed or replaced at a write is kept beside with the entry to be written. Nothing that a file brings along is
@@ -38,13 +42,13 @@ class SqliteStore {
 
   template <class Next> std::optional<JournalEntry> append(Next&& next);
 
-  /// Takes over the work that an entry announces unless another living process on this machine has it.
+  /// Takes over the work that an entry announces unless another living worker has it: another store object.
   bool claim(std::int64_t number);
-  /// Takes over the first of these entries that no other living process on this machine has.
+  /// Takes over the first of these entries that no other living worker has.
   std::optional<std::int64_t> claim_first(const std::vector<std::int64_t>& numbers);
-  /// Gives back what this process has claimed.
+  /// Gives back what this one has claimed.
   void release(std::int64_t number);
-  /// Of processes that live on this machine; a file keeps no times.
+  /// Of living workers; a file keeps no times.
   std::vector<Claim> claims() const;
 
   /// Keeps the answer to the entry `number` beside the entries until one like it is appended; false if there is one.
@@ -92,6 +96,9 @@ class SqliteStore {
 
   void open(int flags);
   void require_own_tables() const;
+  void require_owner() const;
+  /// Makes `known_` what the file holds: reads what was added, or all of a file that is another.
+  void bring_up_to_date() const;
   /// Reads the entries that others, or append(), have added.
   void catch_up() const;
   bool moved() const;
@@ -115,9 +122,14 @@ class SqliteStore {
     int place = 1;
     for (const std::string& value : {to_string(e.kind), e.content, e.record, e.notes, digest}) bind(s, ++place, value);
   }
+  static std::string beside(const std::string& path) {
+    std::error_code none;
+    return std::filesystem::absolute(path, none).string() + ".claims";
+  }
   bool has_deliveries() const { return number_of("SELECT count(*) FROM sqlite_schema WHERE name = 'delivery'") != 0; }
 
   std::string path_;
+  detail::ClaimLocks locks_{beside(path_)};
   pid_t owner_ = getpid();
   std::unique_ptr<sqlite3, Close> db_;
   mutable detail::EntryChain known_;
@@ -182,12 +194,17 @@ inline void SqliteStore::require_own_tables() const {
 }
 
 inline std::vector<JournalEntry> SqliteStore::entries() const {
+  bring_up_to_date();
+  return known_.entries;
+}
+
+inline void SqliteStore::bring_up_to_date() const {
   if (!known_.entries.empty()) {
     catch_up();
     const Statement head = prepare("SELECT number, digest FROM head");
     if (step(head) && sqlite3_column_int64(head.get(), 0) == known_.entries.back().number &&
         text(head, 1) == known_.digest)
-      return known_.entries;
+      return;
   }
   known_ = {};
   if (number_of("PRAGMA application_id") != application)
@@ -196,7 +213,6 @@ inline std::vector<JournalEntry> SqliteStore::entries() const {
     throw StoreError(StoreError::Reason::unusable,
         message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
   catch_up();
-  return known_.entries;
 }
 
 inline void SqliteStore::catch_up() const {
@@ -275,27 +291,35 @@ template <class Next> std::optional<JournalEntry> SqliteStore::append(Next&& nex
     rescue([&](SqliteStore& copy) { copy.append(same); });
   }
   Transaction t(*this);
-  const std::vector<JournalEntry> list = entries();
-  std::optional<JournalEntry> entry = next(list);
+  bring_up_to_date();
+  std::optional<JournalEntry> entry = next(std::as_const(known_.entries));
   if (!entry) return std::nullopt;
-  entry->number = std::int64_t(list.size());
-  insert(*entry, digest());
+  entry->number = std::int64_t(known_.entries.size());
+  insert(*entry, known_.digest);
   if (has_deliveries()) {
-    run("DELETE FROM delivery WHERE EXISTS (SELECT 1 FROM entry WHERE entry.kind = delivery.kind AND entry.content = "
-        "delivery.content)");
+    const Statement s = prepare("DELETE FROM delivery WHERE kind = ? AND content = ?");
+    bind(s, 1, to_string(entry->kind));
+    bind(s, 2, entry->content);
+    step(s);
   }
   t.commit();
   return entry;
 }
 
 inline bool SqliteStore::claim(std::int64_t number) {
+  require_owner();
   const std::string me = process_token();
   if (moved()) rescue([](SqliteStore&) {});
+  const bool had = locks_.has(number);
+  if (!had && !locks_.take(number)) return false;
   Transaction t(*this);
   const Statement now = prepare("SELECT process FROM worker WHERE number = ?");
   sqlite3_bind_int64(now.get(), 1, number);
-  if (step(now))
-    if (const std::string other = text(now, 0); other != me && process_lives(other)) return false;
+  if (step(now))  // a process of an earlier version has no locks
+    if (const std::string other = text(now, 0); other != me && process_lives(other)) {
+      if (!had) locks_.give_back(number);
+      return false;
+    }
   const Statement s = prepare("INSERT OR REPLACE INTO worker VALUES(?, ?)");
   sqlite3_bind_int64(s.get(), 1, number);
   bind(s, 2, me);
@@ -315,13 +339,15 @@ inline void SqliteStore::release(std::int64_t number) {
   sqlite3_bind_int64(s.get(), 1, number);
   bind(s, 2, process_token());
   step(s);
+  locks_.give_back(number);
 }
 
 inline std::vector<Claim> SqliteStore::claims() const {
   std::vector<Claim> list;
   const Statement s = prepare("SELECT number, process FROM worker ORDER BY number");
   while (step(s))
-    if (const std::string process = text(s, 1); process_lives(process)) {
+    if (const std::string process = text(s, 1);
+        locks_.taken(sqlite3_column_int64(s.get(), 0)) || process_lives(process)) {
       const std::size_t from = process.find(' ') + 1;
       list.push_back({sqlite3_column_int64(s.get(), 0), "this machine", process.substr(from, process.rfind(' ') - from),
           std::nullopt});
@@ -332,13 +358,15 @@ inline std::vector<Claim> SqliteStore::claims() const {
 inline bool SqliteStore::deliver(std::int64_t number, const JournalEntry& answer) {
   if (moved()) rescue([&](SqliteStore& copy) { copy.deliver(number, answer); });
   Transaction t(*this);
+  bring_up_to_date();
+  if (std::any_of(known_.entries.begin(), known_.entries.end(),
+          [&](const JournalEntry& e) { return e.kind == answer.kind && e.content == answer.content; }))
+    return false;
   run("CREATE TABLE IF NOT EXISTS delivery(number INTEGER PRIMARY KEY, kind TEXT NOT NULL, content TEXT NOT NULL, "
       "record TEXT NOT NULL, notes TEXT NOT NULL, digest TEXT NOT NULL) STRICT");
   JournalEntry e = answer;
   e.number = number;
-  const Statement s = prepare(
-      "INSERT OR IGNORE INTO delivery SELECT ?1, ?2, ?3, ?4, ?5, ?6 WHERE NOT EXISTS (SELECT 1 "
-      "FROM entry WHERE kind = ?2 AND content = ?3)");
+  const Statement s = prepare("INSERT OR IGNORE INTO delivery VALUES(?, ?, ?, ?, ?, ?)");
   bind_entry(s, e, detail::entry_digest(e, ""));
   step(s);
   const bool added = sqlite3_changes(db_.get()) != 0;
@@ -394,9 +422,13 @@ inline void SqliteStore::insert(const JournalEntry& e, const std::string& before
   step(head);
 }
 
-inline SqliteStore::Statement SqliteStore::prepare(const char* sql) const {
+inline void SqliteStore::require_owner() const {
   if (getpid() != owner_)
     throw StoreError(StoreError::Reason::unusable, message("store ", path_, " was opened before a fork"));
+}
+
+inline SqliteStore::Statement SqliteStore::prepare(const char* sql) const {
+  require_owner();
   sqlite3_stmt* s = nullptr;
   const int code = sqlite3_prepare_v2(db_.get(), sql, -1, &s, nullptr);
   Statement statement(s);

@@ -1,9 +1,11 @@
 #include "catch.hpp"
 
+#include "german_locale.hpp"
 #include "lumo/support/json.hpp"
 #include "sense/synthetic.hpp"
 #include "temporary_folder.hpp"
 
+#include <filesystem>
 #include <sstream>
 
 using namespace lumo;
@@ -189,6 +191,29 @@ TEST_CASE("a log folder reads back as it was written", "[session]") {
   log.path = name + "/none";
   CHECK_THROWS_AS(write_log_folder(log), InputError);
   CHECK_THROWS_AS(read_log_folder(log.path), InputError);
+}
+
+TEST_CASE("a log folder has the same bytes under a German locale, and reads back there", "[session]") {
+  const TemporaryFolder folder;
+  Recording log;
+  for (const char* name : {"plain", "german"}) std::filesystem::create_directory(folder.path / name);
+  log.path = folder / "plain";
+  log.session.title = "one frame";
+  log.session.torque_constant_Nm_per_A = {1.25};
+  log.frames = {{1234567, "a.png", 0.001, 1064.5}};
+  log.joints = {{5, JointVector::Zero(1), JointVector::Zero(1), JointVector::Constant(1, 0.5), Effort::current_A}};
+  write_log_folder(log);
+  const GermanLocale german;
+  log.path = folder / "german";
+  write_log_folder(log);
+  for (const char* name : {"session.json", "frames.csv", "joint.csv"}) {
+    CHECK(folder.read(std::string("german/") + name) == folder.read(std::string("plain/") + name));
+    CHECK_FALSE(folder.read(std::string("german/") + name).empty());
+  }
+  const Recording r = read_log_folder(log.path);
+  CHECK(r.session.torque_constant_Nm_per_A == std::vector<double>{1.25});
+  CHECK(r.frames.at(0).gain == 1064.5);
+  CHECK(r.joints.at(0).effort[0] == 0.5);
 }
 
 TEST_CASE("damaged sessions are read or refused in one line, never worse", "[session]") {
