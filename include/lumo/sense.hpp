@@ -9,6 +9,7 @@
 #include "lumo/sense/devices/replay.hpp"
 
 #include "lumo/sense/recording/log_truth.hpp"
+#include "lumo/sense/recording/wrench_drift.hpp"
 
 #include "lumo/sense/recording/mcap/bag_metadata.hpp"
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
@@ -31,6 +32,7 @@
 #include "lumo/sense/force/calibration.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/force/latency.hpp"
 #include "lumo/sense/force/stream_checks.hpp"
 
 #include "lumo/sense/decode/bayes_decoder.hpp"

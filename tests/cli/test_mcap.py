@@ -485,9 +485,28 @@ class Mcap(unittest.TestCase):
         )
         done = run("convert", path, self.scratch / "of_joints", "--joint-names", "base,tip")
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("from the base to the tip are taken to be base, tip", done.stderr)
+        chain = [(10.0 * k + 1, 10.0 * k) for k in range(4)]
         rows = rows_of(self.scratch / "of_joints" / "joint.csv")
-        self.assertEqual([(r["torque_Nm_0"], r["torque_Nm_1"]) for r in rows], [(10.0 * k + 1, 10.0 * k) for k in range(4)])
+        self.assertEqual([(r["torque_Nm_base"], r["torque_Nm_tip"]) for r in rows], chain)
+        session = json.loads((self.scratch / "of_joints" / "session.json").read_text())
+        self.assertEqual(session["joint_names"], ["base", "tip"])
+        again = self.scratch / "joints_again.mcap"  # the order stays with the log, and another may be chosen
+        self.assertEqual(self.converted(self.scratch / "of_joints", again)["joint_names"], ["base", "tip"])
+        self.assertEqual(
+            self.converted(again, self.scratch / "of_again", "--joint-names", "tip,base")["joint_names"], ["tip", "base"]
+        )
+        rows = rows_of(self.scratch / "of_again" / "joint.csv")
+        self.assertEqual([(r["torque_Nm_base"], r["torque_Nm_tip"]) for r in rows], chain)
+        self.refused(
+            BAD_FILE,
+            ["has no joint 'toe', but base, tip"],
+            "convert",
+            self.scratch / "of_joints",
+            "x",
+            "--joint-names",
+            "toe",
+            "--quiet",
+        )
         self.refused(BAD_FILE, ["base, toe"], "convert", path, "x", "--joint-names", "base,toe", "--quiet")
         self.refused(USAGE, ["--joint-names is 'base,'"], "convert", path, "x", "--joint-names", "base,")
 
@@ -544,7 +563,7 @@ class Mcap(unittest.TestCase):
                         [list(r.values()) for r in tables["joint.csv"]],
                         [[t, 0.1 * k, 1 / 3, -0.5 * k] for k, t in enumerate(stamps)],
                     )
-                    self.assertIn("torque_Nm_0", tables["joint.csv"][0])
+                    self.assertIn("torque_Nm_finger", tables["joint.csv"][0])
                     self.assertEqual(
                         [list(r.values()) for r in tables["wrench.csv"]],
                         [[t, 0.1, 0.2, -1.5 * k, 0.0, 1e-9, 3.0] for k, t in enumerate(stamps)],

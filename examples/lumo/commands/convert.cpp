@@ -235,13 +235,14 @@ Result Convert::run(Output&, Progress& progress) const {
   std::size_t left_out = 0;
   for (const StreamReading& r : from.reading) left_out += r.left_out();
   if (json)
-    return Json{{"out", target}, {"frames", from.frames.size()}, {"joint_samples", from.joints.size()},
-               {"wrench_samples", from.wrenches.size()}, {"marker_samples", from.markers.size()},
-               {"photodiode_samples", from.photodiodes.size()}, {"truth", carried.truth},
-               {"fault", cut.empty() ? Json(nullptr) : Json(cut)}, {"pictures", carried.pictures},
-               {"pictures_missing", carried.missing}, {"pictures_damaged", carried.damaged},
-               {"rows_left_out", left_out}}
-               .dump(2) +
+    return text_of(Json{{"out", target}, {"frames", from.frames.size()}, {"joint_samples", from.joints.size()},
+                       {"wrench_samples", from.wrenches.size()}, {"marker_samples", from.markers.size()},
+                       {"photodiode_samples", from.photodiodes.size()}, {"truth", carried.truth},
+                       {"fault", cut.empty() ? Json(nullptr) : Json(cut)}, {"pictures", carried.pictures},
+                       {"pictures_missing", carried.missing}, {"pictures_damaged", carried.damaged},
+                       {"rows_left_out", left_out}, {"joint_names", lines_json(from.joint_names)},
+                       {"notes", lines_json(progress.notes())}},
+               2) +
            "\n";
   const bool all = carried.pictures == from.frames.size();
   return lumo::message(target, ": ", carried.pictures, " pictures",

@@ -70,7 +70,7 @@ Result Decode::run(Output& files, Progress& progress) const {
   tell_findings(s.log, s.pictures, progress);
   if (json)
     return text_of(Json{{"accuracy", number(report.accuracy.value)}, {"confusion", confusion},
-                       {"predictions", predictions}, {"log", findings_json(s.log, s.pictures)}},
+                       {"predictions", predictions}, {"log", findings_json(s.log, s.pictures, progress.notes())}},
                2) +
            "\n";
   std::string text = lumo::message("accuracy ", short_number(report.accuracy.value, 3), " of ",

@@ -20,12 +20,19 @@ using namespace sense;
 namespace {
 
 struct Force : EstimatingCommand {
-  int alpha_from = 0;  ///< number of a sequence
+  int alpha_from = 0;                ///< number of a sequence
+  std::optional<double> latency_ms;  ///< of joint samples behind pictures; empty: as the session says
 
   void declare(CLI::App& app) {
     add_log(app);
     add_localizer(app);
     add_unloaded(app);
+    add_value(app, "--latency", "MS",
+        "By how much joint samples are stamped later than pictures of the same moment [ms]; default: as the session's "
+        "delays say",
+        [this](const std::string& typed) {
+          latency_ms = number_in("--latency", typed, {-5000.0, 5000.0}, "ms");
+        });
     add_whole(app, "--alpha-from", alpha_from, 0, 100000,
         "Sequence of the log, from 0 (default), that a factor on torque is fitted on and tried on all");
     declare_live(app,
@@ -69,6 +76,7 @@ struct ForceResult {
   std::vector<double> times_ms;      ///< from a frame to its estimate
   double off_rad, off_Nm;            ///< what a joint sample and the line through its neighbours differ by (RMS)
   double clock_s;                    ///< by what the joints' clock is off
+  std::optional<Latency> latency;    ///< as the log shows it
 };
 
 /// The factors on torque, each with what it was fitted on.
@@ -169,27 +177,43 @@ std::string errors_text(const ForceResult& r) {
          lumo::message(" % of ", e.fused.samples, " frames\n");
 }
 
-std::string shown(const ForceResult& r, const SensedLog& s, bool as_json) {
+Json latency_json(const std::optional<Latency>& latency) {
+  if (!latency) return nullptr;
+  return {{"joints_later_ms", number(1e3 * latency->seconds)}, {"sigma_ms", number(1e3 * latency->sigma_s)},
+      {"contacts", latency->events}};
+}
+
+std::string latency_text(const std::optional<Latency>& latency) {
+  if (!latency) return "latency          not known: too few contacts whose light and torque change alike\n";
+  return lumo::message("latency          joint samples are stamped ", cell(1e3 * std::abs(latency->seconds), 0), " ± ",
+      cell(1e3 * latency->sigma_s, 0), " ms ", latency->seconds < 0.0 ? "earlier" : "later",
+      " than pictures of the same moment (", latency->events, " contacts)\n");
+}
+
+std::string shown(const ForceResult& r, const SensedLog& s, const std::vector<std::string>& notes, bool as_json) {
   const auto mae = [](const ForceErrors::Error& e) { return e.samples > 0 ? e.mae_N : undefined; };
   const ForceErrors& e = r.score.errors;
   const double middle = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.5),
                slow = r.times_ms.empty() ? undefined : quantile(r.times_ms, 0.95);
   if (as_json)
-    return Json{{"samples", r.score.samples},
-               {"mae_N", {{"fused", number(mae(e.fused))}, {"optical", number(mae(e.optical))},
-                             {"fixed_arm", number(mae(e.fixed_arm))}, {"known_location", number(mae(e.known_location))},
-                             {"torque_only", number(mae(e.torque_only))}}},
-               {"alpha", alphas(r.scale)},
-               {"coverage_90", r.score.samples > 0 ? number(r.score.coverage_90) : Json(nullptr)},
-               {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
-               {"alignment", {{"clock_s", number(r.clock_s)}, {"position_rad", number(r.off_rad)},
-                                 {"torque_Nm", number(r.off_Nm)}}},
-               {"samples_of",
-                   {{"fused", e.fused.samples}, {"optical", e.optical.samples}, {"fixed_arm", e.fixed_arm.samples},
-                       {"known_location", e.known_location.samples}, {"torque_only", e.torque_only.samples}}},
-               {"frames", found_json(r.found)}, {"contacts", spells_json(r.found.spells, true)},
-               {"log", findings_json(s.log, s.pictures)}}
-               .dump(2) +
+    return text_of(
+               Json{{"samples", r.score.samples},
+                   {"mae_N",
+                       {{"fused", number(mae(e.fused))}, {"optical", number(mae(e.optical))},
+                           {"fixed_arm", number(mae(e.fixed_arm))}, {"known_location", number(mae(e.known_location))},
+                           {"torque_only", number(mae(e.torque_only))}}},
+                   {"alpha", alphas(r.scale)},
+                   {"coverage_90", r.score.samples > 0 ? number(r.score.coverage_90) : Json(nullptr)},
+                   {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
+                   {"alignment", {{"clock_s", number(r.clock_s)}, {"position_rad", number(r.off_rad)},
+                                     {"torque_Nm", number(r.off_Nm)}}},
+                   {"latency", latency_json(r.latency)},
+                   {"samples_of",
+                       {{"fused", e.fused.samples}, {"optical", e.optical.samples}, {"fixed_arm", e.fixed_arm.samples},
+                           {"known_location", e.known_location.samples}, {"torque_only", e.torque_only.samples}}},
+                   {"frames", found_json(r.found)}, {"contacts", spells_json(r.found.spells, true)},
+                   {"log", findings_json(s.log, s.pictures, notes)}},
+               2) +
            "\n";
   return found_text(r.found) + findings_text(s.log, s.pictures) + errors_text(r) +
          lumo::message("frame to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3),
@@ -197,7 +221,7 @@ std::string shown(const ForceResult& r, const SensedLog& s, bool as_json) {
              cell(1e3 * r.off_rad, 2), " mrad, ", cell(1e3 * r.off_Nm, 1),
              " mN·m (RMS: noise, and what interpolation at the pictures' times misses)",
              r.clock_s > 0.0 ? lumo::message(", their clock by ", cell(1e3 * r.clock_s, 3), " ms") : std::string(),
-             "\n");
+             "\n", latency_text(r.latency));
 }
 
 /// A table and a chart of all estimates.
@@ -232,7 +256,8 @@ constexpr double judged_m = 25.0_mm;
 Result Force::on_log(Output& files, Progress& progress) const {
   const std::optional<KnownPad> known = known_pad(progress);
   progress.stage("reading the log");
-  const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics, unloaded);
+  SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics, unloaded);
+  if (latency_ms) s.log.session.joint_delay_s = s.log.session.frame_delay_s + 1e-3 * *latency_ms;
   if (known) tell_other_pad(*known, s.log.session, log, progress);
   FingerModel<> finger = finger_model(s.log.session);
   finger.optics = optics_of(s, log, progress);
@@ -240,7 +265,9 @@ Result Force::on_log(Output& files, Progress& progress) const {
   require_common_time(s.log);
   tell_joints(s.log, progress);
   tell_loads(s.log, progress);
-  finger.joints = about(log, [&] { return unloaded_joints(s.log, s.stretch); });
+  const UnloadedStretch learnt = joint_stretch(s.log.session, s.stretch, s.profiles, finger.optics.unloaded);
+  finger.joints = about(log, [&] { return unloaded_joints(s.log, learnt); });
+  tell_learnt(s, learnt, finger.joints, progress);
   const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(log, [&] {
     return with_maker(localizer, known, s.log.session, [&](auto make) {
@@ -258,12 +285,13 @@ Result Force::on_log(Output& files, Progress& progress) const {
     return force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm);
   });
   ForceResult r{found_in(estimates, truth), std::move(score), {}, {}, residual.head(joints).maxCoeff(),
-      residual.tail(joints).maxCoeff(), s.log.session.joint_clock.residual_s};
+      residual.tail(joints).maxCoeff(), s.log.session.joint_clock.residual_s,
+      about(log, [&] { return tell_latency(s, finger, progress); })};
   r.scale = fitted(r.score);
   for (const FrameEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
   add_estimates(estimates, truth, files);
   tell_findings(s.log, s.pictures, progress);
-  std::string text = shown(r, s, json);
+  std::string text = shown(r, s, progress.notes(), json);
   if (r.found.estimated() > 0) return text;
   return {std::move(text), log + ": no frame has a force: " + counts_text(r.found.states)};
 }

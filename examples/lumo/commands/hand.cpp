@@ -233,7 +233,7 @@ Result Hand::on_log(Output& files, Progress& progress) const {
   tell_findings(opened, seen.pictures, progress);
   if (json) {
     Json result = hand_json(observer, seen, found, truth.has_value());
-    result["log"] = findings_json(opened, seen.pictures);
+    result["log"] = findings_json(opened, seen.pictures, progress.notes());
     return text_of(result, 2) + "\n";
   }
   return hand_text(observer, seen, truth ? &found.score : nullptr) + findings_text(opened, seen.pictures);

@@ -53,8 +53,8 @@ struct Locate : EstimatingCommand {
   bool asks_pad_only() const { return pad && log.empty() && !camera.number; }
   Result on_log(Output& files, Progress& progress) const override;
   void live(LiveLines& lines, Progress& progress) const override;
-  std::string shown(
-      const SensedLog& s, const std::optional<KnownPad>& known, const Located& where, const LocationScore& score) const;
+  std::string shown(const SensedLog& s, const std::optional<KnownPad>& known, const Located& where,
+      const LocationScore& score, const std::vector<std::string>& notes) const;
 };
 
 /// In how many frames the finger was touched, and where.
@@ -132,17 +132,17 @@ Result Locate::on_log(Output& files, Progress& progress) const {
   if (!chart.estimate.empty()) files.add("locations.svg", draw(chart));
   if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *strongest->contact()));
   tell_findings(s.log, s.pictures, progress);
-  return shown(s, known, located_in(s, estimates), score);
+  return shown(s, known, located_in(s, estimates), score, progress.notes());
 }
 
 std::string Locate::shown(const SensedLog& s, const std::optional<KnownPad>& pad_known, const Located& where,
-    const LocationScore& score) const {
+    const LocationScore& score, const std::vector<std::string>& notes) const {
   const bool known = score.samples > 0, found = score.located > 0;
   if (json) {
     Json j = {{"samples", score.samples}, {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)},
         {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}, {"located", score.located},
         {"frames", located_json(where)}, {"contacts", spells_json(where.spells, false)},
-        {"log", findings_json(s.log, s.pictures)}};
+        {"log", findings_json(s.log, s.pictures, notes)}};
     if (pad_known) j["pad"] = sensibility_json(*pad_known);
     return text_of(j, 2) + "\n";
   }

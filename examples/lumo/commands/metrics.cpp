@@ -58,7 +58,7 @@ struct Measured {
   }
 };
 
-std::string shown(const Measured& m, const SensedLog& log, bool as_json) {
+std::string shown(const Measured& m, const SensedLog& log, const std::vector<std::string>& notes, bool as_json) {
   const auto D = m.of([](const auto&q) { return q.metrics.D_neighbor; }),
              W = m.of([](const auto&q) { return q.metrics.W_recontact; }),
              Q = m.of([](const auto&q) { return *q.metrics.Q; });
@@ -74,7 +74,7 @@ std::string shown(const Measured& m, const SensedLog& log, bool as_json) {
     return text_of(Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)},
                        {"Q_high", maybe(high)}, {"Q_bootstrap_low", maybe(from)}, {"Q_bootstrap_high", maybe(to)},
                        {"W_cycle_DN", maybe(W_cycle)}, {"cycles", compared}, {"gain_percent", maybe(m.gain)},
-                       {"log", findings_json(log.log, log.pictures)}},
+                       {"log", findings_json(log.log, log.pictures, notes)}},
                2) +
            "\n";
   }
@@ -117,7 +117,7 @@ struct Metrics : PlannedCommand {
     }
     if (!slopes.empty()) add_slopes(s.bins, slopes, files);
     tell_findings(s.log, s.pictures, progress);
-    return shown(m, s, json);
+    return shown(m, s, progress.notes(), json);
   }
 };
 

@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <mutex>
 #include <string>
+#include <vector>
 
 namespace lumo::program {
 
@@ -83,8 +84,11 @@ class Progress {
   void note(const std::string& line) {
     const std::lock_guard lock(mutex_);
     close();
+    notes_.push_back(line);
     if (!quiet_) std::fprintf(stderr, "lumo: %s\n", line.c_str());
   }
+  /// All of them, for results that are read by programs.
+  const std::vector<std::string>& notes() const { return notes_; }
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -121,6 +125,7 @@ class Progress {
   int total_ = 1, done_ = 0;
   Clock::time_point start_, shown_;
   std::mutex mutex_;
+  std::vector<std::string> notes_;
 };
 
 /// How long each of a row of things took, and the rest will.

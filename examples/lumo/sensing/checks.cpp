@@ -2,6 +2,8 @@
 
 #include "console/text.hpp"
 
+#include "lumo/sense/recording/wrench_drift.hpp"
+
 #include <algorithm>
 #include <cstdint>
 #include <string>
@@ -42,6 +44,11 @@ void tell_reference(const SensedLog& s, const CheckedReference& checked, Progres
                   cell(100.0 * checked.scatter, 1) + " % of the light, " + cell(100.0 * checked.together, 1) +
                   " % all together (lamps or room that flicker, exposure), too much for a finger at rest; small "
                   "contacts are missed; --unloaded chooses another stretch");
+  if (s.flicker.half_range > 0.0)
+    progress.note(path + ": all light rises and falls by " + cell(100.0 * s.flicker.half_range, 1) + " % (about " +
+                  cell(s.flicker.rate_Hz, 1) +
+                  " times a second in these pictures; lamps on mains or on pulses); that is divided out, and a change "
+                  "that a contact makes to all light with it");
   if (checked.saturated > 0.01)
     progress.note(path + ": " + cell(100.0 * checked.saturated, 1) +
                   " % of the finger's pixels are full (255) in the pictures of the unloaded finger: contacts there "
@@ -114,7 +121,46 @@ void tell_torques(const SensedLog& s, std::span<const FrameEstimate> estimates, 
                   ": leds.distal in session.json may name the other end");
   if (force_falls_in_contacts(estimates, log.session, log.wrenches) && !check_loads(log.session, log.wrenches).reversed)
     progress.note(log.path + ": the normal force of wrench.csv falls" + seen +
-                  ": the sensor reports the force of the finger on the object; turn its sign");
+                  ": the sensor reports the force of the finger on the object; --wrench-axes=-x,-y,-z turns its sign");
+  if (const auto torque = torque_without_contact(estimates, finger.jacobian, noise_Nm, s.stretch.to_ns))
+    progress.note(log.path + ": where the pictures see no contact the torque of the pad's joint is " +
+                  cell(*torque, 2) +
+                  " N·m (median): its friction, weight and offset seem to be learnt in a contact, or something touches "
+                  "the finger out of sight; --unloaded says when nothing did");
+}
+
+void tell_wrenches(OpenLog& log, Progress& progress) {
+  if (const auto most = remove_wrench_drift(log.wrenches, log.session))
+    progress.note(log.path + ": the force sensor drifts: without load its normal force is up to " + cell(*most, 2) +
+                  " N from its middle one; it is tared before each contact");
+}
+
+void tell_learnt(const SensedLog& s, const UnloadedStretch& learnt, const JointReference& joints, Progress& progress) {
+  if (is_stated(s.log.session, s.stretch) || s.joints.empty()) return;
+  const std::int64_t first = s.joints.front().stamp_ns;
+  progress.note(
+      s.log.path +
+      ": no segment says when the joints were free; friction, weight and offset are learnt from "
+      "the first " +
+      cell(1e-9 * double(learnt.to_ns - first), 1) + " s, " +
+      (learnt.to_ns > s.stretch.to_ns ? "up to the first contact that pictures show" : "which are taken for unloaded") +
+      (joints.left_out > 0.0
+              ? ", less " + cell(100.0 * joints.left_out, 0) + " % whose torque is far off the rest's, as in contact"
+              : std::string()));
+}
+
+std::optional<Latency> tell_latency(const SensedLog& s, const FingerModel<>& finger, Progress& progress) {
+  const Session& session = finger.session;
+  const ContactTorques torques(s.joints, finger.joints.torque, {}, session.joint_delay_s);
+  const auto latency = joint_latency(s.profiles, finger.optics.unloaded, torques, session.frame_delay_s);
+  if (latency && latency->is_significant) {
+    const double all_ms = 1e3 * (latency->seconds + session.joint_delay_s - session.frame_delay_s);
+    progress.note(s.log.path + ": joint samples are stamped " + cell(1e3 * std::abs(latency->seconds), 0) + " ± " +
+                  cell(1e3 * latency->sigma_s, 0) + " ms " + (latency->seconds > 0.0 ? "later" : "earlier") +
+                  " than pictures of the same moment, as " + std::to_string(latency->events) +
+                  " contacts show; --latency " + cell(all_ms, 0) + " takes that into account");
+  }
+  return latency;
 }
 
 bool tell_loads(const OpenLog& log, Progress& progress) {
@@ -122,7 +168,7 @@ bool tell_loads(const OpenLog& log, Progress& progress) {
   if (check.reversed)
     progress.note(log.path +
                   ": the normal force of wrench.csv is negative in the holds: the sensor reports the force of "
-                  "the finger on the object; turn the sign of its columns");
+                  "the finger on the object; --wrench-axes=-x,-y,-z turns its sign");
   if (check.differs)
     progress.note(log.path + ": the force sensor says that " + cell(100.0 * check.share, 0) +
                   " % of each load was reached (" + std::to_string(check.holds) +

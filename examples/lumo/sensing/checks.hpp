@@ -4,9 +4,11 @@
 #include "sensing/log.hpp"
 
 #include "lumo/sense/decode/measured_loads.hpp"
+#include "lumo/sense/force/latency.hpp"
 #include "lumo/sense/force/stream_checks.hpp"
 #include "lumo/sense/joints/effort_check.hpp"
 
+#include <optional>
 #include <span>
 
 /// Notes of what a log's streams say against each other, or against what they are taken for.
@@ -24,6 +26,15 @@ void tell_joints(const OpenLog& log, Progress& progress);
 /// Torques that do not fit the contacts that the pictures see, and a force sensor that does not.
 void tell_torques(const SensedLog& s, std::span<const FrameEstimate> estimates, const FingerModel<>& finger,
     double noise_Nm, Progress& progress);
+
+/// Takes a force sensor's drift out of the log, and says so.
+void tell_wrenches(OpenLog& log, Progress& progress);
+
+/// Where joints were learnt from, unless somebody stated it, and what of it looks like contact.
+void tell_learnt(const SensedLog& s, const UnloadedStretch& learnt, const JointReference& joints, Progress& progress);
+
+/// By how much joint samples are stamped later than pictures, as the log shows it; noted where that is none of chance.
+std::optional<Latency> tell_latency(const SensedLog& s, const FingerModel<>& finger, Progress& progress);
 
 /// A force sensor that does not fit the loads of the holds. Returns whether the measured loads count.
 bool tell_loads(const OpenLog& log, Progress& progress);

@@ -45,7 +45,8 @@ std::string listed(const std::vector<std::string>& parts) {
 
 std::string left_out(const StreamReading& r) {
   return listed({r.repeated > 0 ? counted(r.repeated, "came twice and are left out") : "",
-      r.backward > 0 ? counted(r.backward, "with stamps against the order are left out") : ""});
+      r.backward > 0 ? counted(r.backward, "with stamps against the order are left out") : "",
+      r.incomplete > 0 ? counted(r.incomplete, "without a position or an effort are left out") : ""});
 }
 
 std::string lost(const PictureCount& p) {
@@ -64,6 +65,12 @@ double duration_s(const StreamFinding& f) {
 }
 
 }  // namespace
+
+Json lines_json(const std::vector<std::string>& texts) {
+  Json list = Json::array();
+  for (const std::string& t : texts) list.push_back(one_line(t));
+  return list;
+}
 
 std::string_view name_of(LogStream stream) {
   static constexpr std::array<std::string_view, log_streams> names{
@@ -122,7 +129,7 @@ std::string findings_text(const OpenLog& log, const PictureCount& pictures) {
   return text;
 }
 
-Json findings_json(const OpenLog& log, const PictureCount& pictures) {
+Json findings_json(const OpenLog& log, const PictureCount& pictures, const std::vector<std::string>& notes) {
   Json streams = Json::object();
   for (const StreamFinding& f : streams_of(log)) {
     std::string key(name_of(f.stream));
@@ -130,12 +137,13 @@ Json findings_json(const OpenLog& log, const PictureCount& pictures) {
     streams[key] = {{"rows", f.rows}, {"from_ns", f.stretch ? Json(f.stretch->from_ns) : Json(nullptr)},
         {"to_ns", f.stretch ? Json(f.stretch->to_ns) : Json(nullptr)}, {"period_ms", number(1e3 * f.period_s)},
         {"pauses", f.pauses}, {"paused_s", number(f.paused_s)}, {"left_out_repeated", f.reading.repeated},
-        {"left_out_backward", f.reading.backward}, {"pictures_outside", f.outside},
+        {"left_out_backward", f.reading.backward}, {"left_out_incomplete", f.reading.incomplete},
+        {"pictures_outside", f.outside},
         {"fault", f.reading.fault.empty() ? Json(nullptr) : Json(one_line(f.reading.fault))}};
   }
   return {{"pictures", {{"rows", pictures.rows}, {"read", pictures.read}, {"missing", pictures.missing},
                            {"damaged", pictures.damaged}, {"other_size", pictures.other_size}}},
-      {"streams", streams}, {"notes", log.notes}};
+      {"streams", streams}, {"joint_names", lines_json(log.joint_names)}, {"notes", lines_json(notes)}};
 }
 
 std::string examined(const std::string& path, const McapTopics& topics, bool as_json, Progress& progress) {
@@ -164,7 +172,7 @@ std::string examined(const std::string& path, const McapTopics& topics, bool as_
   const bool stated = std::any_of(log.session.segments.begin(), log.session.segments.end(),
       [](const Segment& s) { return s.kind == SegmentKind::unloaded; });
   if (as_json) {
-    Json j = findings_json(log, count);
+    Json j = findings_json(log, count, progress.notes());
     j["width_px"] = width > 0 ? Json(width) : Json(nullptr);
     j["height_px"] = height > 0 ? Json(height) : Json(nullptr);
     j["unloaded"] = {{"from_ns", rest.from_ns}, {"to_ns", rest.to_ns}, {"stated", stated}};
@@ -175,7 +183,8 @@ std::string examined(const std::string& path, const McapTopics& topics, bool as_
   std::string text = findings_text(log, count);
   if (width > 0) text += lumo::message("size          ", width, " x ", height, " px\n");
   if (!log.joints.empty())
-    text += lumo::message("joints        ", log.joints.front().position_rad.size(), ", efforts are ",
+    text += lumo::message("joints        ", log.joints.front().position_rad.size(),
+        log.joint_names.empty() ? std::string() : " (" + joint_list(log.joint_names) + ")", ", efforts are ",
         log.joints.front().unit == Effort::current_A ? "currents" : "torques", "\n");
   text += lumo::message("unloaded      ", to_string(rest),
       stated ? ", as the session states" : ", assumed: the session states no segment of kind \"unloaded\"", "\n");

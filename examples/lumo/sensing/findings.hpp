@@ -28,6 +28,9 @@ struct StreamFinding {
   std::size_t outside = 0;  ///< pictures before the first or after the last sample
 };
 
+/// Texts, each as one line.
+Json lines_json(const std::vector<std::string>& texts);
+
 std::string_view name_of(LogStream stream);
 
 /// Of the streams that the log has.
@@ -39,7 +42,8 @@ void tell_findings(const OpenLog& log, const PictureCount& pictures, Progress& p
 
 /// A line for each stream: how many, from when to when, what is missing.
 std::string findings_text(const OpenLog& log, const PictureCount& pictures);
-Json findings_json(const OpenLog& log, const PictureCount& pictures);
+/// `notes`: all that were reported.
+Json findings_json(const OpenLog& log, const PictureCount& pictures, const std::vector<std::string>& notes);
 
 /// A log without an estimate: its streams, and what each picture is. Throws InputError.
 std::string examined(const std::string& path, const McapTopics& topics, bool as_json, Progress& progress);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <optional>
 #include <sstream>
 #include <string_view>
 
@@ -94,12 +95,11 @@ std::vector<std::string> bag_files(const std::string& folder, Progress& progress
 OpenLog open_bag(const std::string& path, const std::vector<std::string>& names, const McapTopics& topics) {
   LogFiles files;
   for (const std::string& name : names) files.push_back(open_file(name));
-  McapLog read = read_log_files(files, topics);
   std::error_code error;
-  if (const std::string session = path + "/session.json"; names.front() != path && fs::exists(session, error)) {
-    read.log.session = read_session(session);  // somebody described the bag there
-    read.log.session.video.clear();
-  }
+  std::optional<Session> beside;  // somebody described the bag there
+  if (const std::string session = path + "/session.json"; names.front() != path && fs::exists(session, error))
+    beside = read_session(session);
+  McapLog read = read_log_files(files, topics, beside);
   read.log.path = path;
   return {std::move(read.log), std::move(files), std::move(read.pictures), std::move(read.contents)};
 }
@@ -156,7 +156,7 @@ OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& 
   std::error_code error;
   const bool is_file = fs::is_regular_file(path, error);
   const std::vector<std::string> names = is_file ? std::vector{path} : bag_files(path, progress);
-  OpenLog log = names.empty() ? OpenLog{read_log_streams(path), {}, {}, {}} : open_bag(path, names, topics);
+  OpenLog log = names.empty() ? OpenLog{read_log_streams(path, topics), {}, {}, {}} : open_bag(path, names, topics);
   if (const std::string cut = log.cut(); !cut.empty()) progress.note(cut + "; read up to there");
   for (const std::string& note : log.notes) progress.note(path + ": " + note);
   return log;
@@ -189,10 +189,12 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
     GreenProfile readout = s.view.readout(bins);
     LogCamera all(s.log);
     s.profiles = read_profiles(all, readout);
+    s.flicker = take_out_flicker(s.view, s.profiles, s.stretch);
     s.pictures = all.count();
     s.pictures.other_size = s.pictures.read - std::min(s.pictures.read, s.profiles.size());
   });
   if (s.profiles.empty()) throw InputError(path + ": no picture can be read");
+  tell_wrenches(s.log, progress);
   return s;
 }
 

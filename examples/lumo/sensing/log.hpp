@@ -85,6 +85,7 @@ struct SensedLog {
   UnloadedStretch stretch;
   FingerView view;
   std::vector<Profile> profiles;  ///< of `bins`
+  Flicker flicker;                ///< that was divided out of them
   PictureCount pictures;
   LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
 };

@@ -8,6 +8,7 @@
 #include "lumo/sense/recording/recording.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <utility>
 #include <vector>
@@ -29,9 +30,10 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
   finger.optics.view = view_finger(first, recording.session, rest, recording.path);
   auto pictures = make_camera();
   GreenProfile readout = finger.optics.readout();
-  finger.optics.unloaded =
-      unloaded_reference(read_profiles(pictures, readout), rest, recording.path, finger.optics.view.unchanged);
-  finger.joints = unloaded_joints(recording, rest);
+  std::vector<Profile> profiles = read_profiles(pictures, readout);
+  take_out_flicker(finger.optics.view, profiles, rest);
+  finger.optics.unloaded = unloaded_reference(profiles, rest, recording.path, finger.optics.view.unchanged);
+  finger.joints = unloaded_joints(recording, joint_stretch(recording.session, rest, profiles, finger.optics.unloaded));
   require_common_time(recording);
   return finger;
 }
@@ -80,7 +82,8 @@ std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_
   using Estimator = ForceEstimator<decltype(camera), decltype(motors), decltype(localizer), GreenProfile, J>;
   Estimator estimator(camera, motors, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
       finger.jacobian, force_config(finger, rates));
-  const ContactTorques torques(samples, finger.joints.torque);
+  const ContactTorques torques(samples, finger.joints.torque, {}, finger.session.joint_delay_s);
+  const std::int64_t delay_ns = std::llround(1e9 * finger.session.frame_delay_s);
   const StreamAssumptions& assumed = finger.assumptions;
   const double gap_s = std::max(assumed.joint_gap_s, assumed.joint_gap_periods * rates.joint_period_s);
   std::vector<FrameEstimate> list;
@@ -93,7 +96,7 @@ std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_
     e.force = estimator.step(frame.stamp_ns);
     e.seconds = watch.seconds();
     e.location = estimator.location();
-    e.joints = torques.at(frame.stamp_ns, gap_s);
+    e.joints = torques.at(frame.stamp_ns - delay_ns, gap_s);
     list.push_back(std::move(e));
   }
   return list;

@@ -17,6 +17,7 @@
 #include <fstream>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <string_view>
@@ -71,6 +72,16 @@ class StrictObject {
       if (!j.is_array()) fail(key, "must be an array of numbers");
       value.clear();
       for (const auto& v : j) value.push_back(number(v, key));
+    });
+  }
+  void get(const char* key, std::vector<std::string>& value) {
+    read(key, [&](const auto& j) {
+      if (!j.is_array()) fail(key, "must be an array of strings");
+      value.clear();
+      for (const auto& v : j) {
+        if (!v.is_string()) fail(key, "must be an array of strings");
+        value.push_back(v.template get<std::string>());
+      }
     });
   }
   /// Applies `take(json, where)` to the value, if it is there.
@@ -259,6 +270,14 @@ inline sense::Session session_from_json(std::string_view json, const std::string
   detail::get_mm(top, "joint_to_origin_mm", s.joint_to_origin_m);
   top.get("joint_to_joint_mm", s.joint_to_joint_m);
   for (double& l : s.joint_to_joint_m) l *= 1e-3;
+  top.get("joint_names", s.joint_names);
+  std::vector<std::string> axes = names_of(s.wrench_axes);
+  top.get("wrench_axes", axes);
+  try {
+    s.wrench_axes = sense::sensor_axes(axes);
+  } catch (const InvalidArgument& e) {
+    top.fail("wrench_axes", e.what());
+  }
   top.get("frame_delay_s", s.frame_delay_s);
   top.get("joint_delay_s", s.joint_delay_s);
   using Json = nlohmann::json;
@@ -324,6 +343,8 @@ inline std::string to_json(const sense::Session& s) {
   j["joint_to_joint_mm"] = Json::array();
   for (const double l : s.joint_to_joint_m) j["joint_to_joint_mm"].push_back(detail::millimetres(l));
   j["torque_constant_Nm_per_A"] = s.torque_constant_Nm_per_A;
+  if (!s.joint_names.empty()) j["joint_names"] = s.joint_names;
+  if (s.wrench_axes != sense::SensorAxes{}) j["wrench_axes"] = names_of(s.wrench_axes);
   j["frame_delay_s"] = s.frame_delay_s;
   j["joint_delay_s"] = s.joint_delay_s;
   j["joint_clock"] = clock(s.joint_clock);
@@ -356,14 +377,44 @@ inline void validate_joints(sense::Recording& log) {
 
 }  // namespace detail
 
-/// Reads session.json and the tables of a log's folder. Rows whose stamps do not ascend are left out and counted; a
-/// table that cannot be read is empty, see Recording::reading. Throws InputError for the session.
-inline sense::Recording read_log_streams(const std::string& path) {
+namespace detail {
+
+/// What was chosen stands over what the session says, and is in the session from then on.
+inline void choose(sense::Session& session, const sense::McapTopics& chosen) {
+  if (!chosen.joint_names.empty()) session.joint_names = chosen.joint_names;
+  if (chosen.wrench_axes) session.wrench_axes = *chosen.wrench_axes;
+}
+
+/// The order of named joints is that of the chain: whoever reads results must see it, unless somebody stated it.
+inline void note_joint_order(sense::Recording& log) {
+  if (log.joint_names.size() > 1 && !log.joints.empty() && log.session.joint_names.empty())
+    log.notes.push_back("joints from the base to the tip are taken to be " + sense::joint_list(log.joint_names));
+}
+
+/// Turns the wrenches into the finger's frame; from then on they are there.
+inline void turn_wrenches(sense::Recording& log) {
+  const sense::SensorAxes axes = std::exchange(log.session.wrench_axes, sense::SensorAxes{});
+  if (axes == sense::SensorAxes{} || log.wrenches.empty()) return;
+  for (sense::WrenchSample& w : log.wrenches) {
+    w.force_N = axes.turned(w.force_N);
+    w.torque_Nm = axes.turned(w.torque_Nm);
+  }
+  log.notes.push_back(
+      "wrenches are turned: the finger's x, y, z are the sensor's " + sense::joint_list(names_of(axes)));
+}
+
+}  // namespace detail
+
+/// Reads session.json and the tables of a log's folder. Rows whose stamps do not ascend, or that lack a number, are
+/// left out and counted; a table that cannot be read is empty, see Recording::reading. `chosen`: joints and axes that
+/// stand over the session's. Throws InputError for the session.
+inline sense::Recording read_log_streams(const std::string& path, const sense::McapTopics& chosen = {}) {
   using sense::LogStream;
   using sense::StreamReading;
   sense::Recording log;
   log.path = path;
   log.session = read_session(path + "/session.json");
+  detail::choose(log.session, chosen);
   const auto table = [&](LogStream stream, const char* name, auto& rows, auto read) {
     const std::string file = path + '/' + name;
     std::error_code error;
@@ -380,11 +431,17 @@ inline sense::Recording read_log_streams(const std::string& path) {
   table(LogStream::frames, "frames.csv", log.frames, [&](std::istream& in, const std::string& file, StreamReading* r) {
     return sense::read_frame_log(in, file, video, video ? nullptr : r);  // a video has a frame for each row
   });
-  table(LogStream::joints, "joint.csv", log.joints, sense::read_joint_log);
+  table(LogStream::joints, "joint.csv", log.joints, [&](std::istream& in, const std::string& file, StreamReading* r) {
+    sense::JointTable read = sense::read_joint_table(in, file, r, log.session.joint_names);
+    log.joint_names = std::move(read.names);
+    return std::move(read.samples);
+  });
   table(LogStream::wrenches, "wrench.csv", log.wrenches, sense::read_wrench_log);
   table(LogStream::markers, "marker.csv", log.markers, sense::read_marker_log);
   table(LogStream::photodiodes, "photodiode.csv", log.photodiodes, sense::read_photodiode_log);
   detail::validate_joints(log);
+  detail::note_joint_order(log);
+  detail::turn_wrenches(log);
   return log;
 }
 
@@ -395,14 +452,30 @@ inline sense::Recording read_log_folder(const std::string& path) {
   return log;
 }
 
-/// Reads a bag's tables, places of pictures, and session, which is the default one if the files have none. A stream
-/// that cannot be read is empty, see Recording::reading. Throws InputError for what concerns all of it.
-template <sense::ChunkCodec... Codecs>
-sense::McapLog read_log_files(const sense::McapFiles<Codecs...>& files, const sense::McapTopics& topics = {}) {
+/// Reads a bag's tables, places of pictures, and session: `beside`, which somebody wrote, or else that of the files, or
+/// the default one. A stream that cannot be read is empty, see Recording::reading. Throws InputError for what concerns
+/// all of it.
+template <sense::ChunkCodec... Codecs> sense::McapLog read_log_files(const sense::McapFiles<Codecs...>& files,
+    sense::McapTopics topics = {}, const std::optional<sense::Session>& beside = {}) {
+  const std::string attached = sense::attached_session(files);
+  sense::Session session;
+  if (beside) session = *beside;
+  else if (!attached.empty()) session = session_from_json(attached, files.front()->name() + ": session.json");
+  detail::choose(session, topics);
+  topics.joint_names = session.joint_names;
   sense::McapLog m = read_mcap_log(files, topics);
-  if (!m.session_json.empty()) m.log.session = session_from_json(m.session_json, m.log.path + ": session.json");
-  m.log.session.video.clear();  // the pictures are in the files
+  session.video.clear();  // the pictures are in the files
+  m.log.session = std::move(session);
   detail::validate_joints(m.log);
+  detail::note_joint_order(m.log);
+  for (const sense::JoinedClock& joined : m.clocks) {
+    sense::Session& read = m.log.session;
+    sense::ClockMap& clock = joined.stream == sense::LogStream::joints ? read.joint_clock : read.wrench_clock;
+    if (clock != sense::ClockMap{}) continue;
+    clock = joined.clock;
+    m.log.notes.push_back(joined.note);
+  }
+  detail::turn_wrenches(m.log);
   return m;
 }
 
@@ -422,7 +495,7 @@ sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::Mc
 inline void write_log_folder(const sense::Recording& log) {
   const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
       {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
-      {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints)},
+      {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints, log.joint_names)},
       {"wrench.csv", log.wrenches.empty() ? "" : wrench_log_text(log.wrenches)},
       {"marker.csv", log.markers.empty() ? "" : marker_log_text(log.markers)},
       {"photodiode.csv", log.photodiodes.empty() ? "" : photodiode_log_text(log.photodiodes)}};

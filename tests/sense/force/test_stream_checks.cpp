@@ -157,6 +157,22 @@ TEST_CASE("a motor's sign, the order of joints and a mirrored view are seen in c
   CHECK(torque_agreement(std::span<const FrameEstimate>(few.estimates), one, PadRange{}, 0.01).reversed.empty());
 }
 
+TEST_CASE("torque where pictures see no contact shows joints that were learnt in one", "[checks]") {
+  const auto left = [](double learnt_Nm, std::uint64_t seed) {
+    CheckedScene s = scene(two_joints, 1, {}, seed);
+    for (FrameEstimate& e : s.estimates) e.joints->tail(1).array() -= learnt_Nm;
+    return torque_without_contact(std::span<const FrameEstimate>(s.estimates), two_joints, 0.01, 0);
+  };
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    CHECK_FALSE(left(0.0, seed));
+    CHECK_FALSE(left(0.1, seed));  // may stick
+    REQUIRE(left(0.5, seed));
+    CHECK(*left(0.5, seed) == Approx(-0.5).margin(0.01));
+  }
+  const CheckedScene s = scene(two_joints, 1, {}, 1);
+  CHECK_FALSE(torque_without_contact(std::span<const FrameEstimate>(s.estimates), two_joints, 0.01, 1'000'000'000'000));
+}
+
 TEST_CASE("one joint and a force sensor show a mirrored view", "[checks]") {
   const MomentArm one{55e-3};
   for (std::uint64_t seed = 1; seed <= 50; ++seed) {
@@ -210,4 +226,44 @@ TEST_CASE("joints are learnt from what is said to be free, never from holds", "[
   CHECK(samples_without_contact(log, chosen).size() == 250);
   const UnloadedStretch first = UnloadedStretch::of(log.session, 0);
   CHECK(samples_without_contact(log, first).size() == 126);
+}
+
+TEST_CASE(
+    "without segments joints are learnt up to the first contact seen, and what is far off is left out", "[joints]") {
+  Recording log;
+  log.path = "log";
+  log.session.joint_to_origin_m = 55e-3;
+  synthetic::Normal normal(4);
+  for (std::int64_t t = 0; t < 12000; t += 4) {
+    const double v = t < 10000 ? 0.3 * std::cos(1e-3 * double(t)) : 0.0;
+    const double touch = (t > 3000 && t < 4500) ? 0.5 : t > 10100 ? 0.55 : 0.0;  // a hand, then what the pictures see
+    log.joints.push_back(
+        {t * ms, JointVector::Constant(1, 0.3 * std::sin(1e-3 * double(t))), JointVector::Constant(1, v),
+            JointVector::Constant(1, 0.04 * std::tanh(v / 0.02) + 0.03 + touch + 0.01 * normal()), Effort::torque_Nm});
+  }
+  std::vector<Profile> profiles;
+  UnloadedReference unloaded;
+  for (int k = 0; k < 360; ++k) {
+    Profile p;
+    p.stamp_ns = k * 33 * ms;
+    p.value = Eigen::VectorXd::Constant(55, 40.0);
+    for (Eigen::Index i = 0; i < 55; ++i) p.value[i] += 0.2 * normal();
+    if (p.stamp_ns > 10100 * ms) p.value.segment(20, 9).array() += 25.0;
+    profiles.push_back(p);
+    if (k < 15) unloaded.add(p);
+  }
+  const UnloadedStretch rest = UnloadedStretch::of(log.session, 0);
+  const UnloadedStretch learnt = joint_stretch(log.session, rest, profiles, unloaded);
+  CHECK(learnt.from_ns == 0);
+  CHECK(1e-9 * double(learnt.to_ns) == Approx(9.85).margin(0.05));
+  const JointReference joints = unloaded_joints(log, learnt);
+  CHECK(joints.left_out == Approx(0.15).margin(0.03));
+  CHECK(joints.torque[0].unloaded(0.1, 0.25) == Approx(0.07).margin(4e-3));
+  CHECK(joints.torque[0].unloaded(0.1, -0.25) == Approx(-0.01).margin(4e-3));
+
+  log.session.segments = {{0, 9000 * ms, SegmentKind::free}};  // as somebody states
+  CHECK(joint_stretch(log.session, rest, profiles, unloaded).to_ns == rest.to_ns);
+  CHECK(unloaded_joints(log, rest).left_out == 0.0);
+  log.session.segments = {{5000 * ms, 6000 * ms, SegmentKind::hold}};
+  CHECK(joint_stretch(log.session, rest, profiles, unloaded).to_ns == 5000 * ms);
 }

@@ -253,6 +253,60 @@ TEST_CASE(
       InvalidArgument);  // two of them come to the same nanosecond
 }
 
+TEST_CASE("joints of a table have numbers or names, and are taken by them", "[log]") {
+  const auto read = [](const std::string& text, const std::vector<std::string>& wanted = {},
+                        StreamReading* reading = nullptr) {
+    std::istringstream in(text);
+    return read_joint_table(in, "t.csv", reading, wanted);
+  };
+  const std::string alphabetical =
+      "time_s,position_rad_distal,torque_Nm_distal,position_rad_palm,torque_Nm_palm,position_rad_wrist,current_A_"
+      "wrist\n"
+      "0,1,2,3,4,nan,\n0.1,5,6,7,8,nan,\n";
+  const JointTable chain = read(alphabetical, {"palm", "distal"});
+  CHECK(chain.names == std::vector<std::string>{"palm", "distal"});
+  REQUIRE(chain.samples.size() == 2);
+  CHECK(chain.samples[0].position_rad == Eigen::Vector2d(3, 1));
+  CHECK(chain.samples[1].effort == Eigen::Vector2d(8, 6));
+  CHECK(read(joint_log_text(chain.samples, chain.names)).names == chain.names);
+  CHECK(fault_of([&] {
+    read(alphabetical, {"palm", "toe"});
+  }) == "t.csv:1: has no joint 'toe', but distal, palm, wrist");
+  CHECK(fault_of([&] { read(alphabetical, {"wrist"}); }) ==
+        "t.csv:2: column position_rad_wrist: 'nan' is no finite number");
+  CHECK(fault_of([&] { read(alphabetical); }) == "t.csv:1: column 'torque_Nm_wrist' is missing");
+  const std::string numbers = "time_s,position_rad_0,torque_Nm_0,position_rad_1,torque_Nm_1\n0,1,2,3,4\n";
+  CHECK(read(numbers, {"palm", "distal"}).names == std::vector<std::string>{"palm", "distal"});
+  CHECK(read(numbers, {"palm", "distal"}).samples[0].effort == Eigen::Vector2d(2, 4));
+  CHECK(read(numbers, {"1"}).samples[0].effort == Eigen::VectorXd::Constant(1, 4.0));
+  CHECK(fault_of([&] { read(numbers, {"palm"}); }) == "t.csv:1: has 2 joints by numbers, chosen by name are 1, palm");
+  CHECK_THROWS_AS(joint_log_text(chain.samples, {"a,b", "c"}), InvalidArgument);
+  CHECK_THROWS_AS(joint_log_text(chain.samples, {"a"}), InvalidArgument);
+}
+
+TEST_CASE("rows of joints without a number are left out, velocities without one follow from the positions", "[log]") {
+  const auto table = [](int each) {
+    std::string text = "time_s,position_rad_0,velocity_rad_per_s_0,current_A_0\n";
+    for (int k = 0; k < 100; ++k)
+      text += std::to_string(0.01 * k) + ',' + std::to_string(0.02 * k) + (k % 2 == 0 ? ",NaN," : ",2,") +
+              (k % each == 1 ? "nan\n" : "1\n");
+    return text;
+  };
+  const auto read = [](const std::string& text, StreamReading& reading) {
+    std::istringstream in(text);
+    return read_joint_log(in, "t.csv", &reading);
+  };
+  StreamReading reading;
+  const auto list = read(table(50), reading);
+  REQUIRE(list.size() == 98);
+  CHECK(reading.rows == 100);
+  CHECK(reading.incomplete == 2);
+  for (const JointSample& s : list) CHECK(s.velocity_rad_per_s[0] == Approx(2.0));
+  CHECK(fault_of([&] { read(table(10), reading); }) ==
+        "t.csv:3: column current_A_0: 'nan' is no finite number, as are some of 10 of 100 rows, at most 5 % are left "
+        "out");
+}
+
 TEST_CASE("tables as spreadsheets write them", "[log]") {
   const std::string plain = "time_s,position_rad_0,velocity_rad_per_s_0,current_A_0\n0.5,1.25,-0.5,1e-3\n1.5,2,0,3\n";
   const auto wanted = joint_log_text(from(plain, joints));

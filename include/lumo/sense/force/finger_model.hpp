@@ -3,12 +3,14 @@
 #include "lumo/core/statistics.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/joints/free_run.hpp"
 #include "lumo/sense/joints/joint_reference.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
 #include "lumo/sense/localize/template_localizer.hpp"
 #include "lumo/sense/profile/finger_view.hpp"
+#include "lumo/sense/profile/first_touch.hpp"
 #include "lumo/sense/recording/joint_velocity.hpp"
 #include "lumo/sense/recording/recording.hpp"
 
@@ -132,6 +134,25 @@ inline StreamRates stream_rates(std::span<const FrameRecord> frames, std::span<c
   return rates;
 }
 
+/// Whether somebody said when the finger was without contact: by segments, or by a chosen stretch.
+inline bool is_stated(const Session& session, const UnloadedStretch& rest) {
+  return rest.chosen || std::any_of(session.segments.begin(), session.segments.end(), [](const Segment& g) {
+    return g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free;
+  });
+}
+
+/// The stretch that joints are learnt from: `rest`, or where nobody said when the finger was free up to shortly before
+/// the first contact that `profiles` show, or that the session names.
+inline UnloadedStretch joint_stretch(const Session& session, const UnloadedStretch& rest,
+    const std::vector<Profile>& profiles, const UnloadedReference& unloaded) {
+  if (is_stated(session, rest)) return rest;
+  UnloadedStretch longer = rest;
+  longer.to_ns = std::max(rest.to_ns, untouched_until_ns(profiles, unloaded));
+  for (const Segment& g : session.segments)
+    if (g.from_ns > rest.to_ns) longer.to_ns = std::min(longer.to_ns, g.from_ns);
+  return longer;
+}
+
 /// A recording's joint samples, stamped on the frames' clock. Velocities that do not fit the positions are taken from
 /// these (mend_velocities).
 inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
@@ -164,7 +185,8 @@ inline std::vector<JointSample> samples_without_contact(const Recording& recordi
   return free;
 }
 
-/// What a recording's samples without contact show of the finger's joints. Throws InputError if there are none, or of
+/// What a recording's samples without contact show of the finger's joints. Where nobody said when these were, what is
+/// far off the rest of them is left out. Throws InputError if there are none, or of
 /// other joints than the session's.
 inline JointReference unloaded_joints(const Recording& recording, const UnloadedStretch& rest) {
   const Session& session = recording.session;
@@ -175,10 +197,11 @@ inline JointReference unloaded_joints(const Recording& recording, const Unloaded
   if (recording.joints.front().effort.size() != joints)
     throw InputError(message(recording.path, ": the session describes ", joints, joints == 1 ? " joint" : " joints",
         " (joint_to_joint_mm), the samples have ", recording.joints.front().effort.size()));
-  JointReference reference =
-      identify_joints(samples_without_contact(recording, rest), session.torque_constant_Nm_per_A);
-  if (reference.torque.empty())
-    throw InputError(recording.path + ": has no joint samples of the finger without contact");
+  FreeRun free{samples_without_contact(recording, rest)};
+  if (free.samples.empty()) throw InputError(recording.path + ": has no joint samples of the finger without contact");
+  if (!is_stated(session, rest)) free = free_run(free.samples, session.torque_constant_Nm_per_A);
+  JointReference reference = identify_joints(free.samples, session.torque_constant_Nm_per_A);
+  reference.left_out = free.left_out;
   return reference;
 }
 

@@ -14,6 +14,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <numeric>
 #include <optional>
 #include <span>
@@ -42,6 +43,10 @@ struct StreamCheckLimits {
   double better_order = 0.5;       ///< of the misfit, to which another order of the joints must bring it
   double mirrored = -0.5;          ///< correlation of places by torque and by light, below which one is mirrored
   double least_spread_m = 5.0_mm;  ///< of the places touched, that shows a mirrored one
+  // Joints
+  int least_free = 30;              ///< frames that the pictures see free
+  double free_torque_noises = 8.0;  ///< by which torques must be off 0 there (median) …
+  double free_torque_Nm = 0.2;      ///< … and this much: beyond what sticks in a joint
   // Force sensor
   double least_force_N = 2.0;  ///< from which torque over force is a place
   double wrong_force_N = 0.5;  ///< on the wrong side, in holds (median)
@@ -196,6 +201,25 @@ template <ContactJacobian J> TorqueAgreement torque_agreement(std::span<const Fr
   if (int(light.size()) >= limits.least_contacts && quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m)
     r.mirrored = detail::correlation(light, torque) < limits.mirrored;
   return r;
+}
+
+/// Torque of the pad's joint in frames after `after_ns` that the pictures see free [N·m, median], where it is no noise:
+/// then its friction, weight and offset were learnt in a contact, or something touches what the pictures do not see.
+/// nullopt: it is noise, or there are too few such frames.
+template <ContactJacobian J> std::optional<double> torque_without_contact(std::span<const FrameEstimate> estimates,
+    const J& jacobian, double noise_Nm, std::int64_t after_ns, const StreamCheckLimits& limits = {}) {
+  std::vector<double> torque;
+  int positive = 0;
+  for (const FrameEstimate& e : estimates)
+    if (e.stamp_ns > after_ns && e.joints && e.location.contacts == 0 && !e.location.unknown &&
+        e.location.probability > limits.sure) {
+      torque.push_back((*e.joints)[2 * jacobian.joints() - 1]);
+      positive += torque.back() > 0.0;
+    }
+  if (int(torque.size()) < limits.least_free) return std::nullopt;
+  const double middle = median(torque), share = double(positive) / double(torque.size());
+  const bool far = std::abs(middle) > std::max(limits.free_torque_noises * noise_Nm, limits.free_torque_Nm);
+  return far && std::max(share, 1.0 - share) > limits.one_sign ? std::optional(middle) : std::nullopt;
 }
 
 /// Places by one joint's torque over the force sensor's force against places by light: whether they run against each

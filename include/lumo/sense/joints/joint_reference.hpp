@@ -20,6 +20,7 @@ struct JointReference {
   std::vector<double> standstill_Nm;  ///< what may stick unseen
   /// All efforts are whole multiples of it apart, the coarsest joint's [A or N·m]; 0: no step is seen.
   double effort_step = 0.0;
+  double left_out = 0.0;  ///< share of the run whose torque is far off the rest's: contact (free_run)
 };
 
 /// Limits of the identification of joints; chosen on the virtual lab, none is critical.

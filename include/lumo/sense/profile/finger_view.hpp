@@ -70,8 +70,10 @@ struct FingerView {
   int lit = 1;             ///< the channel in which the LEDs are seen, as ImageView has it
   double unchanged = 0.0;  ///< share of lit pixels that a picture repeats of the last one (RepeatedPixels); 0: unknown
 
+  SteadyLight steady{};  ///< set where lamps flicker; of the bins that profiles were read in
+
   GreenProfile readout(const LongitudinalBins& bins) const {
-    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format, 1, lit});
+    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format, 1, lit}, steady);
   }
 };
 
@@ -212,6 +214,20 @@ template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& 
   for (auto f = camera.next(); f; f = camera.next())
     if (readout.read(*f, p)) list.push_back(p);
   return list;
+}
+
+/// Where lamps flicker in the unloaded stretch that is divided out of all profiles, and from now on of what the view
+/// reads. The range of the result is 0 where they do not.
+inline Flicker take_out_flicker(FingerView& view, std::vector<Profile>& profiles, const UnloadedStretch& stretch) {
+  std::vector<const Profile*> held;
+  for (const Profile& p : profiles)
+    if (stretch.holds(p.stamp_ns)) held.push_back(&p);
+  Flicker flicker = flicker_of(held);
+  if (!(flicker.half_range > 0.0)) return flicker;
+  view.steady = SteadyLight(flicker.middle);
+  SteadyLight steady = view.steady;
+  for (Profile& p : profiles) steady.divide(p.value);
+  return flicker;
 }
 
 /// Of the profiles in the unloaded stretch that agree with each other. `unchanged`: FingerView's. Throws InputError

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/sense/devices/device.hpp"
+#include "lumo/sense/profile/common_light.hpp"
 #include "lumo/sense/profile/strip.hpp"
 
 #include <utility>
@@ -15,8 +16,10 @@ class GreenProfile {
 
   using Config = Strip::Config;
 
+  /// `steady`: what changes all light alike is divided out, if it is set; then the profile is not linear in the light.
   /// Throws InvalidArgument for a band outside the image or numbers out of range.
-  explicit GreenProfile(const Config& config) : strip_(config), centres_(config.bins.centres_m()) {}
+  explicit GreenProfile(const Config& config, SteadyLight steady = {})
+      : strip_(config), centres_(config.bins.centres_m()), steady_(std::move(steady)) {}
 
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;
@@ -25,6 +28,7 @@ class GreenProfile {
         frame.image, [](const std::uint8_t* p, const std::uint8_t*, std::size_t i) { return p[i]; }, nullptr,
         profile.value);
     profile.saturated = strip_.saturated_share(frame.image);
+    if (steady_.is_set()) steady_.divide(profile.value);
     return true;
   }
   const Eigen::VectorXd& positions_m() const { return centres_; }
@@ -32,6 +36,7 @@ class GreenProfile {
  private:
   Strip strip_;
   Eigen::VectorXd centres_;
+  SteadyLight steady_;
 };
 
 static_assert(Readout<GreenProfile>);

@@ -86,6 +86,11 @@ class CsvReader {
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
     return v;
   }
+  /// Whether a field is empty or says that there is no number: nan, NaN, null.
+  bool is_blank(int column) const {
+    const std::string_view f = text(column);
+    return f.empty() || f == "nan" || f == "NaN" || f == "NAN" || f == "-nan" || f == "null";
+  }
   std::int64_t integer(int column) const {
     const std::string_view f = text(column);
     std::int64_t v = 0;

@@ -26,6 +26,7 @@ struct Recording {
   std::vector<PhotodiodeSample> photodiodes;
   std::array<StreamReading, log_streams> reading{};  ///< of each LogStream, where it was read
   std::vector<std::string> notes{};                  ///< what readers of results should know of how it was read
+  std::vector<std::string> joint_names{};            ///< of the samples' joints, in their order; empty: numbered
 };
 
 /// Throws InputError if the log has this stream and it could not be read.

@@ -4,9 +4,12 @@
 #include "lumo/core/units.hpp"
 #include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/recording/alignment.hpp"
+#include "lumo/sense/recording/joint_names.hpp"
+#include "lumo/sense/recording/sensor_axes.hpp"
 
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -124,9 +127,12 @@ struct Session {
   /// From each joint's axis to the next one's, along the finger; empty: one joint.
   std::vector<double> joint_to_joint_m;
   std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
-  double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
-  ClockMap joint_clock, wrench_clock;                 ///< onto the frames' clock
-  std::vector<SessionLink> links;                     ///< of a hand; empty for one finger
+  /// The finger's joints from the base to the tip, by the names that joint.csv or a bag has; empty: all, as they stand.
+  std::vector<std::string> joint_names;
+  double frame_delay_s = 0.0, joint_delay_s = 0.0;  ///< from the event to the stamp
+  ClockMap joint_clock, wrench_clock;               ///< onto the frames' clock
+  SensorAxes wrench_axes;          ///< how the wrenches are to be turned; those of a Recording that was read are turned
+  std::vector<SessionLink> links;  ///< of a hand; empty for one finger
   std::vector<Segment> segments;
 };
 
@@ -174,6 +180,11 @@ class SessionCheck {
         message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
     for (const double l : s.joint_to_joint_m)
       require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
+    require(s.joint_names.size() <= std::size_t(max_joints) &&
+                (s.joint_names.empty() || are_column_names(s.joint_names) ||
+                    std::all_of(s.joint_names.begin(), s.joint_names.end(), is_joint_number)),
+        message("joint names are ", joint_list(s.joint_names), ", must be at most ", max_joints,
+            ", each once, without commas, semicolons and quotes"));
     for (const double k : s.torque_constant_Nm_per_A)
       require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
           message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));

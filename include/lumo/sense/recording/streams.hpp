@@ -19,16 +19,17 @@ inline constexpr std::size_t log_streams = 5;
 
 /// What was found of a stream as it was read.
 struct StreamReading {
-  /// Up to this share of the rows is left out for their stamps; beyond, the stream is faulty.
+  /// Up to this share of the rows is left out for their stamps or gaps; beyond, the stream is faulty.
   static constexpr double most_left_out = 0.05;
 
-  std::string fault;         ///< why the stream is empty although the log has it; empty: no fault
-  std::size_t rows = 0;      ///< that the log has
-  std::size_t repeated = 0;  ///< of them left out: they have the stamp of another one
-  std::size_t backward = 0;  ///< and those whose stamps are against the order of the others
+  std::string fault;           ///< why the stream is empty although the log has it; empty: no fault
+  std::size_t rows = 0;        ///< that the log has
+  std::size_t repeated = 0;    ///< of them left out: they have the stamp of another one
+  std::size_t backward = 0;    ///< and those whose stamps are against the order of the others
+  std::size_t incomplete = 0;  ///< and those that lack a number which is needed
   bool operator==(const StreamReading&) const = default;
 
-  std::size_t left_out() const { return repeated + backward; }
+  std::size_t left_out() const { return repeated + backward + incomplete; }
   bool is_beyond_limit() const { return double(left_out()) > most_left_out * double(rows); }
 };
 

@@ -6,6 +6,7 @@
 #include "lumo/sense/devices/photodiodes.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/csv.hpp"
+#include "lumo/sense/recording/joint_names.hpp"
 #include "lumo/sense/recording/joint_velocity.hpp"
 #include "lumo/sense/recording/streams.hpp"
 
@@ -14,6 +15,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <fstream>
+#include <initializer_list>
 #include <istream>
 #include <optional>
 #include <string>
@@ -28,7 +30,8 @@ namespace lumo::sense {
 // - session.json: circumstances of the log (read by support/json.hpp)
 // - frames.csv: file (a path below frames/), exposure_s, gain; beside a video.* it has no column file
 // - frames/: 8-bit images, colour or grey
-// - joint.csv: position_rad_0, velocity_rad_per_s_0, current_A_0 or torque_Nm_0, position_rad_1, …
+// - joint.csv: position_rad_0, velocity_rad_per_s_0, current_A_0 or torque_Nm_0, position_rad_1, …; joints may have
+//   names in place of numbers
 // - wrench.csv: force_x_N, force_y_N, force_z_N, and torque_x_Nm, torque_y_Nm, torque_z_Nm or none of the three
 // - marker.csv: displacement_m
 // - photodiode.csv: signal_V_0, signal_V_1, …
@@ -89,15 +92,33 @@ class StampColumn {
     if (reading_ != nullptr) all_.push_back(stamp);
     return stamp;
   }
-  /// To be called with all rows: leaves out those whose stamps do not ascend. Throws InputError for too many.
+  /// The row that was read last lacks a number: it is left out, too. Throws InputError where such a row is an error.
+  void leave_out(const CsvReader& csv, int column) {
+    if (reading_ == nullptr) csv.fail(column, "is no finite number");
+    if (incomplete_++ == 0) {
+      try {
+        csv.fail(column, "is no finite number");
+      } catch (const InputError& e) {
+        incomplete_fault_ = e.what();
+      }
+    }
+    all_.pop_back();
+  }
+  /// To be called with all rows but those left out: leaves out those whose stamps do not ascend, too. Throws InputError
+  /// for too many.
   template <class Row> void finish(const CsvReader& csv, std::vector<Row>& rows) {
     if (reading_ == nullptr) return;
     const AscendingRows ascending = ascending_rows(all_);
     *reading_ = ascending.reading;
+    reading_->rows += incomplete_;
+    reading_->incomplete = incomplete_;
+    const std::string at_most =
+        message(" of ", reading_->rows, " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out");
     if (reading_->is_beyond_limit())
-      throw InputError(message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
-          " does not exceed the stamp before it, and so do ", reading_->left_out(), " of ", reading_->rows,
-          " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
+      throw InputError(reading_->incomplete > 0
+                           ? message(incomplete_fault_, ", as are some of ", reading_->left_out(), at_most)
+                           : message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
+                                 " does not exceed the stamp before it, and so do ", reading_->left_out(), at_most));
     keep_rows(rows, ascending.kept);
   }
 
@@ -108,6 +129,8 @@ class StampColumn {
   std::optional<std::int64_t> last_;
   std::optional<long> backward_line_;
   std::vector<std::int64_t> all_;
+  std::size_t incomplete_ = 0;
+  std::string incomplete_fault_;
 };
 
 /// A path below a log's frames/ that a table can hold.
@@ -131,6 +154,9 @@ inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s
 
 /// Column of a name with a joint's (diode's) number behind it.
 inline std::string numbered(const char* name, int i) { return std::string(name) + '_' + std::to_string(i); }
+
+/// Column of a quantity with a joint's name behind it.
+inline std::string named(const char* name, const std::string& joint) { return std::string(name) + '_' + joint; }
 
 /// Opens a file for reading. Throws InputError.
 inline std::ifstream open_text(const std::string& path) {
@@ -165,45 +191,115 @@ inline std::vector<FrameRecord> read_frame_log(
   return list;
 }
 
-/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque. Without
-/// columns for velocities these follow from the positions.
-inline std::vector<JointSample> read_joint_log(
-    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
+/// The samples of a joint.csv, and what its joints are called.
+struct JointTable {
+  std::vector<std::string> names;  ///< of the samples' joints, in their order; empty: they are numbered
+  std::vector<JointSample> samples;
+};
+
+namespace detail {
+
+/// Columns of a joint.csv: which joint stands where.
+struct JointColumns {
+  std::vector<int> position, velocity, effort;  ///< of each joint that is read; velocity −1: there is none
+  Effort unit = Effort::torque_Nm;
+};
+
+/// What stands behind "position_rad_" in the columns' names, in their order.
+inline std::vector<std::string> joints_of(const CsvReader& csv) {
+  constexpr std::string_view quantity = "position_rad_";
+  std::vector<std::string> names;
+  for (const std::string& c : csv.columns())
+    if (c.starts_with(quantity)) names.push_back(c.substr(quantity.size()));
+  return names;
+}
+
+/// Numbers of joints from 0 without gaps, in their order; empty for joints that have names.
+inline std::vector<std::string> numbered_joints(const CsvReader& csv) {
+  std::vector<std::string> numbers;
+  const std::vector<std::string> all = joints_of(csv);
+  if (!std::all_of(all.begin(), all.end(), is_joint_number)) return numbers;
+  while (numbers.size() < std::size_t(max_joints) && csv.find(numbered("position_rad", int(numbers.size()))) >= 0)
+    numbers.push_back(std::to_string(numbers.size()));
+  if (numbers.empty()) csv.require("position_rad_0");
+  return numbers;
+}
+
+inline JointColumns joint_columns(const CsvReader& csv, const std::vector<std::string>& joints, bool all) {
+  JointColumns c;
+  c.unit = csv.find(named("current_A", joints.front())) >= 0 ? Effort::current_A : Effort::torque_Nm;
+  const char* const effort = c.unit == Effort::current_A ? "current_A" : "torque_Nm";
+  const bool velocities = csv.find(named("velocity_rad_per_s", joints.front())) >= 0;
+  for (const std::string& joint : joints) {
+    c.position.push_back(csv.require(named("position_rad", joint)));
+    c.velocity.push_back(velocities ? csv.require(named("velocity_rad_per_s", joint)) : -1);
+    c.effort.push_back(csv.require(named(effort, joint)));
+  }
+  const std::vector<std::string> others = all ? std::vector<std::string>() : joints_of(csv);
+  csv.require_known([&](std::string_view column) {
+    const auto is_of = [&](const std::vector<std::string>& some, std::initializer_list<const char*> quantities) {
+      return std::any_of(some.begin(), some.end(), [&](const std::string& joint) {
+        return std::any_of(
+            quantities.begin(), quantities.end(), [&](const char* q) { return column == named(q, joint); });
+      });
+    };
+    return is_time(column) || is_of(joints, {"position_rad", "velocity_rad_per_s", effort}) ||
+           is_of(others, {"position_rad", "velocity_rad_per_s", "current_A", "torque_Nm"});
+  });
+  return c;
+}
+
+}  // namespace detail
+
+/// Reads joint.csv. Joints are numbered from 0 without gaps, or have names; all have a current or all a torque. Of
+/// `wanted` joints these are read, in this order, and others need not even have numbers; numbered joints of as many
+/// are taken to have these names. Without columns for velocities, or in rows where one is empty or NaN, velocities
+/// follow from the positions. A row without a position or an effort is left out as one whose stamp does not ascend.
+inline JointTable read_joint_table(std::istream& in, const std::string& name, StreamReading* reading = nullptr,
+    const std::vector<std::string>& wanted = {}) {
   CsvReader csv(in, name);
   StampColumn stamp(csv, reading);
-  int joints = 0;
-  while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
-  if (joints == 0) csv.require("position_rad_0");
-  const Effort unit = csv.find("current_A_0") >= 0 ? Effort::current_A : Effort::torque_Nm;
-  const char* effort_name = unit == Effort::current_A ? "current_A" : "torque_Nm";
-  std::vector<int> position, velocity, effort;
-  for (int j = 0; j < joints; ++j) {
-    position.push_back(csv.require(numbered("position_rad", j)));
-    velocity.push_back(
-        csv.find(numbered("velocity_rad_per_s", 0)) < 0 ? -1 : csv.require(numbered("velocity_rad_per_s", j)));
-    effort.push_back(csv.require(numbered(effort_name, j)));
-  }
-  csv.require_known([&](std::string_view c) {
-    bool known = is_time(c);
-    for (int j = 0; j < joints; ++j)
-      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name})
-        known = known || c == numbered(column, j);
-    return known;
-  });
-  std::vector<JointSample> list;
+  JointTable table;
+  const std::vector<std::string> there = detail::joints_of(csv), numbers = detail::numbered_joints(csv);
+  const bool has_names = numbers.empty(),
+             chosen = !wanted.empty() && (has_names || std::all_of(wanted.begin(), wanted.end(), is_joint_number));
+  if (chosen) places_of(wanted, there, name + ":1");
+  if (!chosen && !wanted.empty() && wanted.size() != numbers.size())
+    throw InputError(message(name, ":1: has ", numbers.size(), " joints by numbers, chosen by name are ", wanted.size(),
+        ", ", joint_list(wanted)));
+  table.names = !wanted.empty() ? wanted : has_names ? there : std::vector<std::string>();
+  const std::vector<std::string>& joints = chosen ? wanted : has_names ? there : numbers;
+  if (joints.size() > std::size_t(max_joints))
+    throw InputError(message(name, ":1: has ", joints.size(), " joints, must have 1 to ", max_joints));
+  const detail::JointColumns column = detail::joint_columns(csv, joints, !chosen);
+  const auto n = Eigen::Index(joints.size());
   while (csv.next()) {
-    JointSample s{
-        stamp.read(csv), JointVector(joints), JointVector(velocity[0] < 0 ? 0 : joints), JointVector(joints), unit};
-    for (int j = 0; j < joints; ++j) {
-      s.position_rad[j] = csv.number(position[std::size_t(j)]);
-      if (velocity[0] >= 0) s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
-      s.effort[j] = csv.number(effort[std::size_t(j)]);
+    JointSample s{stamp.read(csv), JointVector(n), JointVector(n), JointVector(n), column.unit};
+    bool whole = true, with_velocity = column.velocity[0] >= 0;
+    for (std::size_t j = 0; j < joints.size() && whole; ++j) {
+      for (const int c : {column.position[j], column.effort[j]})
+        if (whole && csv.is_blank(c)) {
+          stamp.leave_out(csv, c);
+          whole = false;
+        }
+      if (!whole) break;
+      s.position_rad[Eigen::Index(j)] = csv.number(column.position[j]);
+      s.effort[Eigen::Index(j)] = csv.number(column.effort[j]);
+      with_velocity = with_velocity && !csv.is_blank(column.velocity[j]);
+      if (with_velocity) s.velocity_rad_per_s[Eigen::Index(j)] = csv.number(column.velocity[j]);
     }
-    list.push_back(std::move(s));
+    if (!with_velocity) s.velocity_rad_per_s.resize(0);
+    if (whole) table.samples.push_back(std::move(s));
   }
-  stamp.finish(csv, list);
-  find_velocities(list);
-  return list;
+  stamp.finish(csv, table.samples);
+  find_velocities(table.samples);
+  return table;
+}
+
+/// Its samples alone.
+inline std::vector<JointSample> read_joint_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
+  return read_joint_table(in, name, reading).samples;
 }
 
 /// Reads wrench.csv; torques may be absent altogether.
@@ -294,13 +390,19 @@ inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std
          csv_number(f.gain) + '\n';
 }
 
-inline std::string joint_header(int joints, Effort unit) {
+inline std::string joint_header(const std::vector<std::string>& joints, Effort unit) {
   std::string t = "stamp_ns";
-  for (int j = 0; j < joints; ++j)
+  for (const std::string& joint : joints)
     for (const char* column :
         {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
-      t += ',' + numbered(column, j);
+      t += ',' + named(column, joint);
   return t + '\n';
+}
+
+inline std::string joint_header(int joints, Effort unit) {
+  std::vector<std::string> numbers;
+  for (int j = 0; j < joints; ++j) numbers.push_back(std::to_string(j));
+  return joint_header(numbers, unit);
 }
 
 inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
@@ -320,11 +422,15 @@ inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool v
   return t;
 }
 
-inline std::string joint_log_text(const std::vector<JointSample>& samples) {
+/// `names`: of the joints; empty: they are numbered.
+inline std::string joint_log_text(const std::vector<JointSample>& samples, const std::vector<std::string>& names = {}) {
   if (samples.empty()) return joint_header(1, Effort::current_A);
   const auto joints = samples.front().effort.size();
   const Effort unit = samples.front().unit;
-  std::string t = joint_header(int(joints), unit);
+  if (!names.empty() && (names.size() != std::size_t(joints) || !are_column_names(names)))
+    throw InvalidArgument(
+        message("joint log: ", joints, " joints cannot have columns of the names ", joint_list(names)));
+  std::string t = names.empty() ? joint_header(int(joints), unit) : joint_header(names, unit);
   std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints ||

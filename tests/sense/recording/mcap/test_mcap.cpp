@@ -100,6 +100,31 @@ void put_chunk(McapBytes& b, std::string_view compression, std::uint64_t size, s
 
 }  // namespace
 
+TEST_CASE("zeros that pad a chunk or a file are no records, and a chunk may call itself packed by none", "[mcap]") {
+  McapBytes inside;
+  put_schema(inside);
+  put_channel(inside);
+  put_message(inside, 7);
+  std::vector<std::uint8_t> chunk(inside.since(0).begin(), inside.since(0).end());
+  for (const std::size_t zeros : {std::size_t(0), std::size_t(3), std::size_t(9), std::size_t(500)})
+    for (const char* const compression : {"", "none"}) {
+      std::vector<std::uint8_t> padded = chunk;
+      padded.resize(chunk.size() + zeros);
+      const std::string bytes = mcap_by_hand([&](McapBytes& b) { put_chunk(b, compression, padded.size(), padded); }) +
+                                std::string(70000 * (zeros % 2), '\0');
+      AllCodecs r = mcap_of(bytes);
+      CHECK(r.fault().empty());
+      REQUIRE(r.messages().size() == 1);
+      CHECK(r.read(r.messages()[0]).log_ns == 7);
+    }
+  std::vector<std::uint8_t> gap = chunk;  // a record behind zeros is lost, which is an error
+  gap.resize(chunk.size() + 20);
+  gap.back() = 1;
+  CHECK_FALSE(mcap_refusal(mcap_by_hand([&](McapBytes& b) { put_chunk(b, "", gap.size(), gap); })).empty());
+  AllCodecs cut = mcap_of(mcap_example<Zstd>().substr(0, 900) + std::string(4096, '\0'));  // space that was not filled
+  CHECK_FALSE(cut.fault().empty());
+}
+
 TEMPLATE_TEST_CASE(
     "codecs give back what they took, and refuse what is cut, longer or damaged", "[mcap]", Uncompressed, Lz4, Zstd) {
   const TestType codec;

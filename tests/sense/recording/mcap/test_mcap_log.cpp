@@ -196,7 +196,9 @@ TEST_CASE("of several topics one must be chosen", "[mcap]") {
     w.write(a, 1, to_cdr(joint_state(1)));
     w.write(b, 2, to_cdr(joint_state(2)));
   });
-  CHECK(log_refusal(bytes) == "a.mcap: has joint states on several topics, one must be chosen: /arm, /finger");
+  CHECK(log_refusal(bytes) ==
+        "a.mcap: has joint states on several topics, one must be chosen, or joints by their names: /arm (left, right), "
+        "/finger (left, right)");
   CHECK(
       log_refusal(bytes, {.joints = "/hand"}) == "a.mcap: has no joint states on topic '/hand', but on /arm, /finger");
   CHECK(log_refusal(bytes, {.image = "/image"}) == "a.mcap: has no pictures on topic '/image'");
@@ -419,13 +421,109 @@ TEST_CASE("joints are taken by their names, whoever else publishes on the topic"
   CHECK(chain.joints[2].position_rad == joints_of(30, 3));
   CHECK(chain.joints[2].velocity_rad_per_s == joints_of(2, 1));
   CHECK(chain.joints[2].effort == joints_of(4, 3));
-  CHECK(chain.notes == std::vector<std::string>{"joints from the base to the tip are taken to be base, tip"});
+  CHECK(chain.joint_names == std::vector<std::string>{"base", "tip"});
+  CHECK(chain.notes.empty());
   CHECK(read({"tip"}).joints.at(4).position_rad[0] == 5.0);
   CHECK(read({"base", "thumb"}).reading[1].fault.find("numbers must be finite") != std::string::npos);
   CHECK(read({"base", "toe"}).reading[1].fault == "a.mcap: no messages name all of the joints base, toe");
   CHECK(read({}).reading[1].fault.find("must be chosen by their names: this is of arm_0, ") == std::string::npos);
   CHECK(read({}).reading[1].fault.find("has 9 joints") != std::string::npos);
   CHECK_THROWS_AS(read(std::vector<std::string>(9, "x")), InvalidArgument);
+}
+
+TEST_CASE("joints of several topics are taken by their names", "[mcap]") {
+  const auto bag = [](bool same) {
+    return foreign_mcap([&](McapWriter<>& w) {
+      const auto a = channel_of<RosJointState>(w, "/arm/joint_states"),
+                 f = channel_of<RosJointState>(w, "/finger/joint_states"), t = channel_of<RosJointState>(w, "/tip");
+      std::uint64_t log = 1;
+      for (std::int64_t k = 1; k < 100; ++k) {
+        const double v = double(k);
+        w.write(a, log++, to_cdr(RosJointState{{100 * k, ""}, {"shoulder", same ? "base" : "elbow"}, {v, v}, {}, {}}));
+        w.write(f, log++, to_cdr(RosJointState{{100 * k + 1, ""}, {"base"}, {10 * v}, {1}, {4}}));
+        w.write(t, log++, to_cdr(RosJointState{{100 * k + 2, ""}, {"tip"}, {20 * v}, {}, {}}));  // by parts
+        if (k > 2) w.write(t, log++, to_cdr(RosJointState{{100 * k + 3, ""}, {"tip"}, {}, {2}, {5}}));
+      }
+    });
+  };
+  ZstdReader r = reader_of(bag(false));
+  const Recording log = read_log_file(r, {.joint_names = {"base", "tip"}}).log;
+  REQUIRE(log.joints.size() == 96);  // the base's first message comes before the tip's, two before its efforts
+  CHECK(log.reading[1].incomplete == 2);
+  CHECK(log.joints[0].position_rad == joints_of(40, 60));
+  CHECK(log.joints[0].effort == joints_of(4, 5));
+  CHECK(log.session.joint_names == std::vector<std::string>{"base", "tip"});
+  CHECK(log.notes.empty());
+  CHECK(log_refusal(bag(false)) ==
+        "a.mcap: has joint states on several topics, one must be chosen, or joints by their names: /arm/joint_states "
+        "(elbow, shoulder), /finger/joint_states (base), /tip (tip)");
+  CHECK(log_refusal(bag(true), {.joint_names = {"base"}}) ==
+        "a.mcap: has joint states on several topics, one must be chosen, or joints by their names: /arm/joint_states "
+        "(base, shoulder), /finger/joint_states (base)");
+  ZstdReader two = reader_of(bag(true));
+  CHECK(read_log_file(two, {.joints = "/finger/joint_states", .joint_names = {"base"}}).log.joints.size() == 99);
+}
+
+TEST_CASE("a few messages without a number are left out and counted, many are a fault", "[mcap]") {
+  const auto read = [](int each) {
+    ZstdReader r = reader_of(foreign_mcap([&](McapWriter<>& w) {
+      const auto j = channel_of<RosJointState>(w, "/joint_states");
+      for (int k = 1; k <= 200; ++k) {
+        RosJointState m = joint_state(k);
+        if (k % each == 0) m.effort[1] = std::nan("");
+        w.write(j, std::uint64_t(k), to_cdr(m));
+      }
+    }));
+    return read_mcap_log(r).log;
+  };
+  CHECK(read(50).joints.size() == 196);
+  CHECK(read(50).reading[1].incomplete == 4);
+  CHECK(read(50).reading[1].rows == 200);
+  CHECK(read(10).joints.empty());
+  CHECK(read(10).reading[1].fault ==
+        "a.mcap: topic /joint_states: numbers must be finite: a position or an effort is not in 20 of 200 messages, at "
+        "most 5 % are left out");
+}
+
+TEST_CASE("joints keep their names and their currents through a file, in the order that the session states", "[mcap]") {
+  Recording log = full_log(Effort::current_A);
+  log.joint_names = {"tip", "base"};
+  const std::string bytes = mcap_log_of(log, false);
+  ZstdReader r = reader_of(bytes);
+  const Recording same = read_log_file(r).log;
+  CHECK(same.joint_names == log.joint_names);
+  CHECK(joint_log_text(same.joints, same.joint_names) == joint_log_text(log.joints, log.joint_names));
+  CHECK(same.notes == std::vector<std::string>{"joints from the base to the tip are taken to be tip, base"});
+
+  log.session.joint_names = {"base", "tip"};  // as somebody states
+  ZstdReader stated = reader_of(mcap_log_of(log, false));
+  const Recording chain = read_log_file(stated).log;
+  CHECK(chain.notes.empty());
+  REQUIRE(chain.joints.size() == log.joints.size());
+  for (std::size_t k = 0; k < chain.joints.size(); ++k) {
+    CHECK(chain.joints[k].position_rad == log.joints[k].position_rad.reverse());
+    CHECK(chain.joints[k].effort == log.joints[k].effort.reverse());
+    CHECK(chain.joints[k].unit == Effort::current_A);
+  }
+  CHECK(log_refusal(bytes, {.joint_names = {"toe"}}) == "a.mcap: no messages name all of the joints toe");
+}
+
+TEST_CASE("wrenches are turned as the sensor is mounted, once", "[mcap]") {
+  Recording log = full_log(Effort::current_A);
+  log.session.wrench_axes = sensor_axes({"y", "-x", "-z"});
+  ZstdReader r = reader_of(mcap_log_of(log, false));
+  const Recording turned = read_log_file(r).log;
+  REQUIRE(turned.wrenches.size() == 7);
+  CHECK(turned.wrenches[2].force_N == Vec3d(0.2, -0.1, 2.0));
+  CHECK(turned.wrenches[2].torque_Nm == Vec3d(0.0, -2.0, -1e-9));
+  CHECK(turned.session.wrench_axes == SensorAxes{});
+  CHECK(
+      turned.notes == std::vector<std::string>{"wrenches are turned: the finger's x, y, z are the sensor's y, -x, -z"});
+  CHECK(session_from_json(to_json(log.session), "s").wrench_axes == log.session.wrench_axes);
+  CHECK(names_of(sensor_axes({"+z", "x", "y"})) == std::vector<std::string>{"z", "x", "y"});
+  for (const auto& wrong :
+      std::vector<std::vector<std::string>>{{"x", "y"}, {"x", "y", "y"}, {"x", "y", "w"}, {"", "y", "z"}})
+    CHECK_THROWS_AS(sensor_axes(wrong), InvalidArgument);
 }
 
 TEST_CASE("joints that come by turns, or in another order, keep their places", "[mcap]") {

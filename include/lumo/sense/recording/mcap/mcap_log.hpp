@@ -2,11 +2,13 @@
 
 #include "lumo/sense/devices/device.hpp"
 #include "lumo/sense/devices/picture_header.hpp"
+#include "lumo/sense/recording/joint_names.hpp"
 #include "lumo/sense/recording/joint_velocity.hpp"
 #include "lumo/sense/recording/mcap/mcap_reader.hpp"
 #include "lumo/sense/recording/mcap/ros_messages.hpp"
 #include "lumo/sense/recording/mcap/ros_pixels.hpp"
 #include "lumo/sense/recording/recording.hpp"
+#include "lumo/sense/recording/sensor_axes.hpp"
 
 #include <algorithm>
 #include <array>
@@ -40,9 +42,18 @@ namespace lumo::sense {
 /// Which topics to read; empty: the only one of its kind.
 struct McapTopics {
   std::string image{}, joints{}, wrench{};
-  /// The finger's joints in the order of the chain, by the names that messages have. Others are not read, and several
-  /// publishers may share the topic. Empty: all messages name the finger's joints, in this order.
+  /// The finger's joints in the order of the chain, by the names that messages have. Others are not read, several
+  /// publishers may share the topic, and of several topics those are read that have these joints. Empty: all messages
+  /// name the finger's joints, in this order.
   std::vector<std::string> joint_names{};
+  std::optional<SensorAxes> wrench_axes{};  ///< how the force sensor is mounted; empty: as the session says
+};
+
+/// A stream that is stamped on another clock than the pictures, and how log times join both.
+struct JoinedClock {
+  LogStream stream = LogStream::joints;
+  ClockMap clock;
+  std::string note;  ///< for people
 };
 
 /// Where a frame's picture lies.
@@ -60,6 +71,7 @@ struct McapLog {
   std::vector<McapPicture> pictures;    ///< of the frames
   std::optional<RosCameraInfo> camera;  ///< the first one, if one topic has them
   std::string contents;                 ///< all topics that have messages, with their types, for people
+  std::vector<JoinedClock> clocks;      ///< for a session that says nothing of them; none in a log of lumo's
 };
 
 /// The files of a bag, in their order.
@@ -153,10 +165,11 @@ class McapTables {
   }
   void add(const RosJointState& m, const McapPicture& at) {
     const std::size_t n = m.name.size();
+    if (chosen_ && !names_any(m)) return;
     if (!chosen_ && (n < 1 || n > std::size_t(max_joints)))
       throw InputError(message("has ", n, " joints, must have 1 to ", max_joints));
     const auto fits = [n](const std::vector<double>& list) { return list.size() == n || list.empty(); };
-    if (m.position.size() != n || !fits(m.velocity) || !fits(m.effort))
+    if (!fits(m.position) || (!chosen_ && m.position.empty()) || !fits(m.velocity) || !fits(m.effort))
       throw InputError(message("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(),
           " velocities and ", m.effort.size(), " efforts, must have as many"));
     if (names_.empty()) {
@@ -164,19 +177,22 @@ class McapTables {
       known_.resize(n);
     }
     if (!chosen_ && !std::is_permutation(m.name.begin(), m.name.end(), names_.begin(), names_.end()))
-      throw InputError(message("joints must be chosen by their names: this is of ", listed(m.name), ", the first of ",
-          listed(names_), "; it names other joints than the messages before it"));
+      throw InputError(message("joints must be chosen by their names: this is of ", joint_list(m.name),
+          ", the first of ", joint_list(names_), "; it names other joints than the messages before it"));
     if (!by_name(m)) return;
     const auto joints = Eigen::Index(names_.size());
     JointSample s{0, JointVector(joints), JointVector(joints), JointVector(joints), Effort::torque_Nm};
     for (Eigen::Index j = 0; j < joints; ++j) {
-      const JointValues& v = *known_[std::size_t(j)];
+      const JointValues& v = known_[std::size_t(j)];
       s.position_rad[j] = v.position;
       s.velocity_rad_per_s[j] = v.velocity;
       s.effort[j] = v.effort;
     }
     if (!s.velocity_rad_per_s.allFinite()) s.velocity_rad_per_s.resize(0);
-    if (!s.effort.allFinite()) s.effort.resize(0);
+    if (!s.effort.allFinite()) {
+      s.effort.resize(0);
+      order_currents(m.name);
+    }
     take(LogStream::joints, m.header, at.at);
     found.log.joints.push_back(std::move(s));
   }
@@ -267,7 +283,13 @@ class McapTables {
     for (std::size_t i = 0; i < rows.size(); ++i) rows[i].stamp_ns = stamp[i];
     AscendingRows ascending = ascending_rows(stamp);
     ascending.reading.fault = reading.fault;
+    ascending.reading.incomplete = reading.incomplete;
+    ascending.reading.rows += reading.incomplete;
     reading = ascending.reading;
+    if (reading.fault.empty() && reading.incomplete > 0 && reading.is_beyond_limit())
+      fail(stream, message(*name_, ": topic ", printable((*topic_)[std::size_t(stream)]), ": "),
+          message("numbers must be finite: a position or an effort is not in ", reading.incomplete, " of ",
+              reading.rows, " messages, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
     if (reading.fault.empty() && reading.is_beyond_limit()) {
       const std::size_t row = first_backward(stamp);
       fail(stream,
@@ -282,12 +304,16 @@ class McapTables {
     keep_rows(rows, ascending.kept);
     if constexpr (std::is_same_v<Row, FrameRecord>) keep_rows(found.pictures, ascending.kept);
   }
-  /// The order of the names is the order of the chain: whoever reads results must see it. lumo's own names are numbers.
+  /// lumo's own names are numbers.
   void name_joints() {
     if (chosen_ && found.log.joints.empty() && !has_failed(LogStream::joints))
-      fail(LogStream::joints, *name_ + ": ", "no messages name all of the joints " + listed(names_));
-    if (!has_session_ && names_.size() > 1 && !found.log.joints.empty())
-      found.log.notes.push_back("joints from the base to the tip are taken to be " + listed(names_));
+      fail(LogStream::joints, *name_ + ": ", "no messages name all of the joints " + joint_list(names_));
+    bool numbers = has_session_;
+    for (std::size_t j = 0; j < names_.size(); ++j) numbers = numbers && names_[j] == numbered("joint", int(j));
+    if (numbers || found.log.joints.empty()) return;
+    if (are_column_names(names_)) found.log.joint_names = names_;
+    else
+      found.log.notes.push_back("joints are numbered: a table cannot have columns of the names " + joint_list(names_));
   }
   void join_exposures() {
     std::map<std::int64_t, std::pair<double, double>> at;
@@ -301,12 +327,22 @@ class McapTables {
   void join_efforts() {
     std::map<std::int64_t, JointVector> at;
     for (std::size_t i = 0; i < currents_.size(); ++i) at[current_stamps_.ns(has_session_)[i]] = currents_[i];
-    for (JointSample& s : found.log.joints) {
-      if (s.effort.size() == s.position_rad.size()) continue;
+    const auto lacks_effort = [](const JointSample& s) { return s.effort.size() != s.position_rad.size(); };
+    std::vector<JointSample>& list = found.log.joints;
+    if (currents_.empty() && !std::all_of(list.begin(), list.end(), lacks_effort)) {  // positions came before efforts
+      StreamReading& reading = found.log.reading[std::size_t(LogStream::joints)];
+      reading.incomplete += std::erase_if(list, lacks_effort);
+      if (reading.is_beyond_limit())
+        throw InputError(message("joints have no effort in ", reading.incomplete, " of ", reading.rows,
+            " messages, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
+    }
+    for (JointSample& s : list) {
+      if (!lacks_effort(s)) continue;
       const auto c = at.find(s.stamp_ns);
-      if (c == at.end() || c->second.size() != s.position_rad.size())
+      if (c == at.end() || std::size_t(c->second.size()) != named_with_currents_.size())
         throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
-      s.effort = c->second;
+      s.effort.resize(s.position_rad.size());
+      for (Eigen::Index j = 0; j < s.effort.size(); ++j) s.effort[j] = c->second[currents_order_[std::size_t(j)]];
       s.unit = Effort::current_A;
     }
     for (const JointSample& s : found.log.joints)
@@ -319,50 +355,74 @@ class McapTables {
   void join_clocks() {
     const auto frames = Stretch::of(found.log.frames);
     const auto late = stamps_[std::size_t(LogStream::frames)].log_less_stamp_ns(has_session_);
-    const auto join = [&](LogStream stream, const auto& rows, ClockMap& clock, const char* what) {
+    const auto join = [&](LogStream stream, const auto& rows, const char* what) {
       const auto own = Stretch::of(rows);
       const auto own_late = stamps_[std::size_t(stream)].log_less_stamp_ns(has_session_);
       if (!frames || !own || own->meets(*frames) || !late || !own_late) return;
       const std::int64_t offset = *own_late - *late;
       if (!Stretch{own->from_ns + offset, own->to_ns + offset}.meets(*frames)) return;
-      clock.offset_s = 1e-9 * double(offset);
-      found.log.notes.push_back(message(what, " are stamped on another clock than the pictures (", to_string(*own),
-          ", pictures ", to_string(*frames), "): moved by ", clock.offset_s,
-          " s, as the file's log times have it; what the streams differ in on their way to the recorder is not known"));
+      const ClockMap clock{0, 1e-9 * double(offset), 0.0, 0.0};
+      found.clocks.push_back({stream, clock,
+          message(what, " are stamped on another clock than the pictures (", to_string(*own), ", pictures ",
+              to_string(*frames), "): moved by ", clock.offset_s,
+              " s, as the file's log times have it; what the streams differ in on their way to the recorder is not "
+              "known")});
     };
-    join(LogStream::joints, found.log.joints, found.log.session.joint_clock, "joint states");
-    join(LogStream::wrenches, found.log.wrenches, found.log.session.wrench_clock, "wrenches");
+    join(LogStream::joints, found.log.joints, "joint states");
+    join(LogStream::wrenches, found.log.wrenches, "wrenches");
   }
 
   /// The part of a joint state that is about one joint. What is missing or not finite is NaN.
   struct JointValues {
     double position = std::numeric_limits<double>::quiet_NaN(), velocity = position, effort = position;
   };
-  static JointValues values_of(const RosJointState& m, std::size_t i) {
-    JointValues v;
-    v.position = finite(m.position[i]);
-    if (!m.velocity.empty() && std::isfinite(m.velocity[i])) v.velocity = m.velocity[i];
-    if (!m.effort.empty()) v.effort = finite(m.effort[i]);
-    return v;
+  bool names_any(const RosJointState& m) const {
+    return std::any_of(m.name.begin(), m.name.end(),
+        [&](const std::string& n) { return std::find(names_.begin(), names_.end(), n) != names_.end(); });
   }
-  /// The joints by their names; a joint that the message does not name is as it was last. False if the message is none
-  /// of the first joint, or some joint has not been seen yet.
+  /// The joints by their names; what the message does not have of one is as it was last. False if the message has no
+  /// position of the first joint, or some joint has not been seen yet. One with numbers that are needed and not finite
+  /// is counted, and changes nothing.
   bool by_name(const RosJointState& m) {
     bool first = false;
-    for (std::size_t j = 0; j < names_.size(); ++j)
-      if (const auto at = std::find(m.name.begin(), m.name.end(), names_[j]); at != m.name.end()) {
-        known_[j] = values_of(m, std::size_t(at - m.name.begin()));
-        first = first || j == 0;
+    std::vector<JointValues> now = known_;
+    for (std::size_t j = 0; j < names_.size(); ++j) {
+      const auto at = std::find(m.name.begin(), m.name.end(), names_[j]);
+      if (at == m.name.end()) continue;
+      const auto i = std::size_t(at - m.name.begin());
+      JointValues& v = now[j];
+      if (!m.position.empty()) v.position = m.position[i];
+      if (!m.velocity.empty()) v.velocity = m.velocity[i];  // one that is no number follows from the positions
+      if (!m.effort.empty()) v.effort = m.effort[i];
+      if ((!m.position.empty() && !std::isfinite(v.position)) || (!m.effort.empty() && !std::isfinite(v.effort))) {
+        ++found.log.reading[std::size_t(LogStream::joints)].incomplete;
+        return false;
       }
-    return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return k.has_value(); });
+      first = first || (j == 0 && !m.position.empty());
+    }
+    known_ = std::move(now);
+    return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return std::isfinite(k.position); });
   }
-  static std::string listed(const std::vector<std::string>& names) {
-    return listing(names, [](const std::string& n) { return printable(n); });
+  /// Currents stand in the order of the names of the joint state that they belong to. Throws InputError for another
+  /// order than before.
+  void order_currents(const std::vector<std::string>& names) {
+    if (names == named_with_currents_) return;
+    if (!named_with_currents_.empty() || names.size() > std::size_t(max_joints))
+      throw InputError("joints whose currents come in messages of their own must always be named in one order");
+    std::vector<int> order;
+    for (const std::string& n : names_)
+      if (const auto at = std::find(names.begin(), names.end(), n); at != names.end())
+        order.push_back(int(at - names.begin()));
+    if (order.size() != names_.size()) return;
+    named_with_currents_ = names;
+    currents_order_ = std::move(order);
   }
 
   bool has_session_, chosen_;
   std::vector<std::string> names_;
-  std::vector<std::optional<JointValues>> known_;
+  std::vector<JointValues> known_;
+  std::vector<std::string> named_with_currents_;  ///< by the messages whose efforts are currents, in their order
+  std::vector<int> currents_order_;               ///< place of each joint in it
   std::array<TopicStamps, log_streams> stamps_;
   TopicStamps exposure_stamps_, current_stamps_;
   std::vector<std::pair<double, double>> exposures_;
@@ -422,7 +482,7 @@ template <ChunkCodec... Codecs> class TopicChoice {
             {files[f]->channels().at(e.channel).topic, schema_of(*files[f], e.channel)}, McapPicture{e, false, f});
     choose_pictures(wanted.image);
     choose(LogStream::frames, "exposures", "", {FrameExposure::type});
-    choose(LogStream::joints, "joint states", wanted.joints, {RosJointState::type});
+    choose_joints(wanted);
     choose(LogStream::joints, "currents", "", {JointCurrents::type});
     choose(LogStream::wrenches, "wrenches", wanted.wrench, {RosWrenchStamped::type});
     choose(LogStream::markers, "displacements", "", {MarkerDisplacement::type});
@@ -474,6 +534,56 @@ template <ChunkCodec... Codecs> class TopicChoice {
     }
   }
 
+  /// Of several topics with joint states those count that have joints of the wanted names, each on one topic.
+  void choose_joints(const McapTopics& wanted) {
+    const std::set<std::string> topics = topics_of({RosJointState::type});
+    if (topics.size() < 2 || !wanted.joints.empty())
+      return choose(LogStream::joints, "joint states", wanted.joints, {RosJointState::type});
+    const std::map<std::string, std::set<std::string>> names = joint_names_of(topics);
+    std::set<std::string> with, twice;
+    for (const std::string& joint : wanted.joint_names) {
+      std::set<std::string> having;
+      for (const std::string& t : topics)
+        if (const auto n = names.find(t); n != names.end() && n->second.contains(joint)) having.insert(t);
+      if (having.size() > 1) twice.insert(having.begin(), having.end());
+      with.insert(having.begin(), having.end());
+    }
+    if (!with.empty() && twice.empty()) {
+      topic_[std::size_t(LogStream::joints)] = listing(with, [](const std::string& t) { return t; });
+      for (const std::string& t : with) use_[{t, RosJointState::type}] = LogStream::joints;
+      return;
+    }
+    tables_.fail(LogStream::joints, name_ + ": ",
+        "has joint states on several topics, one must be chosen, or joints by their names: " +
+            listing(twice.empty() ? topics : twice, [&](const std::string& t) {
+              const auto n = names.find(t);
+              return printable(t) + " (" +
+                     (n == names.end() ? std::string()
+                                       : listing(n->second, [](const std::string& j) { return printable(j); })) +
+                     ")";
+            }));
+  }
+  /// Names in the first messages of each topic.
+  std::map<std::string, std::set<std::string>> joint_names_of(const std::set<std::string>& topics) const {
+    constexpr int first = 100;  // publishers that take turns
+    constexpr std::size_t most_names = 64;
+    std::map<std::string, std::set<std::string>> names;
+    std::map<std::string, int> seen;
+    for (const auto& file : files_)
+      for (const McapEntry& e : file->messages()) {
+        const McapChannel& channel = file->channels().at(e.channel);
+        if (channel.encoding != "cdr" || schema_of(*file, e.channel) != RosJointState::type ||
+            !topics.contains(channel.topic) || ++seen[channel.topic] > first)
+          continue;
+        try {
+          for (const std::string& n : from_cdr<RosJointState>(file->read(e).data).name)
+            if (names[channel.topic].size() < most_names) names[channel.topic].insert(n);
+        } catch (const InputError&) {  // whoever reads the topic says so
+        }
+      }
+    return names;
+  }
+
   /// Of several topics with pictures those count that can be read: no depth, no video. image_transport sends the same
   /// pictures packed below the name of their topic.
   void choose_pictures(const std::string& wanted) {
@@ -521,6 +631,15 @@ template <ChunkCodec... Codecs> class TopicChoice {
 
 }  // namespace detail
 
+/// Text of the attachment session.json of a bag's files; empty without one. Throws InputError for one that is too
+/// large.
+template <ChunkCodec... Codecs> std::string attached_session(const McapFiles<Codecs...>& files) {
+  std::string json;
+  for (const auto& file : files)
+    if (json.empty()) json = detail::attached_session(*file);
+  return json;
+}
+
 /// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. `files` are those of one bag, in
 /// their order, at least one. A stream that cannot be read is empty, and Recording::reading has the reason: one line
 /// with file, topic, time. Throws InputError where the session is too large.
@@ -530,9 +649,7 @@ McapLog read_mcap_log(const McapFiles<Codecs...>& files, const McapTopics& wante
   if (wanted.joint_names.size() > std::size_t(max_joints))
     throw InvalidArgument(
         message(wanted.joint_names.size(), " joints are chosen by name, must be at most ", max_joints));
-  std::string session_json;
-  for (const auto& file : files)
-    if (session_json.empty()) session_json = detail::attached_session(*file);
+  std::string session_json = attached_session(files);
   McapTables tables(!session_json.empty(), wanted.joint_names);
   const detail::TopicChoice<Codecs...> choice(files, wanted, tables);
   for (std::size_t f = 0; f < files.size(); ++f)

@@ -115,14 +115,16 @@ template <ChunkCodec Codec> class LogMessages {
     const JointSample& s = log_.joints[row.index];
     const Eigen::Index n = s.position_rad.size();
     require(n > 0 && s.velocity_rad_per_s.size() == n && s.effort.size() == n &&
-                log_.joints.front().effort.size() == n && s.unit == log_.joints.front().unit,
-        "joint log: samples must have the same number of joints and the same kind of effort");
+                log_.joints.front().effort.size() == n && s.unit == log_.joints.front().unit &&
+                (log_.joint_names.empty() || log_.joint_names.size() == std::size_t(n)),
+        "joint log: samples must have the same number of joints, one for each name, and the same kind of effort");
     require(s.position_rad.allFinite() && s.velocity_rad_per_s.allFinite() && s.effort.allFinite(),
         "a joint sample's numbers must be finite");
     const bool torque = s.unit == Effort::torque_Nm;
     RosJointState m{{s.stamp_ns, ""}, {}, list_of(s.position_rad), list_of(s.velocity_rad_per_s),
         torque ? list_of(s.effort) : std::vector<double>()};
-    for (int j = 0; j < int(n); ++j) m.name.push_back(numbered("joint", j));
+    for (int j = 0; j < int(n); ++j)
+      m.name.push_back(log_.joint_names.empty() ? numbered("joint", j) : log_.joint_names[std::size_t(j)]);
     to_.write("/joint_states", row.log_ns, m);
     if (!torque) to_.write("/joint_currents", row.log_ns, JointCurrents{{s.stamp_ns, ""}, list_of(s.effort)});
   }

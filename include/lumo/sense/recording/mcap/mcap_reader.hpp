@@ -54,7 +54,7 @@ template <ChunkCodec... Codecs> class McapReader {
   /// Throws InputError.
   McapReader(std::unique_ptr<std::istream> in, std::string name, const McapLimits& limits = {})
       : source_(std::move(in), std::move(name)), limits_(limits) {
-    const std::uint64_t size = source_.size();
+    const std::uint64_t size = source_.size_without_padding();
     if (size < mcap_magic.size() || !source_.has_magic(0)) fail(0, "is no MCAP file, which begins with its magic");
     const bool whole = size >= 2 * mcap_magic.size() && source_.has_magic(size - mcap_magic.size());
     try {
@@ -236,6 +236,9 @@ template <ChunkCodec... Codecs> class McapReader {
     McapFields in(*contents, where, 0);
     while (in.rest() > 0) {
       const std::uint64_t begin = in.offset();
+      if (const auto rest = std::span(*contents).subspan(std::size_t(begin));
+          std::all_of(rest.begin(), rest.end(), [](std::uint8_t b) { return b == 0; }))
+        break;  // padded with zeros, which are no records
       const auto opcode = McapOpcode(in.number<std::uint8_t>());
       const auto length = in.number<std::uint64_t>();
       const std::uint64_t inside = in.offset();
@@ -276,7 +279,8 @@ template <ChunkCodec... Codecs> class McapReader {
     std::optional<Bytes> contents;
     try {
       const auto attempt = [&](const auto& codec) {
-        if (!contents && codec.name == compression) contents = codec.decompress(packed, std::size_t(size));
+        const bool is_none = codec.name.empty() && compression == "none";  // as some writers name it
+        if (!contents && (codec.name == compression || is_none)) contents = codec.decompress(packed, std::size_t(size));
       };
       attempt(Uncompressed{});
       std::apply([&](const auto&... codec) { (attempt(codec), ...); }, codecs_);

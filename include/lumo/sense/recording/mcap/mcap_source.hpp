@@ -34,6 +34,24 @@ class McapSource {
     throw InputError(message(where_, "byte ", at, ": ", why));
   }
 
+  /// Without zeros behind the end mark, as they are left where space was allocated beforehand; a file without end mark
+  /// keeps them.
+  std::uint64_t size_without_padding() {
+    constexpr std::uint64_t piece = 1u << 16;
+    for (std::uint64_t end = size_; end > 0;) {
+      const std::uint64_t from = end - std::min(end, piece);
+      const std::vector<std::uint8_t> b = bytes(from, end - from);
+      const auto last = std::find_if(b.rbegin(), b.rend(), [](std::uint8_t v) { return v != 0; });
+      if (last == b.rend()) {
+        end = from;
+        continue;
+      }
+      end -= std::uint64_t(last - b.rbegin());
+      return end >= mcap_magic.size() && has_magic(end - mcap_magic.size()) ? end : size_;
+    }
+    return size_;
+  }
+
   /// Bytes that lie within the file.
   std::vector<std::uint8_t> bytes(std::uint64_t at, std::uint64_t size) {
     std::vector<std::uint8_t> b(static_cast<std::size_t>(size));
