@@ -68,6 +68,8 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <system_error>
 #include <thread>
 #include <tuple>
@@ -582,6 +584,99 @@ class Stopwatch {
 
 #endif
 
+// ---- lumo/core/part.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_PART_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_PART_HPP
+
+namespace lumo {
+
+/// A file or folder that is written beside its place, as `<place>.part-…`, until it is whole. Its writer holds a lock
+/// on it (flock(2)), which the kernel frees when the writer dies, in whichever container: the next one to write the
+/// same removes what the dead have left.
+class Part {
+ public:
+  enum class Kind { file, folder };
+
+  /// A new one that no other writer has; nullopt if it cannot be made: errno says why.
+  static std::optional<Part> make(const std::filesystem::path& place, Kind kind) {
+    for (int tries = 0; tries < 100; ++tries) {  // one that sweep() took for a dead writer's is made again
+      const std::string name = message(place.string(), ".part-", steady_ns(), '-', ::getpid());
+      const int file = kind == Kind::file            ? ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666)
+                       : ::mkdir(name.c_str(), 0777) ? -1
+                                                     : ::open(name.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+      if (file < 0 && errno == EEXIST) continue;
+      if (file < 0) return std::nullopt;
+      ::flock(file, LOCK_EX | LOCK_NB);  // where a file system has no locks nothing is swept
+      struct stat mine = {}, there = {};
+      if (::fstat(file, &mine) == 0 && ::stat(name.c_str(), &there) == 0 && mine.st_ino == there.st_ino)
+        return Part(name, file);
+      ::close(file);
+    }
+    errno = EEXIST;
+    return std::nullopt;
+  }
+  /// Removes what dead writers have left at this place.
+  static void sweep(const std::filesystem::path& place) {
+    namespace fs = std::filesystem;
+    const std::string begin = place.filename().string() + ".part-";
+    std::error_code error;
+    const fs::path folder = place.has_parent_path() ? place.parent_path() : fs::path(".");
+    for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
+      const std::string name = at->path().filename().string();
+      if (!name.starts_with(begin) || name.find_first_not_of("0123456789abcdefx-", begin.size()) != std::string::npos)
+        continue;
+      const int left = ::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+      if (left < 0) continue;
+      std::error_code none;
+      if (::flock(left, LOCK_EX | LOCK_NB) == 0) fs::remove_all(at->path(), none);
+      ::close(left);
+    }
+  }
+
+  Part(Part&& other) noexcept : path_(std::move(other.path_)), file_(std::exchange(other.file_, -1)) {}
+  Part& operator=(Part&& other) noexcept {
+    std::swap(path_, other.path_);
+    std::swap(file_, other.file_);
+    return *this;
+  }
+  /// Removes it, unless it has its name.
+  ~Part() {
+    std::error_code none;
+    if (file_ >= 0 && !path_.empty()) std::filesystem::remove_all(path_, none);
+    if (file_ >= 0) ::close(file_);
+  }
+
+  const std::filesystem::path& path() const { return path_; }
+  /// Writes at the end of a file; errno says why not.
+  bool write(std::string_view bytes) const {
+    while (!bytes.empty()) {
+      const ::ssize_t n = ::write(file_, bytes.data(), bytes.size());
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0) return false;
+      bytes.remove_prefix(std::size_t(n));
+    }
+    return true;
+  }
+  /// Brings it to the disk, but not what is in a folder; errno says why not.
+  bool synchronise() const { return ::fsync(file_) == 0; }
+  /// Gives it its name; what had it is replaced. errno says why not.
+  bool take_name(const std::filesystem::path& name) {
+    if (::rename(path_.c_str(), name.c_str()) != 0) return false;
+    path_.clear();
+    return true;
+  }
+
+ private:
+  Part(std::string path, int file) : path_(std::move(path)), file_(file) {}
+
+  std::filesystem::path path_;
+  int file_ = -1;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/core/files.hpp
 #ifndef SINGLE_INCLUDE_LUMO_CORE_FILES_HPP
 #define SINGLE_INCLUDE_LUMO_CORE_FILES_HPP
@@ -648,24 +743,19 @@ enum class Durability {
   memory  ///< what the system had written by then: for the many pictures of a recording
 };
 
-/// The whole file or none, after a power failure, too: written beside its place under a name that no other writer
-/// takes, brought to the disk, then renamed; an older one is replaced. Throws InputError of one line, and leaves what
-/// was there.
+/// The whole file or none, after a power failure, too: written beside its place as a Part, brought to the disk, then
+/// renamed; an older one is replaced. Throws InputError of one line, and leaves what was there.
 inline void write_whole(const std::string& path, std::string_view bytes, Durability durability = Durability::disk) {
-  // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
-  const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
-  errno = 0;
-  std::ofstream out(part, std::ios::binary);
-  out.write(bytes.data(), std::streamsize(bytes.size()));
-  out.close();
   const bool durable = durability == Durability::disk;
-  if (out && (!durable || synchronise(part)) && std::rename(part.c_str(), path.c_str()) == 0) {
+  if (durable) Part::sweep(path);
+  errno = 0;
+  std::optional<Part> part = Part::make(path, Part::Kind::file);
+  if (part && part->write(bytes) && (!durable || part->synchronise()) && part->take_name(path)) {
     if (durable) synchronise(std::filesystem::absolute(path).parent_path().string());  // the name must last as well
     return;
   }
-  const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
-  std::remove(part.c_str());
-  throw InputError(message(path, ": cannot be written: ", why));
+  throw InputError(message(
+      path, ": cannot be written: ", std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message()));
 }
 
 }  // namespace lumo
@@ -20356,6 +20446,7 @@ struct KnownResult {
   Design x;
   std::vector<double> outputs;  ///< in their own units and sense
   std::vector<double> errors;   ///< standard errors of the outputs; empty: not known
+  bool stands = true;  ///< in the front, if it lies inside the space; what cannot be compared only informs the models
 };
 
 /// Whether observations carry noise: then a front is of the models' means, not of the values that were reported.
@@ -21297,6 +21388,10 @@ class Trials {
     if ((r.errors.array() == 0.0).all()) r.errors.resize(0, 0);
     return r;
   }
+  /// Does the front count the result of this design?
+  bool stands(int id, const Design& x) const {
+    return problem_.space.encloses(x) && (id >= 0 || problem_.known[std::size_t(-1 - id)].stands);
+  }
   /// Results before the first that a model chose.
   std::size_t result_starts() const {
     std::size_t count = problem_.known.size();
@@ -21437,7 +21532,7 @@ template <Reduction R> Eigen::MatrixXd objectives_of(const R& reduction, const P
 
 /// The designs that no other dominates, from the best in the first objective on, and what they are worth. Where there
 /// is noise (Problem::noise), values are the models' means; else they are those that were reported, as those of
-/// outliers always are. Known results inside the space count.
+/// outliers always are. Known results inside the space count if they stand (KnownResult).
 struct Standing {
   std::vector<Outcome> front;
   double hypervolume = 0.0;                ///< that the front dominates above the reference point
@@ -21460,7 +21555,7 @@ template <CovarianceKernel Kernel, Reduction R> class Beliefs {
     for (std::size_t i = 0; i < r.ids.size(); ++i) {
       const auto column = r.x.col(Eigen::Index(i));
       const Design x(column.data(), column.data() + column.size());
-      if (problem().space.encloses(x) && (!any_noise() || seen.insert(x).second)) kept.push_back(Eigen::Index(i));
+      if (trials.stands(r.ids[i], x) && (!any_noise() || seen.insert(x).second)) kept.push_back(Eigen::Index(i));
     }
     for (const Eigen::Index i : kept) {
       ids_.push_back(r.ids[std::size_t(i)]);
@@ -21483,16 +21578,28 @@ template <CovarianceKernel Kernel, Reduction R> class Beliefs {
   /// Do the models know the design? They do not know outliers.
   bool modelled(std::size_t design) const { return known_to_models_[design]; }
 
+  /// Every design with its objectives in their own units and sense. Deviations are there where objectives are single
+  /// outputs and one is noisy; of a reported value 0.
+  std::vector<Outcome> outcomes() const {
+    std::vector<Outcome> out;
+    for (Eigen::Index i = 0; i < objectives_.cols(); ++i) out.push_back(outcome(i));
+    if (!any_noise() || !reduction_.identity()) return out;
+    for (Eigen::Index j = 0; j < objectives_.rows(); ++j) {
+      Eigen::VectorXd deviations = Eigen::VectorXd::Zero(x_.cols());
+      if (noisy_[std::size_t(j)])
+        deviations = scale_[j] * (*models_)[std::size_t(j)].predict(x_).variance.array().max(0.0).sqrt().matrix();
+      for (std::size_t i = 0; i < out.size(); ++i)
+        out[i].deviations.push_back(modelled(i) ? deviations[Eigen::Index(i)] : 0.0);
+    }
+    return out;
+  }
+
   Standing standing() const {
     Standing out;
     for (std::size_t j = 0; j < noisy_.size(); ++j)
       if (noisy_[j]) out.modelled.push_back(problem().objectives[j].name);
     const std::vector<Eigen::Index> front = pareto_front(objectives_);
-    for (const Eigen::Index i : front) {
-      out.front.push_back({ids_[std::size_t(i)], {}, {}});
-      for (Eigen::Index j = 0; j < objectives_.rows(); ++j)
-        out.front.back().objectives.push_back(objective(int(j)).signed_value(objectives_(j, i)));
-    }
+    for (const Eigen::Index i : front) out.front.push_back(outcome(i));
     const HypervolumeEstimate volume = volume_of(objectives_, 512);
     constexpr double of_90_percent = 1.645;
     out.hypervolume = volume.value;
@@ -21505,6 +21612,12 @@ template <CovarianceKernel Kernel, Reduction R> class Beliefs {
  private:
   const Problem& problem() const { return trials_->problem(); }
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
+  Outcome outcome(Eigen::Index i) const {
+    Outcome o{ids_[std::size_t(i)], {}, {}};
+    for (Eigen::Index j = 0; j < objectives_.rows(); ++j)
+      o.objectives.push_back(objective(int(j)).signed_value(objectives_(j, i)));
+    return o;
+  }
 
   // An objective is noisy if that was said of one of its outputs, or the data are e³ times likelier with noise: without
   // any, Branin's and Currin's functions give e⁰, with that of a public tutorial (a fourth of their spread) e²⁰ at
@@ -21675,6 +21788,8 @@ class Optimizer {
   /// The designs that no other dominates, and what they are worth.
   Standing standing() const { return beliefs().standing(); }
   std::vector<Outcome> front() const { return standing().front; }
+  /// All designs that may stand there, with what is believed of them: known results, then trials by id.
+  std::vector<Outcome> believed() const { return beliefs().outcomes(); }
   double hypervolume() const { return standing().hypervolume; }
 
   /// A value that lies absurdly far from the others of its objective. The models of values do without its trial; to the
@@ -21804,7 +21919,7 @@ class Optimizer {
     const Trials::Results r = trials_.results();
     std::vector<Eigen::Index> kept;
     for (const Eigen::Index i : inliers())
-      if (problem().space.encloses(design(r, i))) kept.push_back(i);
+      if (trials_.stands(r.ids[std::size_t(i)], design(r, i))) kept.push_back(i);
     std::vector<Design> standing;
     for (const Eigen::Index i : pareto_front(objectives_of(config_.reduction, problem(), r.outputs(Eigen::all, kept))))
       if (const Design x = design(r, kept[std::size_t(i)]); problem().space.contains(x)) standing.push_back(x);
@@ -21837,11 +21952,16 @@ class Optimizer {
   static Design design(const Trials::Results& r, Eigen::Index i) {
     return {r.x.col(i).data(), r.x.col(i).data() + r.x.rows()};
   }
-  /// Evidence of designs inside the space: results outside inform the models, but nothing has to be better than they.
+  /// Evidence of designs that may stand in the front: all others inform the models, but nothing has to be better than
+  /// they.
   Evidence inside(Evidence e) const {
+    const std::vector<int> ids = trials_.results().ids;
+    const std::vector<Eigen::Index> columns = inliers();
     std::vector<Eigen::Index> kept;
     for (Eigen::Index i = 0; i < e.x.cols(); ++i)
-      if (problem().space.encloses(Design(e.x.col(i).data(), e.x.col(i).data() + e.x.rows()))) kept.push_back(i);
+      if (trials_.stands(
+              ids[std::size_t(columns[std::size_t(i)])], Design(e.x.col(i).data(), e.x.col(i).data() + e.x.rows())))
+        kept.push_back(i);
     if (Eigen::Index(kept.size()) == e.x.cols()) return e;
     e.x = Eigen::MatrixXd(e.x(Eigen::all, kept));
     e.outputs = Eigen::MatrixXd(e.outputs(Eigen::all, kept));
@@ -22006,11 +22126,13 @@ class MemoryJournal {
 
 static_assert(Store<MemoryJournal>);
 
-/// A trial in a journal: "<id> <design>" (ask), "<id> <outputs>" (tell) or "<id> retry|final <why>" (fail).
+/// A trial in a journal: "<id> <design>" (ask), "<id> <outputs>" or "<id> <outputs> +- <their standard errors>" (tell),
+/// or "<id> retry|final <why>" (fail).
 struct TrialEntry {
   JournalEntry::Kind kind = JournalEntry::Kind::ask;
   int id = 0;
   std::vector<double> values;  ///< the design, or its outputs
+  std::vector<double> errors;  ///< standard errors of the outputs; empty: not known
   bool retry = false;
   std::string why;
 };
@@ -22023,8 +22145,11 @@ inline JournalEntry trial_entry(JournalEntry::Kind kind, int id, const std::vect
 inline JournalEntry ask_entry(int id, const std::vector<double>& design) {
   return trial_entry(JournalEntry::Kind::ask, id, design);
 }
-inline JournalEntry tell_entry(int id, const std::vector<double>& outputs) {
-  return trial_entry(JournalEntry::Kind::tell, id, outputs);
+inline JournalEntry tell_entry(int id, const std::vector<double>& outputs, const std::vector<double>& errors = {}) {
+  JournalEntry e = trial_entry(JournalEntry::Kind::tell, id, outputs);
+  if (!errors.empty()) e.content += " +-";
+  for (const double v : errors) e.content += ' ' + exact(v);
+  return e;
 }
 inline JournalEntry fail_entry(int id, bool retry, const std::string& why) {
   return {0, JournalEntry::Kind::fail, std::to_string(id) + (retry ? " retry " : " final ") + why, "", ""};
@@ -22053,7 +22178,13 @@ inline TrialEntry parse_trial(const JournalEntry& entry) {
     t.why = rest.substr(std::string_view("retry ").size());
     return t;
   }
-  while (!rest.empty()) read(t.values.emplace_back());
+  constexpr std::string_view and_errors = "+- ";
+  while (!rest.empty() && !rest.starts_with(and_errors)) read(t.values.emplace_back());
+  if (rest.empty()) return t;
+  if (entry.kind != JournalEntry::Kind::tell) refuse();
+  rest.remove_prefix(and_errors.size());
+  do read(t.errors.emplace_back());
+  while (!rest.empty());
   return t;
 }
 
@@ -22104,11 +22235,12 @@ namespace lumo {
 
 /// The result of one evaluation.
 struct TrialResult {
-  std::vector<double> outputs;  ///< empty: it failed
-  bool retry = false;           ///< failed for a reason of the machine, not of the design
-  std::string why;              ///< stage and scenario of the failure
-  std::string record;           ///< the whole result, the same in every run
-  std::string notes;            ///< what may differ in another run: times, machine
+  std::vector<double> outputs;      ///< empty: it failed
+  bool retry = false;               ///< failed for a reason of the machine, not of the design
+  std::string why;                  ///< stage and scenario of the failure
+  std::string record;               ///< the whole result, the same in every run
+  std::string notes;                ///< what may differ in another run: times, machine
+  std::vector<double> errors = {};  ///< standard errors of the outputs; empty: not known
 };
 
 /// More evaluations failed than a campaign can stand.
@@ -22135,7 +22267,7 @@ template <class O> class CampaignState {
           answered_.emplace_back();
           continue;
         }
-        if (t.kind == JournalEntry::Kind::tell) optimizer_.tell(t.id, t.values);
+        if (t.kind == JournalEntry::Kind::tell) optimizer_.tell(t.id, t.values, t.errors);
         else optimizer_.fail(t.id, t.retry, t.why);
         answered_[std::size_t(t.id)] = e.number;
       } catch (const StoreError&) {
@@ -22240,12 +22372,13 @@ template <Store S, class O> std::optional<JournalEntry> next_entry(
   return std::nullopt;
 }
 
-/// Outputs that the optimiser does not take (too few, too many, not finite) are a failure of the design: as an answer
-/// they would end the journal.
+/// Outputs or errors that the optimiser does not take (too few, too many, not finite) are a failure of the design: as
+/// an answer they would end the journal. A search that is to know of no noise keeps no errors.
 template <class O> TrialResult acceptable(O probe, int id, TrialResult result) {
+  if (probe.problem().noise == Noise::none) result.errors.clear();
   if (result.outputs.empty()) return result;
   try {
-    probe.tell(id, result.outputs);
+    probe.tell(id, result.outputs, result.errors);
   } catch (const InvalidArgument& e) {
     result.outputs.clear();
     result.retry = false;
@@ -22256,7 +22389,8 @@ template <class O> TrialResult acceptable(O probe, int id, TrialResult result) {
 
 /// An evaluation as the entry that answers its trial.
 inline JournalEntry answer_entry(int id, const TrialResult& result) {
-  JournalEntry e = result.outputs.empty() ? fail_entry(id, result.retry, result.why) : tell_entry(id, result.outputs);
+  JournalEntry e =
+      result.outputs.empty() ? fail_entry(id, result.retry, result.why) : tell_entry(id, result.outputs, result.errors);
   e.record = result.record;
   e.notes = result.notes;
   return e;
@@ -22266,7 +22400,7 @@ inline JournalEntry answer_entry(int id, const TrialResult& result) {
 inline std::optional<std::pair<int, TrialResult>> answer_in(const JournalEntry& e) {
   const TrialEntry t = parse_trial(e);
   if (t.kind == JournalEntry::Kind::ask) return std::nullopt;
-  return std::pair(t.id, TrialResult{t.values, t.retry, t.why, e.record, e.notes});
+  return std::pair(t.id, TrialResult{t.values, t.retry, t.why, e.record, e.notes, t.errors});
 }
 
 /// May next_entry() have one? Without a look at the models.
@@ -22421,7 +22555,10 @@ inline bool is_machine_limit(const MeshError& e) {
 inline TrialResult trial_result(const Evaluation& e, bool accept_held = false) {
   TrialResult result;
   result.why = failure_of(e, accept_held);
-  if (result.why.empty()) result.outputs = {e.J_contact->value, e.J_obs->value};
+  if (result.why.empty()) {
+    result.outputs = {e.J_contact->value, e.J_obs->value};
+    result.errors = {e.J_contact->error, e.J_obs->error};
+  }
   result.retry = is_machine_limit(e.observations.scenarios);
   return result;
 }
@@ -22482,9 +22619,9 @@ struct SeedStudy {
 };
 
 /// The choice of a search with each seed, if the objectives were the posterior means of Gaussian processes of the
-/// observed trials: how much of the choice is the search's luck. Both objectives are maximised, reference (0, 0).
-/// `make_optimizer(problem)` gives a fresh optimiser; `watch()` is called after each search, from any thread. nullopt
-/// for a search that found no choice. Throws InvalidArgument for fewer than two observed trials.
+/// observed trials and their errors: how much of the choice is the search's luck. Both objectives are maximised,
+/// reference (0, 0). `make_optimizer(problem)` gives a fresh optimiser; `watch()` is called after each search, from any
+/// thread. nullopt for a search that found no choice. Throws InvalidArgument for fewer than two observed trials.
 template <class MakeOptimizer, Executor E, class Watch>
 std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, const std::vector<Trial>& trials,
     const SeedStudy& study, const MakeOptimizer& make_optimizer, const E& executor, const Watch& watch) {
@@ -22500,11 +22637,17 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, co
     data.lower[i] = problem.space.variables[std::size_t(i)].lower;
     data.upper[i] = problem.space.variables[std::size_t(i)].upper;
   }
+  const bool errors = problem.noise != Noise::none && std::any_of(observed.begin(), observed.end(), [](const Trial* t) {
+    return std::any_of(t->errors.begin(), t->errors.end(), [](double e) { return e > 0.0; });
+  });
   std::vector<GaussianProcess<>> models;
   for (std::size_t k = 0; k < problem.objectives.size(); ++k) {
+    if (errors) data.errors.setZero(n);
     for (Eigen::Index j = 0; j < n; ++j) {
-      data.x.col(j) = Eigen::Map<const Eigen::VectorXd>(observed[std::size_t(j)]->x.data(), d);
-      data.y[j] = observed[std::size_t(j)]->outputs[k];
+      const Trial& t = *observed[std::size_t(j)];
+      data.x.col(j) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), d);
+      data.y[j] = t.outputs[k];
+      if (errors && !t.errors.empty()) data.errors[j] = t.errors[k];
     }
     models.push_back(GaussianProcess<>::fit(data));
   }
@@ -22591,6 +22734,7 @@ inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_
   p.sobol = study_points;
   p.evaluations = designs;
   p.seed = seed;
+  p.noise = Noise::none;  // no model learns from them
   return p;
 }
 

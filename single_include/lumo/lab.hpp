@@ -49,6 +49,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <initializer_list>
 #include <istream>
 #include <iterator>
 #include <limits>
@@ -65,6 +66,8 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <system_error>
 #include <thread>
 #include <tuple>
@@ -2206,6 +2209,110 @@ class TimeSeries {
 
 #endif
 
+// ---- lumo/sense/recording/joint_names.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_NAMES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_NAMES_HPP
+
+namespace lumo::sense {
+
+/// "base, tip", as messages show them.
+inline std::string joint_list(const std::vector<std::string>& names) {
+  return listing(names, [](const std::string& n) { return printable(n); });
+}
+
+/// A name of digits only: a joint's number.
+inline bool is_joint_number(std::string_view name) {
+  return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) { return c >= '0' && c <= '9'; });
+}
+
+/// Whether columns of a table can carry these names: none is empty, a number, or there twice, and none holds what
+/// divides a table or ends a line.
+inline bool are_column_names(const std::vector<std::string>& names) {
+  constexpr std::size_t longest = 200;
+  const auto plain = [](const std::string& n) {
+    return !n.empty() && n.size() <= longest && !is_joint_number(n) && n.front() != ' ' && n.back() != ' ' &&
+           std::none_of(n.begin(), n.end(),
+               [](char c) { return c == ',' || c == ';' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  };
+  for (std::size_t i = 0; i < names.size(); ++i)
+    if (!plain(names[i]) ||
+        std::find(names.begin(), names.begin() + std::ptrdiff_t(i), names[i]) != names.begin() + std::ptrdiff_t(i))
+      return false;
+  return true;
+}
+
+/// Place of each wanted name among those that are there. Throws InputError, with `where` before it, for one that is
+/// not.
+inline std::vector<std::size_t> places_of(
+    const std::vector<std::string>& wanted, const std::vector<std::string>& there, const std::string& where) {
+  std::vector<std::size_t> places;
+  for (const std::string& name : wanted) {
+    const auto at = std::find(there.begin(), there.end(), name);
+    if (at == there.end())
+      throw InputError(message(where, ": has no joint '", printable(name), "', but ", joint_list(there)));
+    places.push_back(std::size_t(at - there.begin()));
+  }
+  return places;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/recording/sensor_axes.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SENSOR_AXES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SENSOR_AXES_HPP
+
+namespace lumo::sense {
+
+/// How a force sensor is mounted: along the finger's x, y and z lie these axes of the sensor, each with a sign. All
+/// three reversed: the sensor reports the force of the finger on the object.
+struct SensorAxes {
+  std::array<int, 3> axis{1, 2, 3};  ///< ±1: the sensor's x, ±2: y, ±3: z; each once
+  bool operator==(const SensorAxes&) const = default;
+
+  /// A force or torque of the sensor, in the finger's frame.
+  Vec3d turned(const Vec3d& of_sensor) const {
+    Vec3d v;
+    for (int k = 0; k < 3; ++k) {
+      const int a = axis[std::size_t(k)];
+      v[k] = a < 0 ? -of_sensor[-a - 1] : of_sensor[a - 1];
+    }
+    return v;
+  }
+};
+
+/// "x", "-y" …, one for each axis of the finger.
+inline std::vector<std::string> names_of(const SensorAxes& axes) {
+  std::vector<std::string> names;
+  for (const int a : axes.axis) names.push_back(std::string(a < 0 ? "-" : "") + "xyz"[std::size_t(a < 0 ? -a : a) - 1]);
+  return names;
+}
+
+/// Reads them. Throws InvalidArgument.
+inline SensorAxes sensor_axes(const std::vector<std::string>& names) {
+  SensorAxes axes;
+  std::array<int, 3> seen{};
+  for (std::size_t k = 0; k < names.size() && k < 3; ++k) {
+    std::string_view name = names[k];
+    const bool reversed = name.starts_with('-');
+    if (reversed || name.starts_with('+')) name.remove_prefix(1);
+    const std::size_t at = name.size() == 1 ? std::string_view("xyz").find(name[0]) : std::string_view::npos;
+    if (at == std::string_view::npos) break;
+    ++seen[at];
+    axes.axis[k] = reversed ? -int(at) - 1 : int(at) + 1;
+  }
+  if (names.size() != 3 || seen != std::array{1, 1, 1})
+    throw InvalidArgument("axes of the force sensor are '" + listing(names, [](const std::string& n) {
+      return printable(n);
+    }) + "', must be x, y and z, each once and with or without a minus, such as x, -y, -z");
+  return axes;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/recording/session.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
@@ -2318,9 +2425,12 @@ struct Session {
   /// From each joint's axis to the next one's, along the finger; empty: one joint.
   std::vector<double> joint_to_joint_m;
   std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
-  double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
-  ClockMap joint_clock, wrench_clock;                 ///< onto the frames' clock
-  std::vector<SessionLink> links;                     ///< of a hand; empty for one finger
+  /// The finger's joints from the base to the tip, by the names that joint.csv or a bag has; empty: all, as they stand.
+  std::vector<std::string> joint_names;
+  double frame_delay_s = 0.0, joint_delay_s = 0.0;  ///< from the event to the stamp
+  ClockMap joint_clock, wrench_clock;               ///< onto the frames' clock
+  SensorAxes wrench_axes;          ///< how the wrenches are to be turned; those of a Recording that was read are turned
+  std::vector<SessionLink> links;  ///< of a hand; empty for one finger
   std::vector<Segment> segments;
 };
 
@@ -2368,6 +2478,11 @@ class SessionCheck {
         message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
     for (const double l : s.joint_to_joint_m)
       require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
+    require(s.joint_names.size() <= std::size_t(max_joints) &&
+                (s.joint_names.empty() || are_column_names(s.joint_names) ||
+                    std::all_of(s.joint_names.begin(), s.joint_names.end(), is_joint_number)),
+        message("joint names are ", joint_list(s.joint_names), ", must be at most ", max_joints,
+            ", each once, without commas, semicolons and quotes"));
     for (const double k : s.torque_constant_Nm_per_A)
       require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
           message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
@@ -2734,6 +2849,11 @@ class CsvReader {
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
     return v;
   }
+  /// Whether a field is empty or says that there is no number: nan, NaN, null.
+  bool is_blank(int column) const {
+    const std::string_view f = text(column);
+    return f.empty() || f == "nan" || f == "NaN" || f == "NAN" || f == "-nan" || f == "null";
+  }
   std::int64_t integer(int column) const {
     const std::string_view f = text(column);
     std::int64_t v = 0;
@@ -3006,16 +3126,17 @@ inline constexpr std::size_t log_streams = 5;
 
 /// What was found of a stream as it was read.
 struct StreamReading {
-  /// Up to this share of the rows is left out for their stamps; beyond, the stream is faulty.
+  /// Up to this share of the rows is left out for their stamps or gaps; beyond, the stream is faulty.
   static constexpr double most_left_out = 0.05;
 
-  std::string fault;         ///< why the stream is empty although the log has it; empty: no fault
-  std::size_t rows = 0;      ///< that the log has
-  std::size_t repeated = 0;  ///< of them left out: they have the stamp of another one
-  std::size_t backward = 0;  ///< and those whose stamps are against the order of the others
+  std::string fault;           ///< why the stream is empty although the log has it; empty: no fault
+  std::size_t rows = 0;        ///< that the log has
+  std::size_t repeated = 0;    ///< of them left out: they have the stamp of another one
+  std::size_t backward = 0;    ///< and those whose stamps are against the order of the others
+  std::size_t incomplete = 0;  ///< and those that lack a number which is needed
   bool operator==(const StreamReading&) const = default;
 
-  std::size_t left_out() const { return repeated + backward; }
+  std::size_t left_out() const { return repeated + backward + incomplete; }
   bool is_beyond_limit() const { return double(left_out()) > most_left_out * double(rows); }
 };
 
@@ -3127,7 +3248,8 @@ namespace lumo::sense {
 // - session.json: circumstances of the log (read by support/json.hpp)
 // - frames.csv: file (a path below frames/), exposure_s, gain; beside a video.* it has no column file
 // - frames/: 8-bit images, colour or grey
-// - joint.csv: position_rad_0, velocity_rad_per_s_0, current_A_0 or torque_Nm_0, position_rad_1, …
+// - joint.csv: position_rad_0, velocity_rad_per_s_0, current_A_0 or torque_Nm_0, position_rad_1, …; joints may have
+//   names in place of numbers
 // - wrench.csv: force_x_N, force_y_N, force_z_N, and torque_x_Nm, torque_y_Nm, torque_z_Nm or none of the three
 // - marker.csv: displacement_m
 // - photodiode.csv: signal_V_0, signal_V_1, …
@@ -3188,15 +3310,33 @@ class StampColumn {
     if (reading_ != nullptr) all_.push_back(stamp);
     return stamp;
   }
-  /// To be called with all rows: leaves out those whose stamps do not ascend. Throws InputError for too many.
+  /// The row that was read last lacks a number: it is left out, too. Throws InputError where such a row is an error.
+  void leave_out(const CsvReader& csv, int column) {
+    if (reading_ == nullptr) csv.fail(column, "is no finite number");
+    if (incomplete_++ == 0) {
+      try {
+        csv.fail(column, "is no finite number");
+      } catch (const InputError& e) {
+        incomplete_fault_ = e.what();
+      }
+    }
+    all_.pop_back();
+  }
+  /// To be called with all rows but those left out: leaves out those whose stamps do not ascend, too. Throws InputError
+  /// for too many.
   template <class Row> void finish(const CsvReader& csv, std::vector<Row>& rows) {
     if (reading_ == nullptr) return;
     const AscendingRows ascending = ascending_rows(all_);
     *reading_ = ascending.reading;
+    reading_->rows += incomplete_;
+    reading_->incomplete = incomplete_;
+    const std::string at_most =
+        message(" of ", reading_->rows, " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out");
     if (reading_->is_beyond_limit())
-      throw InputError(message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
-          " does not exceed the stamp before it, and so do ", reading_->left_out(), " of ", reading_->rows,
-          " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
+      throw InputError(reading_->incomplete > 0
+                           ? message(incomplete_fault_, ", as are some of ", reading_->left_out(), at_most)
+                           : message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
+                                 " does not exceed the stamp before it, and so do ", reading_->left_out(), at_most));
     keep_rows(rows, ascending.kept);
   }
 
@@ -3207,6 +3347,8 @@ class StampColumn {
   std::optional<std::int64_t> last_;
   std::optional<long> backward_line_;
   std::vector<std::int64_t> all_;
+  std::size_t incomplete_ = 0;
+  std::string incomplete_fault_;
 };
 
 /// A path below a log's frames/ that a table can hold.
@@ -3230,6 +3372,9 @@ inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s
 
 /// Column of a name with a joint's (diode's) number behind it.
 inline std::string numbered(const char* name, int i) { return std::string(name) + '_' + std::to_string(i); }
+
+/// Column of a quantity with a joint's name behind it.
+inline std::string named(const char* name, const std::string& joint) { return std::string(name) + '_' + joint; }
 
 /// Opens a file for reading. Throws InputError.
 inline std::ifstream open_text(const std::string& path) {
@@ -3264,45 +3409,115 @@ inline std::vector<FrameRecord> read_frame_log(
   return list;
 }
 
-/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque. Without
-/// columns for velocities these follow from the positions.
-inline std::vector<JointSample> read_joint_log(
-    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
+/// The samples of a joint.csv, and what its joints are called.
+struct JointTable {
+  std::vector<std::string> names;  ///< of the samples' joints, in their order; empty: they are numbered
+  std::vector<JointSample> samples;
+};
+
+namespace detail {
+
+/// Columns of a joint.csv: which joint stands where.
+struct JointColumns {
+  std::vector<int> position, velocity, effort;  ///< of each joint that is read; velocity −1: there is none
+  Effort unit = Effort::torque_Nm;
+};
+
+/// What stands behind "position_rad_" in the columns' names, in their order.
+inline std::vector<std::string> joints_of(const CsvReader& csv) {
+  constexpr std::string_view quantity = "position_rad_";
+  std::vector<std::string> names;
+  for (const std::string& c : csv.columns())
+    if (c.starts_with(quantity)) names.push_back(c.substr(quantity.size()));
+  return names;
+}
+
+/// Numbers of joints from 0 without gaps, in their order; empty for joints that have names.
+inline std::vector<std::string> numbered_joints(const CsvReader& csv) {
+  std::vector<std::string> numbers;
+  const std::vector<std::string> all = joints_of(csv);
+  if (!std::all_of(all.begin(), all.end(), is_joint_number)) return numbers;
+  while (numbers.size() < std::size_t(max_joints) && csv.find(numbered("position_rad", int(numbers.size()))) >= 0)
+    numbers.push_back(std::to_string(numbers.size()));
+  if (numbers.empty()) csv.require("position_rad_0");
+  return numbers;
+}
+
+inline JointColumns joint_columns(const CsvReader& csv, const std::vector<std::string>& joints, bool all) {
+  JointColumns c;
+  c.unit = csv.find(named("current_A", joints.front())) >= 0 ? Effort::current_A : Effort::torque_Nm;
+  const char* const effort = c.unit == Effort::current_A ? "current_A" : "torque_Nm";
+  const bool velocities = csv.find(named("velocity_rad_per_s", joints.front())) >= 0;
+  for (const std::string& joint : joints) {
+    c.position.push_back(csv.require(named("position_rad", joint)));
+    c.velocity.push_back(velocities ? csv.require(named("velocity_rad_per_s", joint)) : -1);
+    c.effort.push_back(csv.require(named(effort, joint)));
+  }
+  const std::vector<std::string> others = all ? std::vector<std::string>() : joints_of(csv);
+  csv.require_known([&](std::string_view column) {
+    const auto is_of = [&](const std::vector<std::string>& some, std::initializer_list<const char*> quantities) {
+      return std::any_of(some.begin(), some.end(), [&](const std::string& joint) {
+        return std::any_of(
+            quantities.begin(), quantities.end(), [&](const char* q) { return column == named(q, joint); });
+      });
+    };
+    return is_time(column) || is_of(joints, {"position_rad", "velocity_rad_per_s", effort}) ||
+           is_of(others, {"position_rad", "velocity_rad_per_s", "current_A", "torque_Nm"});
+  });
+  return c;
+}
+
+}  // namespace detail
+
+/// Reads joint.csv. Joints are numbered from 0 without gaps, or have names; all have a current or all a torque. Of
+/// `wanted` joints these are read, in this order, and others need not even have numbers; numbered joints of as many
+/// are taken to have these names. Without columns for velocities, or in rows where one is empty or NaN, velocities
+/// follow from the positions. A row without a position or an effort is left out as one whose stamp does not ascend.
+inline JointTable read_joint_table(std::istream& in, const std::string& name, StreamReading* reading = nullptr,
+    const std::vector<std::string>& wanted = {}) {
   CsvReader csv(in, name);
   StampColumn stamp(csv, reading);
-  int joints = 0;
-  while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
-  if (joints == 0) csv.require("position_rad_0");
-  const Effort unit = csv.find("current_A_0") >= 0 ? Effort::current_A : Effort::torque_Nm;
-  const char* effort_name = unit == Effort::current_A ? "current_A" : "torque_Nm";
-  std::vector<int> position, velocity, effort;
-  for (int j = 0; j < joints; ++j) {
-    position.push_back(csv.require(numbered("position_rad", j)));
-    velocity.push_back(
-        csv.find(numbered("velocity_rad_per_s", 0)) < 0 ? -1 : csv.require(numbered("velocity_rad_per_s", j)));
-    effort.push_back(csv.require(numbered(effort_name, j)));
-  }
-  csv.require_known([&](std::string_view c) {
-    bool known = is_time(c);
-    for (int j = 0; j < joints; ++j)
-      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name})
-        known = known || c == numbered(column, j);
-    return known;
-  });
-  std::vector<JointSample> list;
+  JointTable table;
+  const std::vector<std::string> there = detail::joints_of(csv), numbers = detail::numbered_joints(csv);
+  const bool has_names = numbers.empty(),
+             chosen = !wanted.empty() && (has_names || std::all_of(wanted.begin(), wanted.end(), is_joint_number));
+  if (chosen) places_of(wanted, there, name + ":1");
+  if (!chosen && !wanted.empty() && wanted.size() != numbers.size())
+    throw InputError(message(name, ":1: has ", numbers.size(), " joints by numbers, chosen by name are ", wanted.size(),
+        ", ", joint_list(wanted)));
+  table.names = !wanted.empty() ? wanted : has_names ? there : std::vector<std::string>();
+  const std::vector<std::string>& joints = chosen ? wanted : has_names ? there : numbers;
+  if (joints.size() > std::size_t(max_joints))
+    throw InputError(message(name, ":1: has ", joints.size(), " joints, must have 1 to ", max_joints));
+  const detail::JointColumns column = detail::joint_columns(csv, joints, !chosen);
+  const auto n = Eigen::Index(joints.size());
   while (csv.next()) {
-    JointSample s{
-        stamp.read(csv), JointVector(joints), JointVector(velocity[0] < 0 ? 0 : joints), JointVector(joints), unit};
-    for (int j = 0; j < joints; ++j) {
-      s.position_rad[j] = csv.number(position[std::size_t(j)]);
-      if (velocity[0] >= 0) s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
-      s.effort[j] = csv.number(effort[std::size_t(j)]);
+    JointSample s{stamp.read(csv), JointVector(n), JointVector(n), JointVector(n), column.unit};
+    bool whole = true, with_velocity = column.velocity[0] >= 0;
+    for (std::size_t j = 0; j < joints.size() && whole; ++j) {
+      for (const int c : {column.position[j], column.effort[j]})
+        if (whole && csv.is_blank(c)) {
+          stamp.leave_out(csv, c);
+          whole = false;
+        }
+      if (!whole) break;
+      s.position_rad[Eigen::Index(j)] = csv.number(column.position[j]);
+      s.effort[Eigen::Index(j)] = csv.number(column.effort[j]);
+      with_velocity = with_velocity && !csv.is_blank(column.velocity[j]);
+      if (with_velocity) s.velocity_rad_per_s[Eigen::Index(j)] = csv.number(column.velocity[j]);
     }
-    list.push_back(std::move(s));
+    if (!with_velocity) s.velocity_rad_per_s.resize(0);
+    if (whole) table.samples.push_back(std::move(s));
   }
-  stamp.finish(csv, list);
-  find_velocities(list);
-  return list;
+  stamp.finish(csv, table.samples);
+  find_velocities(table.samples);
+  return table;
+}
+
+/// Its samples alone.
+inline std::vector<JointSample> read_joint_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
+  return read_joint_table(in, name, reading).samples;
 }
 
 /// Reads wrench.csv; torques may be absent altogether.
@@ -3393,13 +3608,19 @@ inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std
          csv_number(f.gain) + '\n';
 }
 
-inline std::string joint_header(int joints, Effort unit) {
+inline std::string joint_header(const std::vector<std::string>& joints, Effort unit) {
   std::string t = "stamp_ns";
-  for (int j = 0; j < joints; ++j)
+  for (const std::string& joint : joints)
     for (const char* column :
         {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
-      t += ',' + numbered(column, j);
+      t += ',' + named(column, joint);
   return t + '\n';
+}
+
+inline std::string joint_header(int joints, Effort unit) {
+  std::vector<std::string> numbers;
+  for (int j = 0; j < joints; ++j) numbers.push_back(std::to_string(j));
+  return joint_header(numbers, unit);
 }
 
 inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
@@ -3419,11 +3640,15 @@ inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool v
   return t;
 }
 
-inline std::string joint_log_text(const std::vector<JointSample>& samples) {
+/// `names`: of the joints; empty: they are numbered.
+inline std::string joint_log_text(const std::vector<JointSample>& samples, const std::vector<std::string>& names = {}) {
   if (samples.empty()) return joint_header(1, Effort::current_A);
   const auto joints = samples.front().effort.size();
   const Effort unit = samples.front().unit;
-  std::string t = joint_header(int(joints), unit);
+  if (!names.empty() && (names.size() != std::size_t(joints) || !are_column_names(names)))
+    throw InvalidArgument(
+        message("joint log: ", joints, " joints cannot have columns of the names ", joint_list(names)));
+  std::string t = names.empty() ? joint_header(int(joints), unit) : joint_header(names, unit);
   std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints ||
@@ -14482,6 +14707,99 @@ template <class P, Executor E> PadResponses observe_pad(const Body& body, const 
 
 #endif
 
+// ---- lumo/core/part.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_PART_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_PART_HPP
+
+namespace lumo {
+
+/// A file or folder that is written beside its place, as `<place>.part-…`, until it is whole. Its writer holds a lock
+/// on it (flock(2)), which the kernel frees when the writer dies, in whichever container: the next one to write the
+/// same removes what the dead have left.
+class Part {
+ public:
+  enum class Kind { file, folder };
+
+  /// A new one that no other writer has; nullopt if it cannot be made: errno says why.
+  static std::optional<Part> make(const std::filesystem::path& place, Kind kind) {
+    for (int tries = 0; tries < 100; ++tries) {  // one that sweep() took for a dead writer's is made again
+      const std::string name = message(place.string(), ".part-", steady_ns(), '-', ::getpid());
+      const int file = kind == Kind::file            ? ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666)
+                       : ::mkdir(name.c_str(), 0777) ? -1
+                                                     : ::open(name.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+      if (file < 0 && errno == EEXIST) continue;
+      if (file < 0) return std::nullopt;
+      ::flock(file, LOCK_EX | LOCK_NB);  // where a file system has no locks nothing is swept
+      struct stat mine = {}, there = {};
+      if (::fstat(file, &mine) == 0 && ::stat(name.c_str(), &there) == 0 && mine.st_ino == there.st_ino)
+        return Part(name, file);
+      ::close(file);
+    }
+    errno = EEXIST;
+    return std::nullopt;
+  }
+  /// Removes what dead writers have left at this place.
+  static void sweep(const std::filesystem::path& place) {
+    namespace fs = std::filesystem;
+    const std::string begin = place.filename().string() + ".part-";
+    std::error_code error;
+    const fs::path folder = place.has_parent_path() ? place.parent_path() : fs::path(".");
+    for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
+      const std::string name = at->path().filename().string();
+      if (!name.starts_with(begin) || name.find_first_not_of("0123456789abcdefx-", begin.size()) != std::string::npos)
+        continue;
+      const int left = ::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+      if (left < 0) continue;
+      std::error_code none;
+      if (::flock(left, LOCK_EX | LOCK_NB) == 0) fs::remove_all(at->path(), none);
+      ::close(left);
+    }
+  }
+
+  Part(Part&& other) noexcept : path_(std::move(other.path_)), file_(std::exchange(other.file_, -1)) {}
+  Part& operator=(Part&& other) noexcept {
+    std::swap(path_, other.path_);
+    std::swap(file_, other.file_);
+    return *this;
+  }
+  /// Removes it, unless it has its name.
+  ~Part() {
+    std::error_code none;
+    if (file_ >= 0 && !path_.empty()) std::filesystem::remove_all(path_, none);
+    if (file_ >= 0) ::close(file_);
+  }
+
+  const std::filesystem::path& path() const { return path_; }
+  /// Writes at the end of a file; errno says why not.
+  bool write(std::string_view bytes) const {
+    while (!bytes.empty()) {
+      const ::ssize_t n = ::write(file_, bytes.data(), bytes.size());
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0) return false;
+      bytes.remove_prefix(std::size_t(n));
+    }
+    return true;
+  }
+  /// Brings it to the disk, but not what is in a folder; errno says why not.
+  bool synchronise() const { return ::fsync(file_) == 0; }
+  /// Gives it its name; what had it is replaced. errno says why not.
+  bool take_name(const std::filesystem::path& name) {
+    if (::rename(path_.c_str(), name.c_str()) != 0) return false;
+    path_.clear();
+    return true;
+  }
+
+ private:
+  Part(std::string path, int file) : path_(std::move(path)), file_(file) {}
+
+  std::filesystem::path path_;
+  int file_ = -1;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/core/files.hpp
 #ifndef SINGLE_INCLUDE_LUMO_CORE_FILES_HPP
 #define SINGLE_INCLUDE_LUMO_CORE_FILES_HPP
@@ -14548,24 +14866,19 @@ enum class Durability {
   memory  ///< what the system had written by then: for the many pictures of a recording
 };
 
-/// The whole file or none, after a power failure, too: written beside its place under a name that no other writer
-/// takes, brought to the disk, then renamed; an older one is replaced. Throws InputError of one line, and leaves what
-/// was there.
+/// The whole file or none, after a power failure, too: written beside its place as a Part, brought to the disk, then
+/// renamed; an older one is replaced. Throws InputError of one line, and leaves what was there.
 inline void write_whole(const std::string& path, std::string_view bytes, Durability durability = Durability::disk) {
-  // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
-  const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
-  errno = 0;
-  std::ofstream out(part, std::ios::binary);
-  out.write(bytes.data(), std::streamsize(bytes.size()));
-  out.close();
   const bool durable = durability == Durability::disk;
-  if (out && (!durable || synchronise(part)) && std::rename(part.c_str(), path.c_str()) == 0) {
+  if (durable) Part::sweep(path);
+  errno = 0;
+  std::optional<Part> part = Part::make(path, Part::Kind::file);
+  if (part && part->write(bytes) && (!durable || part->synchronise()) && part->take_name(path)) {
     if (durable) synchronise(std::filesystem::absolute(path).parent_path().string());  // the name must last as well
     return;
   }
-  const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
-  std::remove(part.c_str());
-  throw InputError(message(path, ": cannot be written: ", why));
+  throw InputError(message(
+      path, ": cannot be written: ", std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message()));
 }
 
 }  // namespace lumo

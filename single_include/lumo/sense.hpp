@@ -66,6 +66,8 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <system_error>
 #include <thread>
 #include <tuple>
@@ -769,6 +771,11 @@ class CsvReader {
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
     return v;
   }
+  /// Whether a field is empty or says that there is no number: nan, NaN, null.
+  bool is_blank(int column) const {
+    const std::string_view f = text(column);
+    return f.empty() || f == "nan" || f == "NaN" || f == "NAN" || f == "-nan" || f == "null";
+  }
   std::int64_t integer(int column) const {
     const std::string_view f = text(column);
     std::int64_t v = 0;
@@ -844,239 +851,50 @@ inline std::string csv_number(double v) {
 
 #endif
 
-// ---- lumo/sense/recording/session.hpp
-#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
-#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
+// ---- lumo/sense/recording/joint_names.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_NAMES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_JOINT_NAMES_HPP
 
 namespace lumo::sense {
 
-/// What is done in a stretch of a recording.
-enum class SegmentKind {
-  unloaded,  ///< nothing touches the finger
-  dark,      ///< the same with the LEDs off
-  free,      ///< a joint moves without contact
-  approach,
-  hold,
-  cycle,
-  retract,
-  other  ///< a recording's own kind, see Segment::other_kind
-};
-
-inline constexpr std::array<std::string_view, 7> segment_kind_names{
-    "unloaded", "dark", "free", "approach", "hold", "cycle", "retract"};
-
-/// The kind as files name it; empty for `other`.
-constexpr std::string_view to_string(SegmentKind kind) {
-  return kind == SegmentKind::other ? std::string_view() : segment_kind_names[std::size_t(kind)];
+/// "base, tip", as messages show them.
+inline std::string joint_list(const std::vector<std::string>& names) {
+  return listing(names, [](const std::string& n) { return printable(n); });
 }
 
-/// The kind of this name; `other` for a name that is not listed.
-constexpr SegmentKind segment_kind_from_string(std::string_view name) {
-  std::size_t k = 0;
-  while (k < segment_kind_names.size() && segment_kind_names[k] != name) ++k;
-  return SegmentKind(k);
+/// A name of digits only: a joint's number.
+inline bool is_joint_number(std::string_view name) {
+  return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) { return c >= '0' && c <= '9'; });
 }
 
-static_assert(std::size_t(SegmentKind::other) == segment_kind_names.size());
-
-/// A stretch of a log whose circumstances its maker knew. Decoders learn from segments and metrics compare them;
-/// estimators do not read them.
-struct Segment {
-  std::int64_t from_ns = 0, to_ns = 0;
-  SegmentKind kind = SegmentKind::hold;
-  int place = -1;       ///< number of the tested place, from 0; −1: none
-  double y_mm = 0.0;    ///< of that place
-  int repetition = -1;  ///< re-contact or run, from 0; −1: none
-  int cycle = -1;       ///< within maintained contact
-  double load_N = 0.0;
-  double angle_deg = 0.0;
-  double diameter_mm = 0.0;  ///< of the indenter; 0: unknown
-  std::string other_kind{};  ///< name of a kind of the recording's own; empty for the others
-  bool operator==(const Segment&) const = default;
-
-  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
-  /// Name of the kind as it stands in files.
-  std::string kind_name() const { return kind == SegmentKind::other ? other_kind : std::string(to_string(kind)); }
-  void set_kind_name(std::string name) {
-    kind = segment_kind_from_string(name);
-    other_kind = kind == SegmentKind::other ? std::move(name) : std::string();
-  }
-};
-
-/// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
-struct HandLink {
-  std::string name;
-  std::vector<int> joints;  ///< that move it, by their numbers in the joint samples
-  Eigen::Matrix2Xd hole_m;  ///< centres (y, z) of its mounting holes, at least two
-  double hole_radius_m = 1.5_mm;
-  bool z_clockwise = false;                       ///< in the image z lies clockwise of y (image rows run down)
-  double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
-  double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
-};
-
-/// Throws InvalidArgument without joints or two holes, or for lengths out of range.
-inline void validate(const HandLink& l) {
-  if (l.joints.empty())
-    throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
-  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
-    throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
-        " mounting holes, must have at least 2, at finite places"));
-  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
-    for (Eigen::Index j = 0; j < k; ++j)
-      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
-          !(apart >= 1.0_mm && apart <= 10.0))
-        throw InvalidArgument(message(
-            "link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
-  require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
-  require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
-  require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
+/// Whether columns of a table can carry these names: none is empty, a number, or there twice, and none holds what
+/// divides a table or ends a line.
+inline bool are_column_names(const std::vector<std::string>& names) {
+  constexpr std::size_t longest = 200;
+  const auto plain = [](const std::string& n) {
+    return !n.empty() && n.size() <= longest && !is_joint_number(n) && n.front() != ' ' && n.back() != ' ' &&
+           std::none_of(n.begin(), n.end(),
+               [](char c) { return c == ',' || c == ';' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  };
+  for (std::size_t i = 0; i < names.size(); ++i)
+    if (!plain(names[i]) ||
+        std::find(names.begin(), names.begin() + std::ptrdiff_t(i), names[i]) != names.begin() + std::ptrdiff_t(i))
+      return false;
+  return true;
 }
 
-/// A link of a hand, and about where its holes are in the first picture: somebody pointed at them.
-struct SessionLink {
-  HandLink link;
-  Eigen::Matrix2Xd hole_px;  ///< as many as link.hole_m has
-};
-
-/// Contents of session.json.
-struct Session {
-  std::string title;
-  std::string clock = "monotonic";  ///< on which frames are stamped
-  std::string material;             ///< of the pad
-  std::string finger;               ///< which body the pad has, "built", "plain" or "own"; empty: not stated
-  std::vector<double> theta_mm;     ///< its design; may be empty
-  std::string video;                ///< file name beside session.json; empty: frames/
-  int led_count = 5;
-  double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
-  double led_depth_m = 0.0;  ///< of the LEDs behind the side that the camera sees, in silicone
-  /// From that side to the camera's lens; 0: unknown, the LEDs' parallax stays as it is.
-  double camera_distance_m = 0.0;
-  Eigen::Vector2d distal{1.0, 0.0};  ///< direction of the tip in the image
-  double joint_to_origin_m = 0.05;   ///< from the axis of the last joint to the finger's origin
-  /// From each joint's axis to the next one's, along the finger; empty: one joint.
-  std::vector<double> joint_to_joint_m;
-  std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
-  double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
-  ClockMap joint_clock, wrench_clock;                 ///< onto the frames' clock
-  std::vector<SessionLink> links;                     ///< of a hand; empty for one finger
-  std::vector<Segment> segments;
-};
-
-/// Refractive index of silicone in the visible; assumed.
-inline constexpr double silicone_index = 1.41;
-
-/// Ratio of the LEDs' apparent pitch to the same length on the side before them: perspective on their apparent depth,
-/// the true one over silicone's refractive index.
-inline double led_parallax(const Session& s) {
-  return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / silicone_index) : 1.0;
-}
-
-namespace detail {
-
-/// Checks of a session; each throws InputError with the session's name before the reason.
-class SessionCheck {
- public:
-  explicit SessionCheck(const std::string& name) : name_(name) {}
-
-  void view(const Session& s) const {
-    require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
-    require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0,
-        message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
-    require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0,
-        message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
-    require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
-        message("distance of the camera is ", 1e3 * s.camera_distance_m,
-            " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
-    require(led_parallax(s) >= 0.5,
-        message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
-            " mm, must lie at most 1.41 times as deep as it is far"));
-    require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
+/// Place of each wanted name among those that are there. Throws InputError, with `where` before it, for one that is
+/// not.
+inline std::vector<std::size_t> places_of(
+    const std::vector<std::string>& wanted, const std::vector<std::string>& there, const std::string& where) {
+  std::vector<std::size_t> places;
+  for (const std::string& name : wanted) {
+    const auto at = std::find(there.begin(), there.end(), name);
+    if (at == there.end())
+      throw InputError(message(where, ": has no joint '", printable(name), "', but ", joint_list(there)));
+    places.push_back(std::size_t(at - there.begin()));
   }
-
-  void finger(const Session& s) const {
-    require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
-        message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
-    require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..",
-        "video must be a file name beside session.json");
-    require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0,
-        message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
-    require(std::abs(s.joint_to_origin_m) <= 10.0,
-        message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
-    require(s.joint_to_joint_m.size() < std::size_t(max_joints),
-        message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
-    for (const double l : s.joint_to_joint_m)
-      require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
-    for (const double k : s.torque_constant_Nm_per_A)
-      require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
-          message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
-    for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
-  }
-
-  void clocks(const Session& s) const {
-    for (const double delay : {s.frame_delay_s, s.joint_delay_s})
-      require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
-    for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
-      stamp(map.origin_ns);
-      require(
-          std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
-      require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
-      require(map.residual_s >= 0.0 && std::isfinite(map.residual_s),
-          message("residual of a clock is ", map.residual_s, " s, must not be negative"));
-    }
-  }
-
-  void link(const SessionLink& l, std::size_t i) const {
-    try {
-      validate(l.link);
-    } catch (const InvalidArgument& e) {
-      require(false, message("link ", i, ": ", e.what()));
-    }
-    for (const int j : l.link.joints)
-      require(j >= 0 && j < max_joints,
-          message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
-    require(l.hole_px.cols() == l.link.hole_m.cols(),
-        message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
-            " places of them in the picture, must have as many"));
-    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5,
-        message("link ", i, ": places of holes must lie within 1e5 px"));
-    const double px_per_mm =
-        1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
-    require(px_per_mm >= 0.05 && px_per_mm <= 100.0,
-        message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
-  }
-
-  void segment(const Segment& g, std::size_t i) const {
-    stamp(g.from_ns);
-    stamp(g.to_ns);
-    require(g.to_ns >= g.from_ns,
-        message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
-    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm})
-      require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
-  }
-
-  void require(bool good, const std::string& what) const {
-    if (!good) throw InputError(message(name_, ": ", what));
-  }
-
- private:
-  void stamp(std::int64_t ns) const {
-    require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, message("stamp ", ns, " ns is beyond the range of stamps"));
-  }
-
-  const std::string& name_;
-};
-
-}  // namespace detail
-
-/// Throws InputError for a value out of its range; `name` stands in the message.
-inline void validate(const Session& s, const std::string& name) {
-  const detail::SessionCheck check(name);
-  check.view(s);
-  check.finger(s);
-  check.clocks(s);
-  check.require(s.links.size() <= 16, message("has ", s.links.size(), " links, must have at most 16"));
-  for (std::size_t i = 0; i < s.links.size(); ++i) check.link(s.links[i], i);
-  for (std::size_t i = 0; i < s.segments.size(); ++i) check.segment(s.segments[i], i);
+  return places;
 }
 
 }  // namespace lumo::sense
@@ -1203,6 +1021,307 @@ struct Symmetry {
 };
 
 }  // namespace lumo
+
+#endif
+
+// ---- lumo/sense/recording/sensor_axes.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SENSOR_AXES_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SENSOR_AXES_HPP
+
+namespace lumo::sense {
+
+/// How a force sensor is mounted: along the finger's x, y and z lie these axes of the sensor, each with a sign. All
+/// three reversed: the sensor reports the force of the finger on the object.
+struct SensorAxes {
+  std::array<int, 3> axis{1, 2, 3};  ///< ±1: the sensor's x, ±2: y, ±3: z; each once
+  bool operator==(const SensorAxes&) const = default;
+
+  /// A force or torque of the sensor, in the finger's frame.
+  Vec3d turned(const Vec3d& of_sensor) const {
+    Vec3d v;
+    for (int k = 0; k < 3; ++k) {
+      const int a = axis[std::size_t(k)];
+      v[k] = a < 0 ? -of_sensor[-a - 1] : of_sensor[a - 1];
+    }
+    return v;
+  }
+};
+
+/// "x", "-y" …, one for each axis of the finger.
+inline std::vector<std::string> names_of(const SensorAxes& axes) {
+  std::vector<std::string> names;
+  for (const int a : axes.axis) names.push_back(std::string(a < 0 ? "-" : "") + "xyz"[std::size_t(a < 0 ? -a : a) - 1]);
+  return names;
+}
+
+/// Reads them. Throws InvalidArgument.
+inline SensorAxes sensor_axes(const std::vector<std::string>& names) {
+  SensorAxes axes;
+  std::array<int, 3> seen{};
+  for (std::size_t k = 0; k < names.size() && k < 3; ++k) {
+    std::string_view name = names[k];
+    const bool reversed = name.starts_with('-');
+    if (reversed || name.starts_with('+')) name.remove_prefix(1);
+    const std::size_t at = name.size() == 1 ? std::string_view("xyz").find(name[0]) : std::string_view::npos;
+    if (at == std::string_view::npos) break;
+    ++seen[at];
+    axes.axis[k] = reversed ? -int(at) - 1 : int(at) + 1;
+  }
+  if (names.size() != 3 || seen != std::array{1, 1, 1})
+    throw InvalidArgument("axes of the force sensor are '" + listing(names, [](const std::string& n) {
+      return printable(n);
+    }) + "', must be x, y and z, each once and with or without a minus, such as x, -y, -z");
+  return axes;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/recording/session.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_SESSION_HPP
+
+namespace lumo::sense {
+
+/// What is done in a stretch of a recording.
+enum class SegmentKind {
+  unloaded,  ///< nothing touches the finger
+  dark,      ///< the same with the LEDs off
+  free,      ///< a joint moves without contact
+  approach,
+  hold,
+  cycle,
+  retract,
+  other  ///< a recording's own kind, see Segment::other_kind
+};
+
+inline constexpr std::array<std::string_view, 7> segment_kind_names{
+    "unloaded", "dark", "free", "approach", "hold", "cycle", "retract"};
+
+/// The kind as files name it; empty for `other`.
+constexpr std::string_view to_string(SegmentKind kind) {
+  return kind == SegmentKind::other ? std::string_view() : segment_kind_names[std::size_t(kind)];
+}
+
+/// The kind of this name; `other` for a name that is not listed.
+constexpr SegmentKind segment_kind_from_string(std::string_view name) {
+  std::size_t k = 0;
+  while (k < segment_kind_names.size() && segment_kind_names[k] != name) ++k;
+  return SegmentKind(k);
+}
+
+static_assert(std::size_t(SegmentKind::other) == segment_kind_names.size());
+
+/// A stretch of a log whose circumstances its maker knew. Decoders learn from segments and metrics compare them;
+/// estimators do not read them.
+struct Segment {
+  std::int64_t from_ns = 0, to_ns = 0;
+  SegmentKind kind = SegmentKind::hold;
+  int place = -1;       ///< number of the tested place, from 0; −1: none
+  double y_mm = 0.0;    ///< of that place
+  int repetition = -1;  ///< re-contact or run, from 0; −1: none
+  int cycle = -1;       ///< within maintained contact
+  double load_N = 0.0;
+  double angle_deg = 0.0;
+  double diameter_mm = 0.0;  ///< of the indenter; 0: unknown
+  std::string other_kind{};  ///< name of a kind of the recording's own; empty for the others
+  bool operator==(const Segment&) const = default;
+
+  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
+  /// Name of the kind as it stands in files.
+  std::string kind_name() const { return kind == SegmentKind::other ? other_kind : std::string(to_string(kind)); }
+  void set_kind_name(std::string name) {
+    kind = segment_kind_from_string(name);
+    other_kind = kind == SegmentKind::other ? std::move(name) : std::string();
+  }
+};
+
+/// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
+struct HandLink {
+  std::string name;
+  std::vector<int> joints;  ///< that move it, by their numbers in the joint samples
+  Eigen::Matrix2Xd hole_m;  ///< centres (y, z) of its mounting holes, at least two
+  double hole_radius_m = 1.5_mm;
+  bool z_clockwise = false;                       ///< in the image z lies clockwise of y (image rows run down)
+  double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
+  double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
+};
+
+/// Throws InvalidArgument without joints or two holes, or for lengths out of range.
+inline void validate(const HandLink& l) {
+  if (l.joints.empty())
+    throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
+  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
+    throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
+        " mounting holes, must have at least 2, at finite places"));
+  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
+    for (Eigen::Index j = 0; j < k; ++j)
+      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
+          !(apart >= 1.0_mm && apart <= 10.0))
+        throw InvalidArgument(message(
+            "link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
+  require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
+  require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
+  require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
+}
+
+/// A link of a hand, and about where its holes are in the first picture: somebody pointed at them.
+struct SessionLink {
+  HandLink link;
+  Eigen::Matrix2Xd hole_px;  ///< as many as link.hole_m has
+};
+
+/// Contents of session.json.
+struct Session {
+  std::string title;
+  std::string clock = "monotonic";  ///< on which frames are stamped
+  std::string material;             ///< of the pad
+  std::string finger;               ///< which body the pad has, "built", "plain" or "own"; empty: not stated
+  std::vector<double> theta_mm;     ///< its design; may be empty
+  std::string video;                ///< file name beside session.json; empty: frames/
+  int led_count = 5;
+  double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
+  double led_depth_m = 0.0;  ///< of the LEDs behind the side that the camera sees, in silicone
+  /// From that side to the camera's lens; 0: unknown, the LEDs' parallax stays as it is.
+  double camera_distance_m = 0.0;
+  Eigen::Vector2d distal{1.0, 0.0};  ///< direction of the tip in the image
+  double joint_to_origin_m = 0.05;   ///< from the axis of the last joint to the finger's origin
+  /// From each joint's axis to the next one's, along the finger; empty: one joint.
+  std::vector<double> joint_to_joint_m;
+  std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
+  /// The finger's joints from the base to the tip, by the names that joint.csv or a bag has; empty: all, as they stand.
+  std::vector<std::string> joint_names;
+  double frame_delay_s = 0.0, joint_delay_s = 0.0;  ///< from the event to the stamp
+  ClockMap joint_clock, wrench_clock;               ///< onto the frames' clock
+  SensorAxes wrench_axes;          ///< how the wrenches are to be turned; those of a Recording that was read are turned
+  std::vector<SessionLink> links;  ///< of a hand; empty for one finger
+  std::vector<Segment> segments;
+};
+
+/// Refractive index of silicone in the visible; assumed.
+inline constexpr double silicone_index = 1.41;
+
+/// Ratio of the LEDs' apparent pitch to the same length on the side before them: perspective on their apparent depth,
+/// the true one over silicone's refractive index.
+inline double led_parallax(const Session& s) {
+  return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / silicone_index) : 1.0;
+}
+
+namespace detail {
+
+/// Checks of a session; each throws InputError with the session's name before the reason.
+class SessionCheck {
+ public:
+  explicit SessionCheck(const std::string& name) : name_(name) {}
+
+  void view(const Session& s) const {
+    require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
+    require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0,
+        message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+    require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0,
+        message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+    require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
+        message("distance of the camera is ", 1e3 * s.camera_distance_m,
+            " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+    require(led_parallax(s) >= 0.5,
+        message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m,
+            " mm, must lie at most 1.41 times as deep as it is far"));
+    require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
+  }
+
+  void finger(const Session& s) const {
+    require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
+        message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+    require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..",
+        "video must be a file name beside session.json");
+    require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0,
+        message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+    require(std::abs(s.joint_to_origin_m) <= 10.0,
+        message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+    require(s.joint_to_joint_m.size() < std::size_t(max_joints),
+        message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
+    for (const double l : s.joint_to_joint_m)
+      require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
+    require(s.joint_names.size() <= std::size_t(max_joints) &&
+                (s.joint_names.empty() || are_column_names(s.joint_names) ||
+                    std::all_of(s.joint_names.begin(), s.joint_names.end(), is_joint_number)),
+        message("joint names are ", joint_list(s.joint_names), ", must be at most ", max_joints,
+            ", each once, without commas, semicolons and quotes"));
+    for (const double k : s.torque_constant_Nm_per_A)
+      require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3,
+          message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+    for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
+  }
+
+  void clocks(const Session& s) const {
+    for (const double delay : {s.frame_delay_s, s.joint_delay_s})
+      require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
+    for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
+      stamp(map.origin_ns);
+      require(
+          std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+      require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
+      require(map.residual_s >= 0.0 && std::isfinite(map.residual_s),
+          message("residual of a clock is ", map.residual_s, " s, must not be negative"));
+    }
+  }
+
+  void link(const SessionLink& l, std::size_t i) const {
+    try {
+      validate(l.link);
+    } catch (const InvalidArgument& e) {
+      require(false, message("link ", i, ": ", e.what()));
+    }
+    for (const int j : l.link.joints)
+      require(j >= 0 && j < max_joints,
+          message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+    require(l.hole_px.cols() == l.link.hole_m.cols(),
+        message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(),
+            " places of them in the picture, must have as many"));
+    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5,
+        message("link ", i, ": places of holes must lie within 1e5 px"));
+    const double px_per_mm =
+        1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0,
+        message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
+  }
+
+  void segment(const Segment& g, std::size_t i) const {
+    stamp(g.from_ns);
+    stamp(g.to_ns);
+    require(g.to_ns >= g.from_ns,
+        message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm})
+      require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
+  }
+
+  void require(bool good, const std::string& what) const {
+    if (!good) throw InputError(message(name_, ": ", what));
+  }
+
+ private:
+  void stamp(std::int64_t ns) const {
+    require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, message("stamp ", ns, " ns is beyond the range of stamps"));
+  }
+
+  const std::string& name_;
+};
+
+}  // namespace detail
+
+/// Throws InputError for a value out of its range; `name` stands in the message.
+inline void validate(const Session& s, const std::string& name) {
+  const detail::SessionCheck check(name);
+  check.view(s);
+  check.finger(s);
+  check.clocks(s);
+  check.require(s.links.size() <= 16, message("has ", s.links.size(), " links, must have at most 16"));
+  for (std::size_t i = 0; i < s.links.size(); ++i) check.link(s.links[i], i);
+  for (std::size_t i = 0; i < s.segments.size(); ++i) check.segment(s.segments[i], i);
+}
+
+}  // namespace lumo::sense
 
 #endif
 
@@ -1403,16 +1522,17 @@ inline constexpr std::size_t log_streams = 5;
 
 /// What was found of a stream as it was read.
 struct StreamReading {
-  /// Up to this share of the rows is left out for their stamps; beyond, the stream is faulty.
+  /// Up to this share of the rows is left out for their stamps or gaps; beyond, the stream is faulty.
   static constexpr double most_left_out = 0.05;
 
-  std::string fault;         ///< why the stream is empty although the log has it; empty: no fault
-  std::size_t rows = 0;      ///< that the log has
-  std::size_t repeated = 0;  ///< of them left out: they have the stamp of another one
-  std::size_t backward = 0;  ///< and those whose stamps are against the order of the others
+  std::string fault;           ///< why the stream is empty although the log has it; empty: no fault
+  std::size_t rows = 0;        ///< that the log has
+  std::size_t repeated = 0;    ///< of them left out: they have the stamp of another one
+  std::size_t backward = 0;    ///< and those whose stamps are against the order of the others
+  std::size_t incomplete = 0;  ///< and those that lack a number which is needed
   bool operator==(const StreamReading&) const = default;
 
-  std::size_t left_out() const { return repeated + backward; }
+  std::size_t left_out() const { return repeated + backward + incomplete; }
   bool is_beyond_limit() const { return double(left_out()) > most_left_out * double(rows); }
 };
 
@@ -1524,7 +1644,8 @@ namespace lumo::sense {
 // - session.json: circumstances of the log (read by support/json.hpp)
 // - frames.csv: file (a path below frames/), exposure_s, gain; beside a video.* it has no column file
 // - frames/: 8-bit images, colour or grey
-// - joint.csv: position_rad_0, velocity_rad_per_s_0, current_A_0 or torque_Nm_0, position_rad_1, …
+// - joint.csv: position_rad_0, velocity_rad_per_s_0, current_A_0 or torque_Nm_0, position_rad_1, …; joints may have
+//   names in place of numbers
 // - wrench.csv: force_x_N, force_y_N, force_z_N, and torque_x_Nm, torque_y_Nm, torque_z_Nm or none of the three
 // - marker.csv: displacement_m
 // - photodiode.csv: signal_V_0, signal_V_1, …
@@ -1585,15 +1706,33 @@ class StampColumn {
     if (reading_ != nullptr) all_.push_back(stamp);
     return stamp;
   }
-  /// To be called with all rows: leaves out those whose stamps do not ascend. Throws InputError for too many.
+  /// The row that was read last lacks a number: it is left out, too. Throws InputError where such a row is an error.
+  void leave_out(const CsvReader& csv, int column) {
+    if (reading_ == nullptr) csv.fail(column, "is no finite number");
+    if (incomplete_++ == 0) {
+      try {
+        csv.fail(column, "is no finite number");
+      } catch (const InputError& e) {
+        incomplete_fault_ = e.what();
+      }
+    }
+    all_.pop_back();
+  }
+  /// To be called with all rows but those left out: leaves out those whose stamps do not ascend, too. Throws InputError
+  /// for too many.
   template <class Row> void finish(const CsvReader& csv, std::vector<Row>& rows) {
     if (reading_ == nullptr) return;
     const AscendingRows ascending = ascending_rows(all_);
     *reading_ = ascending.reading;
+    reading_->rows += incomplete_;
+    reading_->incomplete = incomplete_;
+    const std::string at_most =
+        message(" of ", reading_->rows, " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out");
     if (reading_->is_beyond_limit())
-      throw InputError(message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
-          " does not exceed the stamp before it, and so do ", reading_->left_out(), " of ", reading_->rows,
-          " rows, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
+      throw InputError(reading_->incomplete > 0
+                           ? message(incomplete_fault_, ", as are some of ", reading_->left_out(), at_most)
+                           : message(csv.name(), ':', *backward_line_, ": column ", seconds_ ? "time_s" : "stamp_ns",
+                                 " does not exceed the stamp before it, and so do ", reading_->left_out(), at_most));
     keep_rows(rows, ascending.kept);
   }
 
@@ -1604,6 +1743,8 @@ class StampColumn {
   std::optional<std::int64_t> last_;
   std::optional<long> backward_line_;
   std::vector<std::int64_t> all_;
+  std::size_t incomplete_ = 0;
+  std::string incomplete_fault_;
 };
 
 /// A path below a log's frames/ that a table can hold.
@@ -1627,6 +1768,9 @@ inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s
 
 /// Column of a name with a joint's (diode's) number behind it.
 inline std::string numbered(const char* name, int i) { return std::string(name) + '_' + std::to_string(i); }
+
+/// Column of a quantity with a joint's name behind it.
+inline std::string named(const char* name, const std::string& joint) { return std::string(name) + '_' + joint; }
 
 /// Opens a file for reading. Throws InputError.
 inline std::ifstream open_text(const std::string& path) {
@@ -1661,45 +1805,115 @@ inline std::vector<FrameRecord> read_frame_log(
   return list;
 }
 
-/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque. Without
-/// columns for velocities these follow from the positions.
-inline std::vector<JointSample> read_joint_log(
-    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
+/// The samples of a joint.csv, and what its joints are called.
+struct JointTable {
+  std::vector<std::string> names;  ///< of the samples' joints, in their order; empty: they are numbered
+  std::vector<JointSample> samples;
+};
+
+namespace detail {
+
+/// Columns of a joint.csv: which joint stands where.
+struct JointColumns {
+  std::vector<int> position, velocity, effort;  ///< of each joint that is read; velocity −1: there is none
+  Effort unit = Effort::torque_Nm;
+};
+
+/// What stands behind "position_rad_" in the columns' names, in their order.
+inline std::vector<std::string> joints_of(const CsvReader& csv) {
+  constexpr std::string_view quantity = "position_rad_";
+  std::vector<std::string> names;
+  for (const std::string& c : csv.columns())
+    if (c.starts_with(quantity)) names.push_back(c.substr(quantity.size()));
+  return names;
+}
+
+/// Numbers of joints from 0 without gaps, in their order; empty for joints that have names.
+inline std::vector<std::string> numbered_joints(const CsvReader& csv) {
+  std::vector<std::string> numbers;
+  const std::vector<std::string> all = joints_of(csv);
+  if (!std::all_of(all.begin(), all.end(), is_joint_number)) return numbers;
+  while (numbers.size() < std::size_t(max_joints) && csv.find(numbered("position_rad", int(numbers.size()))) >= 0)
+    numbers.push_back(std::to_string(numbers.size()));
+  if (numbers.empty()) csv.require("position_rad_0");
+  return numbers;
+}
+
+inline JointColumns joint_columns(const CsvReader& csv, const std::vector<std::string>& joints, bool all) {
+  JointColumns c;
+  c.unit = csv.find(named("current_A", joints.front())) >= 0 ? Effort::current_A : Effort::torque_Nm;
+  const char* const effort = c.unit == Effort::current_A ? "current_A" : "torque_Nm";
+  const bool velocities = csv.find(named("velocity_rad_per_s", joints.front())) >= 0;
+  for (const std::string& joint : joints) {
+    c.position.push_back(csv.require(named("position_rad", joint)));
+    c.velocity.push_back(velocities ? csv.require(named("velocity_rad_per_s", joint)) : -1);
+    c.effort.push_back(csv.require(named(effort, joint)));
+  }
+  const std::vector<std::string> others = all ? std::vector<std::string>() : joints_of(csv);
+  csv.require_known([&](std::string_view column) {
+    const auto is_of = [&](const std::vector<std::string>& some, std::initializer_list<const char*> quantities) {
+      return std::any_of(some.begin(), some.end(), [&](const std::string& joint) {
+        return std::any_of(
+            quantities.begin(), quantities.end(), [&](const char* q) { return column == named(q, joint); });
+      });
+    };
+    return is_time(column) || is_of(joints, {"position_rad", "velocity_rad_per_s", effort}) ||
+           is_of(others, {"position_rad", "velocity_rad_per_s", "current_A", "torque_Nm"});
+  });
+  return c;
+}
+
+}  // namespace detail
+
+/// Reads joint.csv. Joints are numbered from 0 without gaps, or have names; all have a current or all a torque. Of
+/// `wanted` joints these are read, in this order, and others need not even have numbers; numbered joints of as many
+/// are taken to have these names. Without columns for velocities, or in rows where one is empty or NaN, velocities
+/// follow from the positions. A row without a position or an effort is left out as one whose stamp does not ascend.
+inline JointTable read_joint_table(std::istream& in, const std::string& name, StreamReading* reading = nullptr,
+    const std::vector<std::string>& wanted = {}) {
   CsvReader csv(in, name);
   StampColumn stamp(csv, reading);
-  int joints = 0;
-  while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
-  if (joints == 0) csv.require("position_rad_0");
-  const Effort unit = csv.find("current_A_0") >= 0 ? Effort::current_A : Effort::torque_Nm;
-  const char* effort_name = unit == Effort::current_A ? "current_A" : "torque_Nm";
-  std::vector<int> position, velocity, effort;
-  for (int j = 0; j < joints; ++j) {
-    position.push_back(csv.require(numbered("position_rad", j)));
-    velocity.push_back(
-        csv.find(numbered("velocity_rad_per_s", 0)) < 0 ? -1 : csv.require(numbered("velocity_rad_per_s", j)));
-    effort.push_back(csv.require(numbered(effort_name, j)));
-  }
-  csv.require_known([&](std::string_view c) {
-    bool known = is_time(c);
-    for (int j = 0; j < joints; ++j)
-      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name})
-        known = known || c == numbered(column, j);
-    return known;
-  });
-  std::vector<JointSample> list;
+  JointTable table;
+  const std::vector<std::string> there = detail::joints_of(csv), numbers = detail::numbered_joints(csv);
+  const bool has_names = numbers.empty(),
+             chosen = !wanted.empty() && (has_names || std::all_of(wanted.begin(), wanted.end(), is_joint_number));
+  if (chosen) places_of(wanted, there, name + ":1");
+  if (!chosen && !wanted.empty() && wanted.size() != numbers.size())
+    throw InputError(message(name, ":1: has ", numbers.size(), " joints by numbers, chosen by name are ", wanted.size(),
+        ", ", joint_list(wanted)));
+  table.names = !wanted.empty() ? wanted : has_names ? there : std::vector<std::string>();
+  const std::vector<std::string>& joints = chosen ? wanted : has_names ? there : numbers;
+  if (joints.size() > std::size_t(max_joints))
+    throw InputError(message(name, ":1: has ", joints.size(), " joints, must have 1 to ", max_joints));
+  const detail::JointColumns column = detail::joint_columns(csv, joints, !chosen);
+  const auto n = Eigen::Index(joints.size());
   while (csv.next()) {
-    JointSample s{
-        stamp.read(csv), JointVector(joints), JointVector(velocity[0] < 0 ? 0 : joints), JointVector(joints), unit};
-    for (int j = 0; j < joints; ++j) {
-      s.position_rad[j] = csv.number(position[std::size_t(j)]);
-      if (velocity[0] >= 0) s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
-      s.effort[j] = csv.number(effort[std::size_t(j)]);
+    JointSample s{stamp.read(csv), JointVector(n), JointVector(n), JointVector(n), column.unit};
+    bool whole = true, with_velocity = column.velocity[0] >= 0;
+    for (std::size_t j = 0; j < joints.size() && whole; ++j) {
+      for (const int c : {column.position[j], column.effort[j]})
+        if (whole && csv.is_blank(c)) {
+          stamp.leave_out(csv, c);
+          whole = false;
+        }
+      if (!whole) break;
+      s.position_rad[Eigen::Index(j)] = csv.number(column.position[j]);
+      s.effort[Eigen::Index(j)] = csv.number(column.effort[j]);
+      with_velocity = with_velocity && !csv.is_blank(column.velocity[j]);
+      if (with_velocity) s.velocity_rad_per_s[Eigen::Index(j)] = csv.number(column.velocity[j]);
     }
-    list.push_back(std::move(s));
+    if (!with_velocity) s.velocity_rad_per_s.resize(0);
+    if (whole) table.samples.push_back(std::move(s));
   }
-  stamp.finish(csv, list);
-  find_velocities(list);
-  return list;
+  stamp.finish(csv, table.samples);
+  find_velocities(table.samples);
+  return table;
+}
+
+/// Its samples alone.
+inline std::vector<JointSample> read_joint_log(
+    std::istream& in, const std::string& name, StreamReading* reading = nullptr) {
+  return read_joint_table(in, name, reading).samples;
 }
 
 /// Reads wrench.csv; torques may be absent altogether.
@@ -1790,13 +2004,19 @@ inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std
          csv_number(f.gain) + '\n';
 }
 
-inline std::string joint_header(int joints, Effort unit) {
+inline std::string joint_header(const std::vector<std::string>& joints, Effort unit) {
   std::string t = "stamp_ns";
-  for (int j = 0; j < joints; ++j)
+  for (const std::string& joint : joints)
     for (const char* column :
         {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
-      t += ',' + numbered(column, j);
+      t += ',' + named(column, joint);
   return t + '\n';
+}
+
+inline std::string joint_header(int joints, Effort unit) {
+  std::vector<std::string> numbers;
+  for (int j = 0; j < joints; ++j) numbers.push_back(std::to_string(j));
+  return joint_header(numbers, unit);
 }
 
 inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
@@ -1816,11 +2036,15 @@ inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool v
   return t;
 }
 
-inline std::string joint_log_text(const std::vector<JointSample>& samples) {
+/// `names`: of the joints; empty: they are numbered.
+inline std::string joint_log_text(const std::vector<JointSample>& samples, const std::vector<std::string>& names = {}) {
   if (samples.empty()) return joint_header(1, Effort::current_A);
   const auto joints = samples.front().effort.size();
   const Effort unit = samples.front().unit;
-  std::string t = joint_header(int(joints), unit);
+  if (!names.empty() && (names.size() != std::size_t(joints) || !are_column_names(names)))
+    throw InvalidArgument(
+        message("joint log: ", joints, " joints cannot have columns of the names ", joint_list(names)));
+  std::string t = names.empty() ? joint_header(int(joints), unit) : joint_header(names, unit);
   std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints ||
@@ -1955,6 +2179,354 @@ class LogTruth {
   std::vector<Segment> segments_;
   std::vector<std::pair<std::int64_t, Touch>> table_;
 };
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/core/sobol.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+
+namespace lumo {
+
+/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
+constexpr std::uint64_t mix64(std::uint64_t x) {
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
+  return x ^ (x >> 31);
+}
+
+/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
+constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
+  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
+}
+
+/// A number in (0, 1) from a key.
+constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
+
+/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
+inline std::uint32_t nearest_power_of_two(double wish) {
+  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
+}
+
+constexpr std::uint32_t reverse_bits(std::uint32_t x) {
+  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
+  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
+  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
+  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
+  return (x >> 16) | (x << 16);
+}
+
+/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
+/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
+/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
+constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
+  x = reverse_bits(x);
+  x ^= x * 0x3d20adeau;
+  x += seed;
+  x *= (seed >> 16) | 1u;
+  x ^= x * 0x05526c56u;
+  x ^= x * 0x53a22864u;
+  return reverse_bits(x);
+}
+
+/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
+struct SobolSeed {
+  int degree;
+  std::uint32_t polynomial;
+  std::array<std::uint32_t, 7> m;
+};
+
+/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
+/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
+inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
+    {1, 0, {1}},
+    {2, 1, {1, 3}},
+    {3, 1, {1, 3, 1}},
+    {3, 2, {1, 1, 1}},
+    {4, 1, {1, 1, 3, 3}},
+    {4, 4, {1, 3, 5, 13}},
+    {5, 2, {1, 1, 5, 5, 17}},
+    {5, 4, {1, 1, 5, 5, 5}},
+    {5, 7, {1, 1, 7, 11, 19}},
+    {5, 11, {1, 1, 5, 1, 1}},
+    {5, 13, {1, 1, 1, 3, 11}},
+    {5, 14, {1, 3, 5, 5, 31}},
+    {6, 1, {1, 3, 3, 9, 7, 49}},
+    {6, 13, {1, 1, 1, 15, 21, 21}},
+    {6, 16, {1, 3, 1, 13, 27, 49}},
+    {6, 19, {1, 1, 1, 15, 7, 5}},
+    {6, 22, {1, 3, 1, 15, 13, 25}},
+    {6, 25, {1, 1, 5, 5, 19, 61}},
+    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
+    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
+    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
+    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
+    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
+    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
+    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
+    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
+    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
+    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
+    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
+    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
+    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
+}};
+
+/// A plain array, which a compiler fills faster than std::array.
+struct SobolTable {
+  std::uint32_t number[32][32];
+};
+
+/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
+constexpr SobolTable make_sobol_table() {
+  SobolTable table{};
+  auto& v = table.number;
+  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
+  for (std::size_t d = 1; d < 32; ++d) {
+    const SobolSeed& seed = sobol_seeds[d - 1];
+    const std::size_t s = std::size_t(seed.degree);
+    for (std::size_t k = 0; k < 32; ++k) {
+      if (k < s) {
+        v[d][k] = seed.m[k] << (31 - k);
+        continue;
+      }
+      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
+      for (std::size_t j = 1; j < s; ++j)
+        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
+    }
+  }
+  return table;
+}
+
+/// Made by the compiler, and so only where it is used.
+inline constexpr SobolTable sobol_table = make_sobol_table();
+
+/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
+struct Sobol {
+  static constexpr int dimensions = 32;
+
+  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
+  static std::uint32_t bits(std::uint32_t index, int dimension) {
+    std::uint32_t x = 0;
+    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
+      if (index & 1u) x ^= sobol_table.number[dimension][k];
+    return x;
+  }
+};
+
+/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
+/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
+/// keep a state and are not scrambled.
+struct OwenSobol {
+  std::uint64_t seed = 0;
+
+  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
+  double operator()(std::uint32_t index, int dimension) const {
+    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
+    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/statistics.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
+
+namespace lumo {
+
+/// A number with a lower and an upper bound.
+struct Interval {
+  double value = 0.0, low = 0.0, high = 0.0;
+};
+
+/// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
+inline double median(std::vector<double> v) {
+  if (v.empty()) throw InvalidArgument("median of no numbers");
+  const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
+  std::nth_element(v.begin(), half, v.end());
+  return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
+}
+
+/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for
+/// none.
+inline double quantile(std::vector<double> v, double p) {
+  if (v.empty()) throw InvalidArgument("quantile of no numbers");
+  require_in_range("quantile", p, 0.0, 1.0, "");
+  std::sort(v.begin(), v.end());
+  const double place = p * double(v.size() - 1);
+  const auto i = std::size_t(place);
+  return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
+}
+
+/// Of ascending numbers the first of those `count` in a row that lie closest together; `count` is 1 to their number.
+inline std::size_t closest_together(const std::vector<double>& sorted, std::size_t count) {
+  std::size_t closest = 0;
+  for (std::size_t i = 1; i + count <= sorted.size(); ++i)
+    if (sorted[i + count - 1] - sorted[i] < sorted[closest + count - 1] - sorted[closest]) closest = i;
+  return closest;
+}
+
+/// Root mean square of the entries.
+inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) {
+  return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0;
+}
+
+/// Median of each row.
+inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
+  Eigen::VectorXd r(m.rows());
+  for (Eigen::Index i = 0; i < m.rows(); ++i) {
+    const Eigen::VectorXd row = m.row(i);
+    r[i] = median({row.data(), row.data() + row.size()});
+  }
+  return r;
+}
+
+/// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
+inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
+  if (all < 1 || right < 0 || right > all)
+    throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
+  const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
+  const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
+  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
+}
+
+/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
+class CountedNormals {
+ public:
+  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
+  double operator()() {
+    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))),
+                 turn = uniform(combine(seed_, count_ + 1));
+    count_ += 2;
+    return radius * std::cos(6.2831853071795864769 * turn);
+  }
+
+ private:
+  std::uint64_t seed_, count_ = 0;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/sense/recording/wrench_drift.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_RECORDING_WRENCH_DRIFT_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_RECORDING_WRENCH_DRIFT_HPP
+
+namespace lumo::sense {
+
+/// Limits of what is taken for a force sensor's drift; chosen on the virtual lab, whose sensor does not drift.
+struct DriftLimits {
+  double before_s = 0.5, clear_s = 0.05;  ///< an approach is without load for so long, up to so much before it
+  std::size_t least_samples = 5;          ///< of a tare
+  double least_N = 0.15;                  ///< by which a tare must be off the middle one …
+  double sigmas = 6.0;                    ///< … and so many of its own errors
+};
+
+/// What a force sensor reads without load.
+struct WrenchTare {
+  std::int64_t stamp_ns = 0;  ///< middle, on the frames' clock
+  Vec3d force_N{0.0, 0.0, 0.0}, torque_Nm{0.0, 0.0, 0.0};
+  double sigma_N = 0.0;  ///< of the normal force's mean
+};
+
+namespace detail {
+
+/// Stretches of a session in which the force sensor has no load: segments that say so, and what lies right before an
+/// approach if nothing else does.
+inline std::vector<Segment> without_load(const Session& session, const DriftLimits& limits) {
+  const auto is_free = [](const Segment& g) {
+    return g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free;
+  };
+  std::vector<Segment> list;
+  for (const Segment& g : session.segments) {
+    if (is_free(g)) list.push_back(g);
+    if (g.kind != SegmentKind::approach) continue;
+    Segment before = g;
+    before.from_ns = g.from_ns - std::llround(1e9 * limits.before_s);
+    before.to_ns = g.from_ns - std::llround(1e9 * limits.clear_s);
+    const bool empty = std::none_of(session.segments.begin(), session.segments.end(),
+        [&](const Segment& o) { return !is_free(o) && o.from_ns < before.to_ns && o.to_ns > before.from_ns; });
+    if (empty) list.push_back(before);
+  }
+  std::sort(list.begin(), list.end(),
+      [](const Segment& a, const Segment& b) { return a.from_ns + a.to_ns < b.from_ns + b.to_ns; });
+  return list;
+}
+
+inline std::optional<WrenchTare> tare_of(const Segment& segment, const Session& session,
+    const std::vector<WrenchSample>& wrenches, std::size_t least_samples) {
+  WrenchTare tare;
+  double squares = 0.0;
+  std::size_t count = 0;
+  for (const WrenchSample& w : wrenches) {
+    if (!segment.holds(session.wrench_clock(w.stamp_ns))) continue;
+    const double off = w.force_N.z() - tare.force_N.z();
+    ++count;
+    tare.force_N += (w.force_N - tare.force_N) / double(count);
+    tare.torque_Nm += (w.torque_Nm - tare.torque_Nm) / double(count);
+    squares += off * (w.force_N.z() - tare.force_N.z());
+  }
+  if (count < std::max<std::size_t>(least_samples, 2)) return std::nullopt;
+  tare.stamp_ns = segment.from_ns / 2 + segment.to_ns / 2;
+  tare.sigma_N = std::sqrt(squares / double(count - 1) / double(count));
+  return tare;
+}
+
+}  // namespace detail
+
+/// The tares of a log, in the order of time: before each contact where its session says when that began.
+inline std::vector<WrenchTare> wrench_tares(
+    const Session& session, const std::vector<WrenchSample>& wrenches, const DriftLimits& limits = {}) {
+  std::vector<WrenchTare> list;
+  for (const Segment& g : detail::without_load(session, limits))
+    if (const auto tare = detail::tare_of(g, session, wrenches, limits.least_samples);
+        tare && (list.empty() || tare->stamp_ns > list.back().stamp_ns))
+      list.push_back(*tare);
+  return list;
+}
+
+/// Takes a force sensor's drift out of its samples, by straight lines from tare to tare; what is left has one tare, the
+/// mean of all. Returns the greatest distance of a tare from the middle one [N]; nullopt, with all samples as they
+/// were, if none is off by more than noise makes.
+inline std::optional<double> remove_wrench_drift(
+    std::vector<WrenchSample>& wrenches, const Session& session, const DriftLimits& limits = {}) {
+  const std::vector<WrenchTare> tares = wrench_tares(session, wrenches, limits);
+  if (tares.size() < 2) return std::nullopt;
+  std::vector<double> normal;
+  WrenchTare mean;
+  for (const WrenchTare& t : tares) {
+    normal.push_back(t.force_N.z());
+    mean.force_N += t.force_N / double(tares.size());
+    mean.torque_Nm += t.torque_Nm / double(tares.size());
+  }
+  const double middle = median(normal);
+  double most = 0.0;
+  bool drifts = false;
+  for (const WrenchTare& t : tares) {
+    const double off = std::abs(t.force_N.z() - middle);
+    most = std::max(most, off);
+    drifts = drifts || off > std::max(limits.least_N, limits.sigmas * t.sigma_N);
+  }
+  if (!drifts) return std::nullopt;
+  for (WrenchSample& w : wrenches) {
+    const std::int64_t at = session.wrench_clock(w.stamp_ns);
+    const auto after = std::lower_bound(
+        tares.begin(), tares.end(), at, [](const WrenchTare& t, std::int64_t stamp) { return t.stamp_ns < stamp; });
+    const WrenchTare &b = after == tares.end() ? tares.back() : *after, &a = after == tares.begin() ? b : *(after - 1);
+    const double share = a.stamp_ns == b.stamp_ns || after == tares.end()
+                             ? 1.0
+                             : double(at - a.stamp_ns) / double(b.stamp_ns - a.stamp_ns);
+    w.force_N -= (1.0 - share) * a.force_N + share * b.force_N - mean.force_N;
+    w.torque_Nm -= (1.0 - share) * a.torque_Nm + share * b.torque_Nm - mean.torque_Nm;
+  }
+  return most;
+}
 
 }  // namespace lumo::sense
 
@@ -2433,6 +3005,24 @@ class McapSource {
     throw InputError(message(where_, "byte ", at, ": ", why));
   }
 
+  /// Without zeros behind the end mark, as they are left where space was allocated beforehand; a file without end mark
+  /// keeps them.
+  std::uint64_t size_without_padding() {
+    constexpr std::uint64_t piece = 1u << 16;
+    for (std::uint64_t end = size_; end > 0;) {
+      const std::uint64_t from = end - std::min(end, piece);
+      const std::vector<std::uint8_t> b = bytes(from, end - from);
+      const auto last = std::find_if(b.rbegin(), b.rend(), [](std::uint8_t v) { return v != 0; });
+      if (last == b.rend()) {
+        end = from;
+        continue;
+      }
+      end -= std::uint64_t(last - b.rbegin());
+      return end >= mcap_magic.size() && has_magic(end - mcap_magic.size()) ? end : size_;
+    }
+    return size_;
+  }
+
   /// Bytes that lie within the file.
   std::vector<std::uint8_t> bytes(std::uint64_t at, std::uint64_t size) {
     std::vector<std::uint8_t> b(static_cast<std::size_t>(size));
@@ -2528,7 +3118,7 @@ template <ChunkCodec... Codecs> class McapReader {
   /// Throws InputError.
   McapReader(std::unique_ptr<std::istream> in, std::string name, const McapLimits& limits = {})
       : source_(std::move(in), std::move(name)), limits_(limits) {
-    const std::uint64_t size = source_.size();
+    const std::uint64_t size = source_.size_without_padding();
     if (size < mcap_magic.size() || !source_.has_magic(0)) fail(0, "is no MCAP file, which begins with its magic");
     const bool whole = size >= 2 * mcap_magic.size() && source_.has_magic(size - mcap_magic.size());
     try {
@@ -2710,6 +3300,9 @@ template <ChunkCodec... Codecs> class McapReader {
     McapFields in(*contents, where, 0);
     while (in.rest() > 0) {
       const std::uint64_t begin = in.offset();
+      if (const auto rest = std::span(*contents).subspan(std::size_t(begin));
+          std::all_of(rest.begin(), rest.end(), [](std::uint8_t b) { return b == 0; }))
+        break;  // padded with zeros, which are no records
       const auto opcode = McapOpcode(in.number<std::uint8_t>());
       const auto length = in.number<std::uint64_t>();
       const std::uint64_t inside = in.offset();
@@ -2750,7 +3343,8 @@ template <ChunkCodec... Codecs> class McapReader {
     std::optional<Bytes> contents;
     try {
       const auto attempt = [&](const auto& codec) {
-        if (!contents && codec.name == compression) contents = codec.decompress(packed, std::size_t(size));
+        const bool is_none = codec.name.empty() && compression == "none";  // as some writers name it
+        if (!contents && (codec.name == compression || is_none)) contents = codec.decompress(packed, std::size_t(size));
       };
       attempt(Uncompressed{});
       std::apply([&](const auto&... codec) { (attempt(codec), ...); }, codecs_);
@@ -3337,6 +3931,7 @@ struct Recording {
   std::vector<PhotodiodeSample> photodiodes;
   std::array<StreamReading, log_streams> reading{};  ///< of each LogStream, where it was read
   std::vector<std::string> notes{};                  ///< what readers of results should know of how it was read
+  std::vector<std::string> joint_names{};            ///< of the samples' joints, in their order; empty: numbered
 };
 
 /// Throws InputError if the log has this stream and it could not be read.
@@ -3438,9 +4033,18 @@ namespace lumo::sense {
 /// Which topics to read; empty: the only one of its kind.
 struct McapTopics {
   std::string image{}, joints{}, wrench{};
-  /// The finger's joints in the order of the chain, by the names that messages have. Others are not read, and several
-  /// publishers may share the topic. Empty: all messages name the finger's joints, in this order.
+  /// The finger's joints in the order of the chain, by the names that messages have. Others are not read, several
+  /// publishers may share the topic, and of several topics those are read that have these joints. Empty: all messages
+  /// name the finger's joints, in this order.
   std::vector<std::string> joint_names{};
+  std::optional<SensorAxes> wrench_axes{};  ///< how the force sensor is mounted; empty: as the session says
+};
+
+/// A stream that is stamped on another clock than the pictures, and how log times join both.
+struct JoinedClock {
+  LogStream stream = LogStream::joints;
+  ClockMap clock;
+  std::string note;  ///< for people
 };
 
 /// Where a frame's picture lies.
@@ -3458,6 +4062,7 @@ struct McapLog {
   std::vector<McapPicture> pictures;    ///< of the frames
   std::optional<RosCameraInfo> camera;  ///< the first one, if one topic has them
   std::string contents;                 ///< all topics that have messages, with their types, for people
+  std::vector<JoinedClock> clocks;      ///< for a session that says nothing of them; none in a log of lumo's
 };
 
 /// The files of a bag, in their order.
@@ -3551,10 +4156,11 @@ class McapTables {
   }
   void add(const RosJointState& m, const McapPicture& at) {
     const std::size_t n = m.name.size();
+    if (chosen_ && !names_any(m)) return;
     if (!chosen_ && (n < 1 || n > std::size_t(max_joints)))
       throw InputError(message("has ", n, " joints, must have 1 to ", max_joints));
     const auto fits = [n](const std::vector<double>& list) { return list.size() == n || list.empty(); };
-    if (m.position.size() != n || !fits(m.velocity) || !fits(m.effort))
+    if (!fits(m.position) || (!chosen_ && m.position.empty()) || !fits(m.velocity) || !fits(m.effort))
       throw InputError(message("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(),
           " velocities and ", m.effort.size(), " efforts, must have as many"));
     if (names_.empty()) {
@@ -3562,19 +4168,22 @@ class McapTables {
       known_.resize(n);
     }
     if (!chosen_ && !std::is_permutation(m.name.begin(), m.name.end(), names_.begin(), names_.end()))
-      throw InputError(message("joints must be chosen by their names: this is of ", listed(m.name), ", the first of ",
-          listed(names_), "; it names other joints than the messages before it"));
+      throw InputError(message("joints must be chosen by their names: this is of ", joint_list(m.name),
+          ", the first of ", joint_list(names_), "; it names other joints than the messages before it"));
     if (!by_name(m)) return;
     const auto joints = Eigen::Index(names_.size());
     JointSample s{0, JointVector(joints), JointVector(joints), JointVector(joints), Effort::torque_Nm};
     for (Eigen::Index j = 0; j < joints; ++j) {
-      const JointValues& v = *known_[std::size_t(j)];
+      const JointValues& v = known_[std::size_t(j)];
       s.position_rad[j] = v.position;
       s.velocity_rad_per_s[j] = v.velocity;
       s.effort[j] = v.effort;
     }
     if (!s.velocity_rad_per_s.allFinite()) s.velocity_rad_per_s.resize(0);
-    if (!s.effort.allFinite()) s.effort.resize(0);
+    if (!s.effort.allFinite()) {
+      s.effort.resize(0);
+      order_currents(m.name);
+    }
     take(LogStream::joints, m.header, at.at);
     found.log.joints.push_back(std::move(s));
   }
@@ -3665,7 +4274,13 @@ class McapTables {
     for (std::size_t i = 0; i < rows.size(); ++i) rows[i].stamp_ns = stamp[i];
     AscendingRows ascending = ascending_rows(stamp);
     ascending.reading.fault = reading.fault;
+    ascending.reading.incomplete = reading.incomplete;
+    ascending.reading.rows += reading.incomplete;
     reading = ascending.reading;
+    if (reading.fault.empty() && reading.incomplete > 0 && reading.is_beyond_limit())
+      fail(stream, message(*name_, ": topic ", printable((*topic_)[std::size_t(stream)]), ": "),
+          message("numbers must be finite: a position or an effort is not in ", reading.incomplete, " of ",
+              reading.rows, " messages, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
     if (reading.fault.empty() && reading.is_beyond_limit()) {
       const std::size_t row = first_backward(stamp);
       fail(stream,
@@ -3680,12 +4295,16 @@ class McapTables {
     keep_rows(rows, ascending.kept);
     if constexpr (std::is_same_v<Row, FrameRecord>) keep_rows(found.pictures, ascending.kept);
   }
-  /// The order of the names is the order of the chain: whoever reads results must see it. lumo's own names are numbers.
+  /// lumo's own names are numbers.
   void name_joints() {
     if (chosen_ && found.log.joints.empty() && !has_failed(LogStream::joints))
-      fail(LogStream::joints, *name_ + ": ", "no messages name all of the joints " + listed(names_));
-    if (!has_session_ && names_.size() > 1 && !found.log.joints.empty())
-      found.log.notes.push_back("joints from the base to the tip are taken to be " + listed(names_));
+      fail(LogStream::joints, *name_ + ": ", "no messages name all of the joints " + joint_list(names_));
+    bool numbers = has_session_;
+    for (std::size_t j = 0; j < names_.size(); ++j) numbers = numbers && names_[j] == numbered("joint", int(j));
+    if (numbers || found.log.joints.empty()) return;
+    if (are_column_names(names_)) found.log.joint_names = names_;
+    else
+      found.log.notes.push_back("joints are numbered: a table cannot have columns of the names " + joint_list(names_));
   }
   void join_exposures() {
     std::map<std::int64_t, std::pair<double, double>> at;
@@ -3699,12 +4318,22 @@ class McapTables {
   void join_efforts() {
     std::map<std::int64_t, JointVector> at;
     for (std::size_t i = 0; i < currents_.size(); ++i) at[current_stamps_.ns(has_session_)[i]] = currents_[i];
-    for (JointSample& s : found.log.joints) {
-      if (s.effort.size() == s.position_rad.size()) continue;
+    const auto lacks_effort = [](const JointSample& s) { return s.effort.size() != s.position_rad.size(); };
+    std::vector<JointSample>& list = found.log.joints;
+    if (currents_.empty() && !std::all_of(list.begin(), list.end(), lacks_effort)) {  // positions came before efforts
+      StreamReading& reading = found.log.reading[std::size_t(LogStream::joints)];
+      reading.incomplete += std::erase_if(list, lacks_effort);
+      if (reading.is_beyond_limit())
+        throw InputError(message("joints have no effort in ", reading.incomplete, " of ", reading.rows,
+            " messages, at most ", 100.0 * StreamReading::most_left_out, " % are left out"));
+    }
+    for (JointSample& s : list) {
+      if (!lacks_effort(s)) continue;
       const auto c = at.find(s.stamp_ns);
-      if (c == at.end() || c->second.size() != s.position_rad.size())
+      if (c == at.end() || std::size_t(c->second.size()) != named_with_currents_.size())
         throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
-      s.effort = c->second;
+      s.effort.resize(s.position_rad.size());
+      for (Eigen::Index j = 0; j < s.effort.size(); ++j) s.effort[j] = c->second[currents_order_[std::size_t(j)]];
       s.unit = Effort::current_A;
     }
     for (const JointSample& s : found.log.joints)
@@ -3717,50 +4346,74 @@ class McapTables {
   void join_clocks() {
     const auto frames = Stretch::of(found.log.frames);
     const auto late = stamps_[std::size_t(LogStream::frames)].log_less_stamp_ns(has_session_);
-    const auto join = [&](LogStream stream, const auto& rows, ClockMap& clock, const char* what) {
+    const auto join = [&](LogStream stream, const auto& rows, const char* what) {
       const auto own = Stretch::of(rows);
       const auto own_late = stamps_[std::size_t(stream)].log_less_stamp_ns(has_session_);
       if (!frames || !own || own->meets(*frames) || !late || !own_late) return;
       const std::int64_t offset = *own_late - *late;
       if (!Stretch{own->from_ns + offset, own->to_ns + offset}.meets(*frames)) return;
-      clock.offset_s = 1e-9 * double(offset);
-      found.log.notes.push_back(message(what, " are stamped on another clock than the pictures (", to_string(*own),
-          ", pictures ", to_string(*frames), "): moved by ", clock.offset_s,
-          " s, as the file's log times have it; what the streams differ in on their way to the recorder is not known"));
+      const ClockMap clock{0, 1e-9 * double(offset), 0.0, 0.0};
+      found.clocks.push_back({stream, clock,
+          message(what, " are stamped on another clock than the pictures (", to_string(*own), ", pictures ",
+              to_string(*frames), "): moved by ", clock.offset_s,
+              " s, as the file's log times have it; what the streams differ in on their way to the recorder is not "
+              "known")});
     };
-    join(LogStream::joints, found.log.joints, found.log.session.joint_clock, "joint states");
-    join(LogStream::wrenches, found.log.wrenches, found.log.session.wrench_clock, "wrenches");
+    join(LogStream::joints, found.log.joints, "joint states");
+    join(LogStream::wrenches, found.log.wrenches, "wrenches");
   }
 
   /// The part of a joint state that is about one joint. What is missing or not finite is NaN.
   struct JointValues {
     double position = std::numeric_limits<double>::quiet_NaN(), velocity = position, effort = position;
   };
-  static JointValues values_of(const RosJointState& m, std::size_t i) {
-    JointValues v;
-    v.position = finite(m.position[i]);
-    if (!m.velocity.empty() && std::isfinite(m.velocity[i])) v.velocity = m.velocity[i];
-    if (!m.effort.empty()) v.effort = finite(m.effort[i]);
-    return v;
+  bool names_any(const RosJointState& m) const {
+    return std::any_of(m.name.begin(), m.name.end(),
+        [&](const std::string& n) { return std::find(names_.begin(), names_.end(), n) != names_.end(); });
   }
-  /// The joints by their names; a joint that the message does not name is as it was last. False if the message is none
-  /// of the first joint, or some joint has not been seen yet.
+  /// The joints by their names; what the message does not have of one is as it was last. False if the message has no
+  /// position of the first joint, or some joint has not been seen yet. One with numbers that are needed and not finite
+  /// is counted, and changes nothing.
   bool by_name(const RosJointState& m) {
     bool first = false;
-    for (std::size_t j = 0; j < names_.size(); ++j)
-      if (const auto at = std::find(m.name.begin(), m.name.end(), names_[j]); at != m.name.end()) {
-        known_[j] = values_of(m, std::size_t(at - m.name.begin()));
-        first = first || j == 0;
+    std::vector<JointValues> now = known_;
+    for (std::size_t j = 0; j < names_.size(); ++j) {
+      const auto at = std::find(m.name.begin(), m.name.end(), names_[j]);
+      if (at == m.name.end()) continue;
+      const auto i = std::size_t(at - m.name.begin());
+      JointValues& v = now[j];
+      if (!m.position.empty()) v.position = m.position[i];
+      if (!m.velocity.empty()) v.velocity = m.velocity[i];  // one that is no number follows from the positions
+      if (!m.effort.empty()) v.effort = m.effort[i];
+      if ((!m.position.empty() && !std::isfinite(v.position)) || (!m.effort.empty() && !std::isfinite(v.effort))) {
+        ++found.log.reading[std::size_t(LogStream::joints)].incomplete;
+        return false;
       }
-    return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return k.has_value(); });
+      first = first || (j == 0 && !m.position.empty());
+    }
+    known_ = std::move(now);
+    return first && std::all_of(known_.begin(), known_.end(), [](const auto& k) { return std::isfinite(k.position); });
   }
-  static std::string listed(const std::vector<std::string>& names) {
-    return listing(names, [](const std::string& n) { return printable(n); });
+  /// Currents stand in the order of the names of the joint state that they belong to. Throws InputError for another
+  /// order than before.
+  void order_currents(const std::vector<std::string>& names) {
+    if (names == named_with_currents_) return;
+    if (!named_with_currents_.empty() || names.size() > std::size_t(max_joints))
+      throw InputError("joints whose currents come in messages of their own must always be named in one order");
+    std::vector<int> order;
+    for (const std::string& n : names_)
+      if (const auto at = std::find(names.begin(), names.end(), n); at != names.end())
+        order.push_back(int(at - names.begin()));
+    if (order.size() != names_.size()) return;
+    named_with_currents_ = names;
+    currents_order_ = std::move(order);
   }
 
   bool has_session_, chosen_;
   std::vector<std::string> names_;
-  std::vector<std::optional<JointValues>> known_;
+  std::vector<JointValues> known_;
+  std::vector<std::string> named_with_currents_;  ///< by the messages whose efforts are currents, in their order
+  std::vector<int> currents_order_;               ///< place of each joint in it
   std::array<TopicStamps, log_streams> stamps_;
   TopicStamps exposure_stamps_, current_stamps_;
   std::vector<std::pair<double, double>> exposures_;
@@ -3820,7 +4473,7 @@ template <ChunkCodec... Codecs> class TopicChoice {
             {files[f]->channels().at(e.channel).topic, schema_of(*files[f], e.channel)}, McapPicture{e, false, f});
     choose_pictures(wanted.image);
     choose(LogStream::frames, "exposures", "", {FrameExposure::type});
-    choose(LogStream::joints, "joint states", wanted.joints, {RosJointState::type});
+    choose_joints(wanted);
     choose(LogStream::joints, "currents", "", {JointCurrents::type});
     choose(LogStream::wrenches, "wrenches", wanted.wrench, {RosWrenchStamped::type});
     choose(LogStream::markers, "displacements", "", {MarkerDisplacement::type});
@@ -3872,6 +4525,56 @@ template <ChunkCodec... Codecs> class TopicChoice {
     }
   }
 
+  /// Of several topics with joint states those count that have joints of the wanted names, each on one topic.
+  void choose_joints(const McapTopics& wanted) {
+    const std::set<std::string> topics = topics_of({RosJointState::type});
+    if (topics.size() < 2 || !wanted.joints.empty())
+      return choose(LogStream::joints, "joint states", wanted.joints, {RosJointState::type});
+    const std::map<std::string, std::set<std::string>> names = joint_names_of(topics);
+    std::set<std::string> with, twice;
+    for (const std::string& joint : wanted.joint_names) {
+      std::set<std::string> having;
+      for (const std::string& t : topics)
+        if (const auto n = names.find(t); n != names.end() && n->second.contains(joint)) having.insert(t);
+      if (having.size() > 1) twice.insert(having.begin(), having.end());
+      with.insert(having.begin(), having.end());
+    }
+    if (!with.empty() && twice.empty()) {
+      topic_[std::size_t(LogStream::joints)] = listing(with, [](const std::string& t) { return t; });
+      for (const std::string& t : with) use_[{t, RosJointState::type}] = LogStream::joints;
+      return;
+    }
+    tables_.fail(LogStream::joints, name_ + ": ",
+        "has joint states on several topics, one must be chosen, or joints by their names: " +
+            listing(twice.empty() ? topics : twice, [&](const std::string& t) {
+              const auto n = names.find(t);
+              return printable(t) + " (" +
+                     (n == names.end() ? std::string()
+                                       : listing(n->second, [](const std::string& j) { return printable(j); })) +
+                     ")";
+            }));
+  }
+  /// Names in the first messages of each topic.
+  std::map<std::string, std::set<std::string>> joint_names_of(const std::set<std::string>& topics) const {
+    constexpr int first = 100;  // publishers that take turns
+    constexpr std::size_t most_names = 64;
+    std::map<std::string, std::set<std::string>> names;
+    std::map<std::string, int> seen;
+    for (const auto& file : files_)
+      for (const McapEntry& e : file->messages()) {
+        const McapChannel& channel = file->channels().at(e.channel);
+        if (channel.encoding != "cdr" || schema_of(*file, e.channel) != RosJointState::type ||
+            !topics.contains(channel.topic) || ++seen[channel.topic] > first)
+          continue;
+        try {
+          for (const std::string& n : from_cdr<RosJointState>(file->read(e).data).name)
+            if (names[channel.topic].size() < most_names) names[channel.topic].insert(n);
+        } catch (const InputError&) {  // whoever reads the topic says so
+        }
+      }
+    return names;
+  }
+
   /// Of several topics with pictures those count that can be read: no depth, no video. image_transport sends the same
   /// pictures packed below the name of their topic.
   void choose_pictures(const std::string& wanted) {
@@ -3919,6 +4622,15 @@ template <ChunkCodec... Codecs> class TopicChoice {
 
 }  // namespace detail
 
+/// Text of the attachment session.json of a bag's files; empty without one. Throws InputError for one that is too
+/// large.
+template <ChunkCodec... Codecs> std::string attached_session(const McapFiles<Codecs...>& files) {
+  std::string json;
+  for (const auto& file : files)
+    if (json.empty()) json = detail::attached_session(*file);
+  return json;
+}
+
 /// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. `files` are those of one bag, in
 /// their order, at least one. A stream that cannot be read is empty, and Recording::reading has the reason: one line
 /// with file, topic, time. Throws InputError where the session is too large.
@@ -3928,9 +4640,7 @@ McapLog read_mcap_log(const McapFiles<Codecs...>& files, const McapTopics& wante
   if (wanted.joint_names.size() > std::size_t(max_joints))
     throw InvalidArgument(
         message(wanted.joint_names.size(), " joints are chosen by name, must be at most ", max_joints));
-  std::string session_json;
-  for (const auto& file : files)
-    if (session_json.empty()) session_json = detail::attached_session(*file);
+  std::string session_json = attached_session(files);
   McapTables tables(!session_json.empty(), wanted.joint_names);
   const detail::TopicChoice<Codecs...> choice(files, wanted, tables);
   for (std::size_t f = 0; f < files.size(); ++f)
@@ -4290,14 +5000,16 @@ template <ChunkCodec Codec> class LogMessages {
     const JointSample& s = log_.joints[row.index];
     const Eigen::Index n = s.position_rad.size();
     require(n > 0 && s.velocity_rad_per_s.size() == n && s.effort.size() == n &&
-                log_.joints.front().effort.size() == n && s.unit == log_.joints.front().unit,
-        "joint log: samples must have the same number of joints and the same kind of effort");
+                log_.joints.front().effort.size() == n && s.unit == log_.joints.front().unit &&
+                (log_.joint_names.empty() || log_.joint_names.size() == std::size_t(n)),
+        "joint log: samples must have the same number of joints, one for each name, and the same kind of effort");
     require(s.position_rad.allFinite() && s.velocity_rad_per_s.allFinite() && s.effort.allFinite(),
         "a joint sample's numbers must be finite");
     const bool torque = s.unit == Effort::torque_Nm;
     RosJointState m{{s.stamp_ns, ""}, {}, list_of(s.position_rad), list_of(s.velocity_rad_per_s),
         torque ? list_of(s.effort) : std::vector<double>()};
-    for (int j = 0; j < int(n); ++j) m.name.push_back(numbered("joint", j));
+    for (int j = 0; j < int(n); ++j)
+      m.name.push_back(log_.joint_names.empty() ? numbered("joint", j) : log_.joint_names[std::size_t(j)]);
     to_.write("/joint_states", row.log_ns, m);
     if (!torque) to_.write("/joint_currents", row.log_ns, JointCurrents{{s.stamp_ns, ""}, list_of(s.effort)});
   }
@@ -4376,233 +5088,82 @@ template <ChunkCodec Codec = Uncompressed, class Picture> void write_mcap_log(
 
 #endif
 
-// ---- lumo/core/sobol.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_SOBOL_HPP
+// ---- lumo/sense/profile/common_light.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_COMMON_LIGHT_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_COMMON_LIGHT_HPP
 
-namespace lumo {
+namespace lumo::sense {
 
-/// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
-constexpr std::uint64_t mix64(std::uint64_t x) {
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
-  return x ^ (x >> 31);
-}
-
-/// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
-constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
-  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
-}
-
-/// A number in (0, 1) from a key.
-constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
-
-/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
-inline std::uint32_t nearest_power_of_two(double wish) {
-  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
-}
-
-constexpr std::uint32_t reverse_bits(std::uint32_t x) {
-  x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
-  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
-  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
-  return (x >> 16) | (x << 16);
-}
-
-/// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
-/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
-/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
-constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
-  x = reverse_bits(x);
-  x ^= x * 0x3d20adeau;
-  x += seed;
-  x *= (seed >> 16) | 1u;
-  x ^= x * 0x05526c56u;
-  x ^= x * 0x53a22864u;
-  return reverse_bits(x);
-}
-
-/// Primitive polynomial (degree, inner coefficients) and first direction numbers of one dimension.
-struct SobolSeed {
-  int degree;
-  std::uint32_t polynomial;
-  std::array<std::uint32_t, 7> m;
-};
-
-/// Dimensions 2 … 32 (the first is van der Corput's). Source: Joe & Kuo, "Constructing Sobol sequences with better
-/// two-dimensional projections", SIAM J. Sci. Comput. 30 (2008), set new-joe-kuo-6.
-inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
-    {1, 0, {1}},
-    {2, 1, {1, 3}},
-    {3, 1, {1, 3, 1}},
-    {3, 2, {1, 1, 1}},
-    {4, 1, {1, 1, 3, 3}},
-    {4, 4, {1, 3, 5, 13}},
-    {5, 2, {1, 1, 5, 5, 17}},
-    {5, 4, {1, 1, 5, 5, 5}},
-    {5, 7, {1, 1, 7, 11, 19}},
-    {5, 11, {1, 1, 5, 1, 1}},
-    {5, 13, {1, 1, 1, 3, 11}},
-    {5, 14, {1, 3, 5, 5, 31}},
-    {6, 1, {1, 3, 3, 9, 7, 49}},
-    {6, 13, {1, 1, 1, 15, 21, 21}},
-    {6, 16, {1, 3, 1, 13, 27, 49}},
-    {6, 19, {1, 1, 1, 15, 7, 5}},
-    {6, 22, {1, 3, 1, 15, 13, 25}},
-    {6, 25, {1, 1, 5, 5, 19, 61}},
-    {7, 1, {1, 3, 7, 11, 23, 15, 103}},
-    {7, 4, {1, 3, 7, 13, 13, 15, 69}},
-    {7, 7, {1, 1, 3, 13, 7, 35, 63}},
-    {7, 8, {1, 3, 5, 9, 1, 25, 53}},
-    {7, 14, {1, 3, 1, 13, 9, 35, 107}},
-    {7, 19, {1, 3, 1, 5, 27, 61, 31}},
-    {7, 21, {1, 1, 5, 11, 19, 41, 61}},
-    {7, 28, {1, 3, 5, 3, 3, 13, 69}},
-    {7, 31, {1, 1, 7, 13, 1, 19, 1}},
-    {7, 32, {1, 3, 7, 5, 13, 19, 59}},
-    {7, 37, {1, 1, 3, 9, 25, 29, 41}},
-    {7, 41, {1, 3, 5, 13, 23, 1, 55}},
-    {7, 42, {1, 3, 7, 3, 13, 59, 17}},
-}};
-
-/// A plain array, which a compiler fills faster than std::array.
-struct SobolTable {
-  std::uint32_t number[32][32];
-};
-
-/// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
-constexpr SobolTable make_sobol_table() {
-  SobolTable table{};
-  auto& v = table.number;
-  for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
-  for (std::size_t d = 1; d < 32; ++d) {
-    const SobolSeed& seed = sobol_seeds[d - 1];
-    const std::size_t s = std::size_t(seed.degree);
-    for (std::size_t k = 0; k < 32; ++k) {
-      if (k < s) {
-        v[d][k] = seed.m[k] << (31 - k);
-        continue;
-      }
-      v[d][k] = v[d][k - s] ^ (v[d][k - s] >> s);
-      for (std::size_t j = 1; j < s; ++j)
-        if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
-    }
-  }
-  return table;
-}
-
-/// Made by the compiler, and so only where it is used.
-inline constexpr SobolTable sobol_table = make_sobol_table();
-
-/// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
-struct Sobol {
-  static constexpr int dimensions = 32;
-
-  /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
-  static std::uint32_t bits(std::uint32_t index, int dimension) {
-    std::uint32_t x = 0;
-    for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= sobol_table.number[dimension][k];
-    return x;
-  }
-};
-
-/// Sobol's sequence under a random Owen scramble per dimension: every point is uniform on [0, 1)^d, nets stay nets, and
-/// different seeds are independent. Law: a pure function of (seed, index, dimension). Own code: libraries' generators
-/// keep a state and are not scrambled.
-struct OwenSobol {
-  std::uint64_t seed = 0;
-
-  /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
-  double operator()(std::uint32_t index, int dimension) const {
-    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
-    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
-  }
-};
-
-}  // namespace lumo
-
-#endif
-
-// ---- lumo/core/statistics.hpp
-#ifndef SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
-#define SINGLE_INCLUDE_LUMO_CORE_STATISTICS_HPP
-
-namespace lumo {
-
-/// A number with a lower and an upper bound.
-struct Interval {
-  double value = 0.0, low = 0.0, high = 0.0;
-};
-
-/// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
-inline double median(std::vector<double> v) {
-  if (v.empty()) throw InvalidArgument("median of no numbers");
-  const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
-  std::nth_element(v.begin(), half, v.end());
-  return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
-}
-
-/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for
-/// none.
-inline double quantile(std::vector<double> v, double p) {
-  if (v.empty()) throw InvalidArgument("quantile of no numbers");
-  require_in_range("quantile", p, 0.0, 1.0, "");
-  std::sort(v.begin(), v.end());
-  const double place = p * double(v.size() - 1);
-  const auto i = std::size_t(place);
-  return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
-}
-
-/// Of ascending numbers the first of those `count` in a row that lie closest together; `count` is 1 to their number.
-inline std::size_t closest_together(const std::vector<double>& sorted, std::size_t count) {
-  std::size_t closest = 0;
-  for (std::size_t i = 1; i + count <= sorted.size(); ++i)
-    if (sorted[i + count - 1] - sorted[i] < sorted[closest + count - 1] - sorted[closest]) closest = i;
-  return closest;
-}
-
-/// Root mean square of the entries.
-inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) {
-  return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0;
-}
-
-/// Median of each row.
-inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
-  Eigen::VectorXd r(m.rows());
-  for (Eigen::Index i = 0; i < m.rows(); ++i) {
-    const Eigen::VectorXd row = m.row(i);
-    r[i] = median({row.data(), row.data() + row.size()});
-  }
-  return r;
-}
-
-/// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
-inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
-  if (all < 1 || right < 0 || right > all)
-    throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
-  const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
-  const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
-  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
-}
-
-/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
-class CountedNormals {
+/// Divides out what changes all light alike: lamps on alternating current or on pulses, seen by a camera of another
+/// rate. The factor of a profile is the mean of the half of its places whose factors lie closest together, which leaves
+/// out what a contact brightens. No memory is allocated after the first call.
+class SteadyLight {
  public:
-  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
-  double operator()() {
-    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))),
-                 turn = uniform(combine(seed_, count_ + 1));
-    count_ += 2;
-    return radius * std::cos(6.2831853071795864769 * turn);
+  SteadyLight() = default;
+  /// `unloaded`: the light that profiles are brought to.
+  explicit SteadyLight(Eigen::VectorXd unloaded) : unloaded_(std::move(unloaded)) {}
+
+  bool is_set() const { return unloaded_.size() > 0; }
+  const Eigen::VectorXd& unloaded() const { return unloaded_; }
+  /// 1 for a profile of another length, or without light.
+  double factor(const Eigen::VectorXd& value) {
+    constexpr double least = 1e-3;
+    if (value.size() != unloaded_.size() || value.size() < 2 || !value.allFinite()) return 1.0;
+    ratio_.resize(std::size_t(value.size()));
+    for (Eigen::Index i = 0; i < value.size(); ++i) ratio_[std::size_t(i)] = value[i] / std::max(unloaded_[i], 1e-9);
+    std::sort(ratio_.begin(), ratio_.end());
+    const std::size_t half = ratio_.size() / 2 + 1, from = closest_together(ratio_, half);
+    double sum = 0.0;
+    for (std::size_t i = from; i < from + half; ++i) sum += ratio_[i];
+    return sum > least * double(half) ? sum / double(half) : 1.0;
   }
+  void divide(Eigen::VectorXd& value) { value /= factor(value); }
 
  private:
-  std::uint64_t seed_, count_ = 0;
+  Eigen::VectorXd unloaded_;
+  std::vector<double> ratio_;
 };
 
-}  // namespace lumo
+/// Limits of what is taken for lamps that flicker; chosen on the virtual lab, whose lamps scatter by 1.7 % from picture
+/// to picture.
+struct FlickerLimits {
+  std::size_t least = 12;     ///< pictures
+  double half_range = 0.045;  ///< of the common factor, from its 10 % to its 90 % quantile
+  double crossings = 0.125;   ///< of that range's middle, by picture: an exposure that settles crosses once
+};
+
+/// Light that rises and falls as a whole from picture to picture.
+struct Flicker {
+  double half_range = 0.0;  ///< relative; 0: none beyond what lamps do
+  double rate_Hz = 0.0;     ///< as the pictures show it: lamps may be much faster
+  Eigen::VectorXd middle;   ///< profile
+};
+
+/// Of pictures of the unloaded finger in the order of time.
+inline Flicker flicker_of(const std::vector<const Profile*>& profiles, const FlickerLimits& limits = {}) {
+  Flicker flicker;
+  if (profiles.size() < limits.least) return flicker;
+  Eigen::MatrixXd value(profiles.front()->value.size(), Eigen::Index(profiles.size()));
+  for (std::size_t k = 0; k < profiles.size(); ++k) {
+    if (profiles[k]->value.size() != value.rows() || !profiles[k]->value.allFinite()) return flicker;
+    value.col(Eigen::Index(k)) = profiles[k]->value;
+  }
+  flicker.middle = pointwise_median(value);
+  SteadyLight steady(flicker.middle);
+  std::vector<double> factor;
+  for (const Profile* p : profiles) factor.push_back(steady.factor(p->value));
+  const double low = quantile(factor, 0.1), high = quantile(factor, 0.9), middle = 0.5 * (low + high),
+               range = 0.5 * (high - low);
+  int crossings = 0;
+  for (std::size_t k = 1; k < factor.size(); ++k) crossings += (factor[k] > middle) != (factor[k - 1] > middle);
+  if (range <= limits.half_range || crossings < limits.crossings * double(factor.size())) return flicker;
+  flicker.half_range = range;
+  const double seconds = 1e-9 * double(profiles.back()->stamp_ns - profiles.front()->stamp_ns);
+  flicker.rate_Hz = seconds > 0.0 ? 0.5 * crossings / seconds : 0.0;
+  return flicker;
+}
+
+}  // namespace lumo::sense
 
 #endif
 
@@ -5042,8 +5603,10 @@ class GreenProfile {
 
   using Config = Strip::Config;
 
+  /// `steady`: what changes all light alike is divided out, if it is set; then the profile is not linear in the light.
   /// Throws InvalidArgument for a band outside the image or numbers out of range.
-  explicit GreenProfile(const Config& config) : strip_(config), centres_(config.bins.centres_m()) {}
+  explicit GreenProfile(const Config& config, SteadyLight steady = {})
+      : strip_(config), centres_(config.bins.centres_m()), steady_(std::move(steady)) {}
 
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;
@@ -5052,6 +5615,7 @@ class GreenProfile {
         frame.image, [](const std::uint8_t* p, const std::uint8_t*, std::size_t i) { return p[i]; }, nullptr,
         profile.value);
     profile.saturated = strip_.saturated_share(frame.image);
+    if (steady_.is_set()) steady_.divide(profile.value);
     return true;
   }
   const Eigen::VectorXd& positions_m() const { return centres_; }
@@ -5059,6 +5623,7 @@ class GreenProfile {
  private:
   Strip strip_;
   Eigen::VectorXd centres_;
+  SteadyLight steady_;
 };
 
 static_assert(Readout<GreenProfile>);
@@ -5615,8 +6180,10 @@ struct FingerView {
   int lit = 1;             ///< the channel in which the LEDs are seen, as ImageView has it
   double unchanged = 0.0;  ///< share of lit pixels that a picture repeats of the last one (RepeatedPixels); 0: unknown
 
+  SteadyLight steady{};  ///< set where lamps flicker; of the bins that profiles were read in
+
   GreenProfile readout(const LongitudinalBins& bins) const {
-    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format, 1, lit});
+    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format, 1, lit}, steady);
   }
 };
 
@@ -5757,6 +6324,20 @@ template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& 
   for (auto f = camera.next(); f; f = camera.next())
     if (readout.read(*f, p)) list.push_back(p);
   return list;
+}
+
+/// Where lamps flicker in the unloaded stretch that is divided out of all profiles, and from now on of what the view
+/// reads. The range of the result is 0 where they do not.
+inline Flicker take_out_flicker(FingerView& view, std::vector<Profile>& profiles, const UnloadedStretch& stretch) {
+  std::vector<const Profile*> held;
+  for (const Profile& p : profiles)
+    if (stretch.holds(p.stamp_ns)) held.push_back(&p);
+  Flicker flicker = flicker_of(held);
+  if (!(flicker.half_range > 0.0)) return flicker;
+  view.steady = SteadyLight(flicker.middle);
+  SteadyLight steady = view.steady;
+  for (Profile& p : profiles) steady.divide(p.value);
+  return flicker;
 }
 
 /// Of the profiles in the unloaded stretch that agree with each other. `unchanged`: FingerView's. Throws InputError
@@ -8781,6 +9362,161 @@ class ForceEstimator {
 
 #endif
 
+// ---- lumo/sense/joints/free_run.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_FREE_RUN_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_FREE_RUN_HPP
+
+namespace lumo::sense {
+
+/// Limits for runs of which nobody said that they are without contact; chosen on the virtual lab.
+struct FreeRunLimits {
+  double block_s = 0.05;    ///< over which samples are averaged
+  std::size_t least = 8;    ///< blocks, below which all are taken
+  std::size_t fitted = 40;  ///< blocks that friction and weight are fitted to; fewer have one mean torque …
+  double still_rad = 0.05;  ///< … if the joint moves no farther than that
+  double far_sigmas = 8.0;  ///< of the closest half's scatter, from which a block is left out …
+  double far_Nm = 0.05;     ///< … if it is also this far off: beyond what sticks in a joint
+  int steps = 6;            ///< of concentration
+};
+
+/// A run without the stretches whose torque is far off what the rest of it shows.
+struct FreeRun {
+  std::vector<JointSample> samples;
+  double left_out = 0.0;  ///< share of the run
+};
+
+namespace detail {
+
+/// A run in blocks: their mean samples, and which samples each has.
+struct RunBlocks {
+  std::vector<JointSample> mean;
+  std::vector<std::pair<std::size_t, std::size_t>> samples;  ///< first and one past the last
+};
+
+inline RunBlocks run_blocks(std::span<const JointSample> run, double block_s) {
+  RunBlocks blocks;
+  for (std::size_t from = 0; from < run.size();) {
+    std::size_t to = from;
+    JointSample mean = run[from];
+    while (to < run.size() && 1e-9 * double(run[to].stamp_ns - run[from].stamp_ns) < block_s) {
+      const double weight = 1.0 / double(++to - from);
+      mean.position_rad += weight * (run[to - 1].position_rad - mean.position_rad);
+      mean.velocity_rad_per_s += weight * (run[to - 1].velocity_rad_per_s - mean.velocity_rad_per_s);
+      mean.effort += weight * (run[to - 1].effort - mean.effort);
+    }
+    blocks.mean.push_back(std::move(mean));
+    blocks.samples.emplace_back(from, to);
+    from = to;
+  }
+  return blocks;
+}
+
+/// How far each block's torque is off the model that is fitted to some of them [N·m]; `fitted`: with friction and
+/// weight, or else their mean.
+inline std::vector<double> block_misfits(const std::vector<JointSample>& blocks, const std::vector<std::size_t>& some,
+    int joint, const TorqueModel& start, bool fitted) {
+  std::vector<JointSample> chosen;
+  for (const std::size_t i : some) chosen.push_back(blocks[i]);
+  TorqueModel model = start;
+  if (fitted) model = identify_unloaded(chosen, joint, start).model;
+  else
+    for (const JointSample& s : chosen)
+      model.bias_Nm += model.motor_torque(s.effort[joint], s.unit) / double(chosen.size());
+  std::vector<double> off;
+  for (const JointSample& s : blocks)
+    off.push_back(model.motor_torque(s.effort[joint], s.unit) -
+                  model.unloaded(s.position_rad[joint], s.velocity_rad_per_s[joint]));
+  return off;
+}
+
+/// The half that is least off, and the sum of its squares.
+inline std::pair<std::vector<std::size_t>, double> least_half(const std::vector<double>& off) {
+  std::vector<std::size_t> order(off.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::sort(
+      order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return std::abs(off[a]) < std::abs(off[b]); });
+  order.resize(off.size() / 2 + 1);
+  double sum = 0.0;
+  for (const std::size_t i : order) sum += off[i] * off[i];
+  return {std::move(order), sum};
+}
+
+/// Least trimmed squares by concentration steps (Rousseeuw & Van Driessen 2006), from all blocks, and from each third.
+inline std::vector<double> robust_misfits(
+    const std::vector<JointSample>& blocks, int joint, const TorqueModel& start, bool fitted, int steps) {
+  const std::size_t n = blocks.size();
+  std::vector<double> best;
+  double least = std::numeric_limits<double>::infinity();
+  for (int part = 0; part < 4; ++part) {
+    const std::size_t from = part == 0 ? 0 : n * std::size_t(part - 1) / 3,
+                      to = part == 0 ? n : n * std::size_t(part) / 3;
+    std::vector<std::size_t> some;
+    for (std::size_t i = from; i < to; ++i) some.push_back(i);
+    std::vector<double> off;
+    for (int step = 0; step < steps; ++step) {
+      off = block_misfits(blocks, some, joint, start, fitted);
+      some = least_half(off).first;
+    }
+    if (const double sum = least_half(off).second; sum < least) {
+      least = sum;
+      best = std::move(off);
+    }
+  }
+  return best;
+}
+
+}  // namespace detail
+
+/// Leaves out of a run what is far off the rest of it: contact, or a hand that moves the finger. A run in which nothing
+/// is stays as it is. `torque_constant_Nm_per_A`: as identify_joints. Throws InvalidArgument for numbers that are not
+/// finite.
+inline FreeRun free_run(std::span<const JointSample> run, std::span<const double> torque_constant_Nm_per_A,
+    const FreeRunLimits& limits = {}) {
+  FreeRun free{{run.begin(), run.end()}};
+  if (run.size() < limits.least) return free;
+  constexpr double most_blocks = 1000.0;
+  const double run_s = 1e-9 * double(run.back().stamp_ns - run.front().stamp_ns);
+  const detail::RunBlocks blocks = detail::run_blocks(run, std::max(limits.block_s, run_s / most_blocks));
+  const std::size_t n = blocks.mean.size();
+  if (n < limits.least) return free;
+  std::vector<bool> far(n, false);
+  for (int j = 0; j < int(run.front().effort.size()); ++j) {
+    TorqueModel start;
+    if (std::size_t(j) < torque_constant_Nm_per_A.size())
+      start.torque_constant_Nm_per_A = torque_constant_Nm_per_A[std::size_t(j)];
+    double low = blocks.mean.front().position_rad[j], high = low;
+    for (const JointSample& s : blocks.mean) {
+      low = std::min(low, s.position_rad[j]);
+      high = std::max(high, s.position_rad[j]);
+    }
+    const bool fitted = n >= limits.fitted;
+    if (!fitted && high - low > limits.still_rad) continue;
+    const std::vector<double> off = detail::robust_misfits(blocks.mean, j, start, fitted, limits.steps);
+    std::vector<double> size;
+    for (const double o : off) size.push_back(std::abs(o));
+    constexpr double median_of_normal = 0.6744897501960817;
+    const double limit = std::max(limits.far_sigmas * quantile(size, 0.5) / median_of_normal, limits.far_Nm);
+    for (std::size_t i = 0; i < n; ++i) far[i] = far[i] || size[i] > limit;
+  }
+  std::vector<bool> alone(n);  // a joint that turns round is off for a moment, too
+  for (std::size_t i = 0; i < n; ++i) alone[i] = !(i > 0 && far[i - 1]) && !(i + 1 < n && far[i + 1]);
+  for (std::size_t i = 0; i < n; ++i) far[i] = far[i] && !alone[i];
+  const auto left_out = std::size_t(std::count(far.begin(), far.end(), true));
+  if (left_out == 0 || left_out == n) return free;
+  free.samples.clear();
+  for (std::size_t i = 0; i < n; ++i)  // what lies beside contact is the begin of it, or its end
+    if (!far[i] && !(i > 0 && far[i - 1]) && !(i + 1 < n && far[i + 1]))
+      free.samples.insert(free.samples.end(), run.begin() + std::ptrdiff_t(blocks.samples[i].first),
+          run.begin() + std::ptrdiff_t(blocks.samples[i].second));
+  if (free.samples.empty()) free.samples.assign(run.begin(), run.end());
+  free.left_out = 1.0 - double(free.samples.size()) / double(run.size());
+  return free;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/joints/joint_reference.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_JOINTS_JOINT_REFERENCE_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_JOINTS_JOINT_REFERENCE_HPP
@@ -8793,6 +9529,7 @@ struct JointReference {
   std::vector<double> standstill_Nm;  ///< what may stick unseen
   /// All efforts are whole multiples of it apart, the coarsest joint's [A or N·m]; 0: no step is seen.
   double effort_step = 0.0;
+  double left_out = 0.0;  ///< share of the run whose torque is far off the rest's: contact (free_run)
 };
 
 /// Limits of the identification of joints; chosen on the virtual lab, none is critical.
@@ -8886,6 +9623,54 @@ inline JointReference identify_joints(std::span<const JointSample> samples,
   for (const JointSample& s : samples)
     if (s.stamp_ns <= until_ns) free.push_back(s);
   return identify_joints(free, torque_constant_Nm_per_A, limits);
+}
+
+}  // namespace lumo::sense
+
+#endif
+
+// ---- lumo/sense/profile/first_touch.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_PROFILE_FIRST_TOUCH_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_PROFILE_FIRST_TOUCH_HPP
+
+namespace lumo::sense {
+
+/// Limits of a touch that pictures show beyond doubt; chosen on the virtual lab.
+struct FirstTouchLimits {
+  int smoothing = 5;       ///< values of a profile that are averaged first
+  double noises = 8.0;     ///< by which a place must be brighter than unloaded …
+  double share = 0.08;     ///< … and this share of its light
+  int pictures = 3;        ///< in a row
+  double before_s = 0.25;  ///< a touch begins so much before it is beyond doubt
+};
+
+/// Up to when pictures show the finger untouched, in the order of their stamps: shortly before the first few in a row
+/// in which it is brighter at one place than unloaded, or the last one's stamp. What changes all light alike is no
+/// touch. 0 without pictures.
+inline std::int64_t untouched_until_ns(
+    const std::vector<Profile>& profiles, const UnloadedReference& unloaded, const FirstTouchLimits& limits = {}) {
+  const Eigen::VectorXd& mean = unloaded.mean();
+  const Eigen::VectorXd noise = unloaded.noise();
+  const Eigen::Index n = mean.size(), half = limits.smoothing / 2;
+  int in_a_row = 0;
+  std::int64_t first_ns = 0;
+  for (const Profile& p : profiles) {
+    if (p.value.size() != n || n <= 2 * half || !p.value.allFinite()) continue;
+    const Eigen::VectorXd ratio = p.value.cwiseQuotient(mean.cwiseMax(1e-9));
+    const Eigen::VectorXd change = p.value - median({ratio.data(), ratio.data() + n}) * mean;
+    bool touched = false;
+    for (Eigen::Index i = half; i < n - half && !touched; ++i) {
+      const auto smooth = [&](const Eigen::VectorXd& v) { return v.segment(i - half, 2 * half + 1).mean(); };
+      touched = smooth(change) > std::max(limits.noises * smooth(noise), limits.share * smooth(mean));
+    }
+    if (!touched) {
+      in_a_row = 0;
+      continue;
+    }
+    if (in_a_row++ == 0) first_ns = p.stamp_ns;
+    if (in_a_row == limits.pictures) return first_ns - std::llround(1e9 * limits.before_s);
+  }
+  return profiles.empty() ? 0 : profiles.back().stamp_ns;
 }
 
 }  // namespace lumo::sense
@@ -9010,6 +9795,25 @@ inline StreamRates stream_rates(std::span<const FrameRecord> frames, std::span<c
   return rates;
 }
 
+/// Whether somebody said when the finger was without contact: by segments, or by a chosen stretch.
+inline bool is_stated(const Session& session, const UnloadedStretch& rest) {
+  return rest.chosen || std::any_of(session.segments.begin(), session.segments.end(), [](const Segment& g) {
+    return g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free;
+  });
+}
+
+/// The stretch that joints are learnt from: `rest`, or where nobody said when the finger was free up to shortly before
+/// the first contact that `profiles` show, or that the session names.
+inline UnloadedStretch joint_stretch(const Session& session, const UnloadedStretch& rest,
+    const std::vector<Profile>& profiles, const UnloadedReference& unloaded) {
+  if (is_stated(session, rest)) return rest;
+  UnloadedStretch longer = rest;
+  longer.to_ns = std::max(rest.to_ns, untouched_until_ns(profiles, unloaded));
+  for (const Segment& g : session.segments)
+    if (g.from_ns > rest.to_ns) longer.to_ns = std::min(longer.to_ns, g.from_ns);
+  return longer;
+}
+
 /// A recording's joint samples, stamped on the frames' clock. Velocities that do not fit the positions are taken from
 /// these (mend_velocities).
 inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
@@ -9042,7 +9846,8 @@ inline std::vector<JointSample> samples_without_contact(const Recording& recordi
   return free;
 }
 
-/// What a recording's samples without contact show of the finger's joints. Throws InputError if there are none, or of
+/// What a recording's samples without contact show of the finger's joints. Where nobody said when these were, what is
+/// far off the rest of them is left out. Throws InputError if there are none, or of
 /// other joints than the session's.
 inline JointReference unloaded_joints(const Recording& recording, const UnloadedStretch& rest) {
   const Session& session = recording.session;
@@ -9053,10 +9858,11 @@ inline JointReference unloaded_joints(const Recording& recording, const Unloaded
   if (recording.joints.front().effort.size() != joints)
     throw InputError(message(recording.path, ": the session describes ", joints, joints == 1 ? " joint" : " joints",
         " (joint_to_joint_mm), the samples have ", recording.joints.front().effort.size()));
-  JointReference reference =
-      identify_joints(samples_without_contact(recording, rest), session.torque_constant_Nm_per_A);
-  if (reference.torque.empty())
-    throw InputError(recording.path + ": has no joint samples of the finger without contact");
+  FreeRun free{samples_without_contact(recording, rest)};
+  if (free.samples.empty()) throw InputError(recording.path + ": has no joint samples of the finger without contact");
+  if (!is_stated(session, rest)) free = free_run(free.samples, session.torque_constant_Nm_per_A);
+  JointReference reference = identify_joints(free.samples, session.torque_constant_Nm_per_A);
+  reference.left_out = free.left_out;
   return reference;
 }
 
@@ -9466,9 +10272,10 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
   finger.optics.view = view_finger(first, recording.session, rest, recording.path);
   auto pictures = make_camera();
   GreenProfile readout = finger.optics.readout();
-  finger.optics.unloaded =
-      unloaded_reference(read_profiles(pictures, readout), rest, recording.path, finger.optics.view.unchanged);
-  finger.joints = unloaded_joints(recording, rest);
+  std::vector<Profile> profiles = read_profiles(pictures, readout);
+  take_out_flicker(finger.optics.view, profiles, rest);
+  finger.optics.unloaded = unloaded_reference(profiles, rest, recording.path, finger.optics.view.unchanged);
+  finger.joints = unloaded_joints(recording, joint_stretch(recording.session, rest, profiles, finger.optics.unloaded));
   require_common_time(recording);
   return finger;
 }
@@ -9517,7 +10324,8 @@ std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_
   using Estimator = ForceEstimator<decltype(camera), decltype(motors), decltype(localizer), GreenProfile, J>;
   Estimator estimator(camera, motors, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
       finger.jacobian, force_config(finger, rates));
-  const ContactTorques torques(samples, finger.joints.torque);
+  const ContactTorques torques(samples, finger.joints.torque, {}, finger.session.joint_delay_s);
+  const std::int64_t delay_ns = std::llround(1e9 * finger.session.frame_delay_s);
   const StreamAssumptions& assumed = finger.assumptions;
   const double gap_s = std::max(assumed.joint_gap_s, assumed.joint_gap_periods * rates.joint_period_s);
   std::vector<FrameEstimate> list;
@@ -9530,7 +10338,7 @@ std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_
     e.force = estimator.step(frame.stamp_ns);
     e.seconds = watch.seconds();
     e.location = estimator.location();
-    e.joints = torques.at(frame.stamp_ns, gap_s);
+    e.joints = torques.at(frame.stamp_ns - delay_ns, gap_s);
     list.push_back(std::move(e));
   }
   return list;
@@ -9720,6 +10528,131 @@ inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const I
 
 #endif
 
+// ---- lumo/sense/force/latency.hpp
+#ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_LATENCY_HPP
+#define SINGLE_INCLUDE_LUMO_SENSE_FORCE_LATENCY_HPP
+
+namespace lumo::sense {
+
+/// Limits of the estimate of latency; chosen on the virtual lab, whose streams are stamped alike.
+struct LatencyLimits {
+  double most_s = 0.2, step_s = 4e-3;  ///< latencies that are tried
+  double gap_s = 0.05;                 ///< over which joints are interpolated
+  double noises = 4.0;                 ///< by which light must change from the picture before to the one after
+  double apart_s = 1.0;                ///< from one event to the next
+  int least_frames = 3, least_events = 3;
+  double least_correlation = 0.8;  ///< of light's and torque's change in an event that counts
+  /// Standard deviation that one event has at least: light and torque do not rise by one law (silicone creeps).
+  double event_sigma_s = 0.02;
+  double significant_sigmas = 4.0;  ///< from 0, beyond which a latency is none of chance
+};
+
+/// By how much joint samples are stamped later than pictures of the same moment, as contacts show that begin, grow and
+/// end.
+struct Latency {
+  double seconds = 0.0, sigma_s = 0.0;
+  int events = 0;               ///< contacts' changes that it is the mean of
+  bool is_significant = false;  ///< it is none of chance
+};
+
+namespace detail {
+
+/// Changes of light, and where they are great.
+struct LightChanges {
+  std::vector<std::int64_t> before_ns, after_ns;
+  std::vector<double> change_DN;
+  std::vector<std::vector<std::size_t>> events;
+};
+
+inline LightChanges light_changes(const std::vector<Profile>& profiles, const UnloadedReference& unloaded,
+    double delay_s, const LatencyLimits& limits) {
+  LightChanges c;
+  const auto delay_ns = std::llround(1e9 * delay_s);
+  std::vector<double> size;
+  for (std::size_t k = 1; k + 1 < profiles.size(); ++k) {
+    const Profile &a = profiles[k - 1], &b = profiles[k + 1];
+    const bool usable = a.value.size() == unloaded.mean().size() && b.value.size() == a.value.size() &&
+                        a.value.allFinite() && b.value.allFinite();
+    c.before_ns.push_back(a.stamp_ns - delay_ns);
+    c.after_ns.push_back(b.stamp_ns - delay_ns);
+    c.change_DN.push_back(usable ? b.value.mean() - a.value.mean() : 0.0);
+    size.push_back(std::abs(c.change_DN.back()));
+  }
+  if (size.empty()) return c;
+  constexpr double median_of_normal = 0.6744897501960817;
+  const double least = limits.noises * median(size) / median_of_normal;
+  for (std::size_t k = 0; k < size.size(); ++k) {
+    if (!(size[k] > least)) continue;
+    if (c.events.empty() || 1e-9 * double(c.after_ns[k] - c.after_ns[c.events.back().back()]) > limits.apart_s)
+      c.events.emplace_back();
+    c.events.back().push_back(k);
+  }
+  return c;
+}
+
+/// Latency of the best match of an event, and its correlation; nullopt for the ends of what was tried, or for joints
+/// that are not known throughout.
+inline std::optional<std::pair<double, double>> event_latency(const LightChanges& c,
+    const std::vector<std::size_t>& event, const ContactTorques& torques, const LatencyLimits& limits) {
+  constexpr int parts = 8;  // of a picture's time, over which torques are averaged
+  const Eigen::Index torque = 2 * torques.joints() - 1;
+  const auto steps = int(std::lround(limits.most_s / limits.step_s));
+  std::vector<double> match;
+  for (int i = -steps; i <= steps; ++i) {
+    double products = 0.0, light = 0.0, squares = 0.0;
+    for (const std::size_t k : event) {
+      double change = 0.0;
+      const std::int64_t span = c.after_ns[k] - c.before_ns[k];
+      for (int p = 0; p < parts; ++p) {
+        const std::int64_t shift = std::llround(1e9 * limits.step_s * i) + span * (2 * p - parts + 1) / (4 * parts);
+        const auto a = torques.at(c.before_ns[k] + shift, limits.gap_s),
+                   b = torques.at(c.after_ns[k] + shift, limits.gap_s);
+        if (!a || !b) return std::nullopt;
+        change += ((*b)[torque] - (*a)[torque]) / parts;
+      }
+      products += change * c.change_DN[k];
+      light += c.change_DN[k] * c.change_DN[k];
+      squares += change * change;
+    }
+    match.push_back(std::abs(products) / std::sqrt(std::max(light * squares, 1e-300)));
+  }
+  const auto best = std::max_element(match.begin(), match.end());
+  if (best == match.begin() || best + 1 == match.end()) return std::nullopt;
+  const double before = *(best - 1), after = *(best + 1), bend = before - 2.0 * *best + after;
+  const double part = bend < 0.0 ? 0.5 * (before - after) / bend : 0.0;
+  return std::pair(limits.step_s * (double(best - match.begin() - steps) + part), *best);
+}
+
+}  // namespace detail
+
+/// Light and torque rise and fall together: what shift in time makes their changes most alike, contact by contact.
+/// `profiles`: before the reference is subtracted; `frame_delay_s`: of their stamps, as the session states it.
+/// `torques`: on the same clock, less the joints' delay. nullopt: too few contacts show it.
+inline std::optional<Latency> joint_latency(const std::vector<Profile>& profiles, const UnloadedReference& unloaded,
+    const ContactTorques& torques, double frame_delay_s = 0.0, const LatencyLimits& limits = {}) {
+  const detail::LightChanges changes = detail::light_changes(profiles, unloaded, frame_delay_s, limits);
+  std::vector<double> found;
+  for (const auto& event : changes.events) {
+    if (int(event.size()) < limits.least_frames) continue;
+    const auto at = detail::event_latency(changes, event, torques, limits);
+    if (at && at->second >= limits.least_correlation) found.push_back(at->first);
+  }
+  if (int(found.size()) < limits.least_events) return std::nullopt;
+  Latency l;
+  l.events = int(found.size());
+  for (const double f : found) l.seconds += f / double(found.size());
+  double squares = 0.0;
+  for (const double f : found) squares += std::pow(f - l.seconds, 2);
+  const double scatter = std::max(std::sqrt(squares / double(found.size() - 1)), limits.event_sigma_s);
+  l.sigma_s = scatter / std::sqrt(double(found.size()));
+  l.is_significant = std::abs(l.seconds) > limits.significant_sigmas * l.sigma_s;
+  return l;
+}
+
+}  // namespace lumo::sense
+
+#endif
+
 // ---- lumo/sense/force/stream_checks.hpp
 #ifndef SINGLE_INCLUDE_LUMO_SENSE_FORCE_STREAM_CHECKS_HPP
 #define SINGLE_INCLUDE_LUMO_SENSE_FORCE_STREAM_CHECKS_HPP
@@ -9746,6 +10679,10 @@ struct StreamCheckLimits {
   double better_order = 0.5;       ///< of the misfit, to which another order of the joints must bring it
   double mirrored = -0.5;          ///< correlation of places by torque and by light, below which one is mirrored
   double least_spread_m = 5.0_mm;  ///< of the places touched, that shows a mirrored one
+  // Joints
+  int least_free = 30;              ///< frames that the pictures see free
+  double free_torque_noises = 8.0;  ///< by which torques must be off 0 there (median) …
+  double free_torque_Nm = 0.2;      ///< … and this much: beyond what sticks in a joint
   // Force sensor
   double least_force_N = 2.0;  ///< from which torque over force is a place
   double wrong_force_N = 0.5;  ///< on the wrong side, in holds (median)
@@ -9900,6 +10837,25 @@ template <ContactJacobian J> TorqueAgreement torque_agreement(std::span<const Fr
   if (int(light.size()) >= limits.least_contacts && quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m)
     r.mirrored = detail::correlation(light, torque) < limits.mirrored;
   return r;
+}
+
+/// Torque of the pad's joint in frames after `after_ns` that the pictures see free [N·m, median], where it is no noise:
+/// then its friction, weight and offset were learnt in a contact, or something touches what the pictures do not see.
+/// nullopt: it is noise, or there are too few such frames.
+template <ContactJacobian J> std::optional<double> torque_without_contact(std::span<const FrameEstimate> estimates,
+    const J& jacobian, double noise_Nm, std::int64_t after_ns, const StreamCheckLimits& limits = {}) {
+  std::vector<double> torque;
+  int positive = 0;
+  for (const FrameEstimate& e : estimates)
+    if (e.stamp_ns > after_ns && e.joints && e.location.contacts == 0 && !e.location.unknown &&
+        e.location.probability > limits.sure) {
+      torque.push_back((*e.joints)[2 * jacobian.joints() - 1]);
+      positive += torque.back() > 0.0;
+    }
+  if (int(torque.size()) < limits.least_free) return std::nullopt;
+  const double middle = median(torque), share = double(positive) / double(torque.size());
+  const bool far = std::abs(middle) > std::max(limits.free_torque_noises * noise_Nm, limits.free_torque_Nm);
+  return far && std::max(share, 1.0 - share) > limits.one_sign ? std::optional(middle) : std::nullopt;
 }
 
 /// Places by one joint's torque over the force sensor's force against places by light: whether they run against each
@@ -12450,6 +13406,99 @@ template <Camera C, Actuator A, class Report> void observe_hand_live(
 
 #endif
 
+// ---- lumo/core/part.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_PART_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_PART_HPP
+
+namespace lumo {
+
+/// A file or folder that is written beside its place, as `<place>.part-…`, until it is whole. Its writer holds a lock
+/// on it (flock(2)), which the kernel frees when the writer dies, in whichever container: the next one to write the
+/// same removes what the dead have left.
+class Part {
+ public:
+  enum class Kind { file, folder };
+
+  /// A new one that no other writer has; nullopt if it cannot be made: errno says why.
+  static std::optional<Part> make(const std::filesystem::path& place, Kind kind) {
+    for (int tries = 0; tries < 100; ++tries) {  // one that sweep() took for a dead writer's is made again
+      const std::string name = message(place.string(), ".part-", steady_ns(), '-', ::getpid());
+      const int file = kind == Kind::file            ? ::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666)
+                       : ::mkdir(name.c_str(), 0777) ? -1
+                                                     : ::open(name.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+      if (file < 0 && errno == EEXIST) continue;
+      if (file < 0) return std::nullopt;
+      ::flock(file, LOCK_EX | LOCK_NB);  // where a file system has no locks nothing is swept
+      struct stat mine = {}, there = {};
+      if (::fstat(file, &mine) == 0 && ::stat(name.c_str(), &there) == 0 && mine.st_ino == there.st_ino)
+        return Part(name, file);
+      ::close(file);
+    }
+    errno = EEXIST;
+    return std::nullopt;
+  }
+  /// Removes what dead writers have left at this place.
+  static void sweep(const std::filesystem::path& place) {
+    namespace fs = std::filesystem;
+    const std::string begin = place.filename().string() + ".part-";
+    std::error_code error;
+    const fs::path folder = place.has_parent_path() ? place.parent_path() : fs::path(".");
+    for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
+      const std::string name = at->path().filename().string();
+      if (!name.starts_with(begin) || name.find_first_not_of("0123456789abcdefx-", begin.size()) != std::string::npos)
+        continue;
+      const int left = ::open(at->path().c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+      if (left < 0) continue;
+      std::error_code none;
+      if (::flock(left, LOCK_EX | LOCK_NB) == 0) fs::remove_all(at->path(), none);
+      ::close(left);
+    }
+  }
+
+  Part(Part&& other) noexcept : path_(std::move(other.path_)), file_(std::exchange(other.file_, -1)) {}
+  Part& operator=(Part&& other) noexcept {
+    std::swap(path_, other.path_);
+    std::swap(file_, other.file_);
+    return *this;
+  }
+  /// Removes it, unless it has its name.
+  ~Part() {
+    std::error_code none;
+    if (file_ >= 0 && !path_.empty()) std::filesystem::remove_all(path_, none);
+    if (file_ >= 0) ::close(file_);
+  }
+
+  const std::filesystem::path& path() const { return path_; }
+  /// Writes at the end of a file; errno says why not.
+  bool write(std::string_view bytes) const {
+    while (!bytes.empty()) {
+      const ::ssize_t n = ::write(file_, bytes.data(), bytes.size());
+      if (n < 0 && errno == EINTR) continue;
+      if (n < 0) return false;
+      bytes.remove_prefix(std::size_t(n));
+    }
+    return true;
+  }
+  /// Brings it to the disk, but not what is in a folder; errno says why not.
+  bool synchronise() const { return ::fsync(file_) == 0; }
+  /// Gives it its name; what had it is replaced. errno says why not.
+  bool take_name(const std::filesystem::path& name) {
+    if (::rename(path_.c_str(), name.c_str()) != 0) return false;
+    path_.clear();
+    return true;
+  }
+
+ private:
+  Part(std::string path, int file) : path_(std::move(path)), file_(file) {}
+
+  std::filesystem::path path_;
+  int file_ = -1;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/core/files.hpp
 #ifndef SINGLE_INCLUDE_LUMO_CORE_FILES_HPP
 #define SINGLE_INCLUDE_LUMO_CORE_FILES_HPP
@@ -12516,24 +13565,19 @@ enum class Durability {
   memory  ///< what the system had written by then: for the many pictures of a recording
 };
 
-/// The whole file or none, after a power failure, too: written beside its place under a name that no other writer
-/// takes, brought to the disk, then renamed; an older one is replaced. Throws InputError of one line, and leaves what
-/// was there.
+/// The whole file or none, after a power failure, too: written beside its place as a Part, brought to the disk, then
+/// renamed; an older one is replaced. Throws InputError of one line, and leaves what was there.
 inline void write_whole(const std::string& path, std::string_view bytes, Durability durability = Durability::disk) {
-  // Two programs, or threads, may write the same file at once: the time and a place on the stack make names unique.
-  const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
-  errno = 0;
-  std::ofstream out(part, std::ios::binary);
-  out.write(bytes.data(), std::streamsize(bytes.size()));
-  out.close();
   const bool durable = durability == Durability::disk;
-  if (out && (!durable || synchronise(part)) && std::rename(part.c_str(), path.c_str()) == 0) {
+  if (durable) Part::sweep(path);
+  errno = 0;
+  std::optional<Part> part = Part::make(path, Part::Kind::file);
+  if (part && part->write(bytes) && (!durable || part->synchronise()) && part->take_name(path)) {
     if (durable) synchronise(std::filesystem::absolute(path).parent_path().string());  // the name must last as well
     return;
   }
-  const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
-  std::remove(part.c_str());
-  throw InputError(message(path, ": cannot be written: ", why));
+  throw InputError(message(
+      path, ": cannot be written: ", std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message()));
 }
 
 }  // namespace lumo
