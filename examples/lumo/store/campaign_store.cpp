@@ -78,8 +78,8 @@ std::string StoredCampaign::known_words() const {
   for (const KnownEvaluation& k : problem.known)
     if (k.results.value_or(problem.results) != problem.results) ++others[*k.results];
   std::string text = lumo::message("knows ", problem.known.size(), " earlier results");
-  for (const auto& [version, count] : others)
-    text += lumo::message(", ", count, " of version ", version, ", which are in no front");
+  for (const auto& [results, count] : others)
+    text += lumo::message(", ", count, " of version ", results, ", which are in no front");
   return text;
 }
 
