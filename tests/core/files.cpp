@@ -117,7 +117,7 @@ TEST_CASE("writers of the same file do not get in each other's way") {
   std::atomic<int> failed = 0;
   for (int k = 0; k < 4; ++k)
     writers.emplace_back([&] {
-      for (int i = 0; i < 100; ++i) try {
+      for (int i = 0; i < 500; ++i) try {
           write_whole(folder / "file", std::string(20000, 'y'));
         } catch (const InputError&) {
           ++failed;
