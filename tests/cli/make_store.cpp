@@ -88,7 +88,7 @@ TrialResult verdict(const Design& x, const CampaignProblem& problem, bool fails)
   else {
     const Evaluation e = made_up(x, problem.asked.ensemble);
     v.outputs = {e.J_contact->value, e.J_obs->value};
-    if (with_errors) v.errors = {e.J_contact->error, e.J_obs->error};
+    if (with_errors) v.errors = {e.J_contact->standard_error(), e.J_obs->standard_error()};
     append(record, json(e));
   }
   v.record = record.dump();

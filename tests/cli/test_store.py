@@ -177,12 +177,13 @@ class Stores(unittest.TestCase):
         self.assertIn("front (means of the models", text)
         self.assertIn("±", text)
         trials = [t for t in json.loads(self.read("export", "--json")) if t["state"] == "evaluated"]
-        for t in trials:
-            # Made without noise: what is believed is what was computed, within what was reported of it.
-            for key in ("J_contact", "J_obs"):
-                error = t["record"][key + "_err"]
-                self.assertLess(t[key + "_mean_err"], 1.2 * error)
-                self.assertLess(abs(t[key + "_mean"] - t["record"][key]), 3 * error)
+        for key in ("J_contact", "J_obs"):
+            computed = [t["record"][key] for t in trials]
+            for t in trials:
+                # Made without noise: what is believed is what was computed, within the half width that it was given,
+                # and known to a part of what designs differ by.
+                self.assertLess(abs(t[key + "_mean"] - t["record"][key]), t["record"][key + "_err"])
+                self.assertLess(t[key + "_mean_err"], 0.1 * (max(computed) - min(computed)))
         self.assertEqual(trials[-1]["hypervolume"], status["hypervolume"])
         table = list(csv.DictReader(io.StringIO(self.read("export"))))
         row = next(r for r in table if r["state"] == "evaluated")
@@ -266,13 +267,14 @@ class Stores(unittest.TestCase):
         self.assertIn("was begun with 4 known results, which stay as they are: --known gives 6", done.stderr)
 
     def test_known_results_of_other_objectives_are_refused(self):
-        other = pathlib.Path(self.folder.name) / "sol.db"
+        other, table = (pathlib.Path(self.folder.name) / name for name in ("sol.db", "of_another.csv"))
+        table.write_text("a,b\n1,2\n")
         self.make("2", store=other, silicone="Sol")
         for arguments, said in (
             (("--finger", "plain", "--known", other), "is of other objectives: silicone.name is"),
             (("--known", other), "is of other objectives"),
             (("--known", "nowhere.csv"), "'nowhere.csv' cannot be opened"),
-            (("--known", __file__), "column"),
+            (("--known", table), "column 'h_fp' is missing"),
         ):
             done = run("campaign", "run", "--store", self.store, *arguments)
             self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (BAD_FILE, "", 1), done.stderr)

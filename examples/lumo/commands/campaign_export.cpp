@@ -38,8 +38,8 @@ std::string table_of(const StoredCampaign& c) {
              "/worst_observation/y_mm/0", "/worst_observation/y_mm/1", "/mesh/nodes", "/mesh/elements"})
       text += "," + at(key);
     text += "," + csv_field(number(t.seconds()));
-    if (!c.modelled.empty())
-      for (const auto& [key, value] : means_json(t).items()) text += "," + csv_field(value);
+    const Json means = c.modelled.empty() ? Json::object() : means_json(t);
+    for (const auto& [key, value] : means.items()) text += "," + csv_field(value);
     text += t.why.empty() ? ",\n" : "," + csv_text(t.why) + "\n";
   }
   return text;

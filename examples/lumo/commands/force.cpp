@@ -253,11 +253,22 @@ std::optional<TorqueScale> Force::fitted(const ForceScore& score) const {
 /// Places that are judged, ± from the middle.
 constexpr double judged_m = 25.0_mm;
 
+/// Moves the joints' stamps so that they are `latency_s` later than pictures of the same moment, rather than what the
+/// session's delays say: a log has all samples, so that none needs to be predicted, as delays are. Returns by how much
+/// they go back.
+double move_joints(SensedLog& s, double latency_s) {
+  Session& session = s.log.session;
+  const double back_s = latency_s - (session.joint_delay_s - session.frame_delay_s);
+  session.joint_clock.offset_s -= back_s;
+  s.joints = on_frames_clock(s.log);
+  return back_s;
+}
+
 Result Force::on_log(Output& files, Progress& progress) const {
   const std::optional<KnownPad> known = known_pad(progress);
   progress.stage("reading the log");
   SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress, topics, unloaded);
-  if (latency_ms) s.log.session.joint_delay_s = s.log.session.frame_delay_s + 1e-3 * *latency_ms;
+  const double moved_s = latency_ms ? move_joints(s, 1e-3 * *latency_ms) : 0.0;
   if (known) tell_other_pad(*known, s.log.session, log, progress);
   FingerModel<> finger = finger_model(s.log.session);
   finger.optics = optics_of(s, log, progress);
@@ -286,7 +297,7 @@ Result Force::on_log(Output& files, Progress& progress) const {
   });
   ForceResult r{found_in(estimates, truth), std::move(score), {}, {}, residual.head(joints).maxCoeff(),
       residual.tail(joints).maxCoeff(), s.log.session.joint_clock.residual_s,
-      about(log, [&] { return tell_latency(s, finger, progress); })};
+      about(log, [&] { return tell_latency(s, finger, moved_s, progress); })};
   r.scale = fitted(r.score);
   for (const FrameEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
   add_estimates(estimates, truth, files);

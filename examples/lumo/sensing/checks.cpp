@@ -149,12 +149,13 @@ void tell_learnt(const SensedLog& s, const UnloadedStretch& learnt, const JointR
               : std::string()));
 }
 
-std::optional<Latency> tell_latency(const SensedLog& s, const FingerModel<>& finger, Progress& progress) {
+std::optional<Latency> tell_latency(
+    const SensedLog& s, const FingerModel<>& finger, double moved_s, Progress& progress) {
   const Session& session = finger.session;
   const ContactTorques torques(s.joints, finger.joints.torque, {}, session.joint_delay_s);
   const auto latency = joint_latency(s.profiles, finger.optics.unloaded, torques, session.frame_delay_s);
   if (latency && latency->is_significant) {
-    const double all_ms = 1e3 * (latency->seconds + session.joint_delay_s - session.frame_delay_s);
+    const double all_ms = 1e3 * (latency->seconds + session.joint_delay_s - session.frame_delay_s + moved_s);
     progress.note(s.log.path + ": joint samples are stamped " + cell(1e3 * std::abs(latency->seconds), 0) + " ± " +
                   cell(1e3 * latency->sigma_s, 0) + " ms " + (latency->seconds > 0.0 ? "later" : "earlier") +
                   " than pictures of the same moment, as " + std::to_string(latency->events) +

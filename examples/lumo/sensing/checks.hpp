@@ -34,7 +34,9 @@ void tell_wrenches(OpenLog& log, Progress& progress);
 void tell_learnt(const SensedLog& s, const UnloadedStretch& learnt, const JointReference& joints, Progress& progress);
 
 /// By how much joint samples are stamped later than pictures, as the log shows it; noted where that is none of chance.
-std::optional<Latency> tell_latency(const SensedLog& s, const FingerModel<>& finger, Progress& progress);
+/// `moved_s`: by how much they were moved back already.
+std::optional<Latency> tell_latency(
+    const SensedLog& s, const FingerModel<>& finger, double moved_s, Progress& progress);
 
 /// A force sensor that does not fit the loads of the holds. Returns whether the measured loads count.
 bool tell_loads(const OpenLog& log, Progress& progress);

@@ -27,7 +27,9 @@ bool is_store(const std::string& name) {
 /// The standard errors of a trial; those of its record where the journal has none, as in earlier versions.
 std::vector<double> errors_of(const Trial& trial, const Json& record) {
   if (!trial.errors.empty()) return trial.errors;
-  const std::vector<double> kept = {value_at(record, "J_contact_err"), value_at(record, "J_obs_err")};
+  std::vector<double> kept;
+  for (const char* key : {"J_contact_err", "J_obs_err"})
+    kept.push_back(Estimate{0.0, value_at(record, key)}.standard_error());
   return std::isfinite(kept[0]) && std::isfinite(kept[1]) ? kept : std::vector<double>{};
 }
 
@@ -68,7 +70,10 @@ bool same(const std::vector<KnownEvaluation>& a, const std::vector<KnownEvaluati
 std::vector<KnownEvaluation> read_known(const std::string& from, const CampaignProblem& problem) {
   std::vector<KnownEvaluation> known;
   if (!is_store(from)) {
-    for (KnownResult& k : read_known_table(from, problem_of(problem.asked, 1))) known.push_back({std::move(k)});
+    for (KnownResult& k : read_known_table(from, problem_of(problem.asked, 1))) {
+      for (double& e : k.errors) e = Estimate{0.0, e}.standard_error();  // a table has errors as export prints them
+      known.push_back({std::move(k)});
+    }
     return known;
   }
   const StoredCampaign other = read_campaign(from);

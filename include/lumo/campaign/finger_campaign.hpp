@@ -74,7 +74,7 @@ inline TrialResult trial_result(const Evaluation& e, bool accept_held = false) {
   result.why = failure_of(e, accept_held);
   if (result.why.empty()) {
     result.outputs = {e.J_contact->value, e.J_obs->value};
-    result.errors = {e.J_contact->error, e.J_obs->error};
+    result.errors = {e.J_contact->standard_error(), e.J_obs->standard_error()};
   }
   result.retry = is_machine_limit(e.observations.scenarios);
   return result;

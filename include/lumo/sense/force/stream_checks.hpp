@@ -45,7 +45,7 @@ struct StreamCheckLimits {
   double least_spread_m = 5.0_mm;  ///< of the places touched, that shows a mirrored one
   // Joints
   int least_free = 30;              ///< frames that the pictures see free
-  double free_torque_noises = 8.0;  ///< by which torques must be off 0 there (median) …
+  double free_torque_noises = 8.0;  ///< of their median, by which torques must be off 0 there …
   double free_torque_Nm = 0.2;      ///< … and this much: beyond what sticks in a joint
   // Force sensor
   double least_force_N = 2.0;  ///< from which torque over force is a place
@@ -218,7 +218,8 @@ template <ContactJacobian J> std::optional<double> torque_without_contact(std::s
     }
   if (int(torque.size()) < limits.least_free) return std::nullopt;
   const double middle = median(torque), share = double(positive) / double(torque.size());
-  const bool far = std::abs(middle) > std::max(limits.free_torque_noises * noise_Nm, limits.free_torque_Nm);
+  const double noise = noise_Nm / std::sqrt(double(torque.size()));
+  const bool far = std::abs(middle) > std::max(limits.free_torque_noises * noise, limits.free_torque_Nm);
   return far && std::max(share, 1.0 - share) > limits.one_sign ? std::optional(middle) : std::nullopt;
 }
 
