@@ -247,7 +247,7 @@ std::vector<FaultKind> camera_faults() {
           frames_do([](auto& i, auto&) { i.stamp = std::numeric_limits<std::int64_t>::min(); })},
       {"frames from the future", Fault::frame_time, frames_do([](auto& i, auto&) { i.stamp += 5'000 * ms; })},
       {"another size", Fault::frame_corrupt, frames_do([](auto& i, auto&) { i.image = &odd_picture(4); })},
-      {"garbage", Fault::exposure_changed, frames_do([](auto& i, auto& n) {
+      {"garbage", Fault::frame_corrupt, frames_do([](auto& i, auto& n) {
          if (n.uniform() < 0.7) i.image = &odd_picture(5);
        })},
       {"torn frames", Fault::led_dead, frames_do([](auto& i, auto& n) {
