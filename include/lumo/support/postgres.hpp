@@ -334,9 +334,9 @@ template <class Next> std::optional<JournalEntry> PostgresStore::append(Next&& n
       const std::string made = detail::entry_digest(*entry, known_.digest);
       insert(*entry, made);
       link_->run("UPDATE head SET number = $1::bigint, digest = $2 WHERE id = 0", {entry->number, made});
-      link_->run(
-          "DELETE FROM delivery WHERE EXISTS (SELECT FROM entry WHERE entry.kind = delivery.kind AND "
-          "entry.content = delivery.content)");
+      using detail::PostgresValue;
+      link_->run("DELETE FROM delivery WHERE kind = $1 AND content = $2::bytea",
+          {to_string(entry->kind), PostgresValue::raw(entry->content)});
       link_->run("SELECT pg_notify('lumo', $1)", {address_.schema()});
       digest = made;
       t.commit();
@@ -412,7 +412,8 @@ inline bool PostgresStore::deliver(std::int64_t number, const JournalEntry& answ
     return attempt([&] {
       const auto rows = link_->run(
           "INSERT INTO delivery SELECT $1::bigint, $2, $3::bytea, $4::bytea, $5::bytea, $6 WHERE NOT EXISTS (SELECT "
-          "FROM entry WHERE kind = $2 AND content = $3::bytea) ON CONFLICT DO NOTHING RETURNING pg_notify('lumo', $7)",
+          "FROM entry WHERE number > $1::bigint AND kind = $2 AND content = $3::bytea) ON CONFLICT DO NOTHING "
+          "RETURNING pg_notify('lumo', $7)",
           [&] {
             auto values = values_of(e, detail::entry_digest(e, ""));
             values.push_back(address_.schema());
