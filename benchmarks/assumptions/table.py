@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Puts what `lumo study readings` found into the page that says what the paper leaves open.
 
-usage: benchmarks/assumptions/table.py FOLDER    (the study's --out; its tables and pictures are copied beside this
-       script and beside the page)
+usage: benchmarks/assumptions/table.py FOLDER plain|built    (the study's --out, and the finger that it was run with;
+       tables and pictures are copied beside this script and beside the page, those of the built finger as …_built.…)
 
-The page's part between its two markers is written anew: a row for each assumption, largest change of J_obs first, and
-the assumptions under which a ranking changes.
+The page's part between the finger's two markers is written anew: a row for each assumption, largest change of J_obs
+first, and the assumptions under which a ranking changes.
 """
 
 import csv
@@ -19,7 +19,8 @@ sys.path.insert(0, str(HERE.parent))
 import pages
 
 PAGE = HERE.parents[1] / "docs/pages/assumptions.md"
-BEGIN, END = "<!-- found: made by benchmarks/assumptions/table.py -->\n", "<!-- found: end -->\n"
+BEGIN = "<!-- found, {} finger: made by benchmarks/assumptions/table.py -->\n"
+END = "<!-- found, {} finger: end -->\n"
 WEAK = 0.8  # Kendall's tau below which conclusions depend on an assumption, as the program says
 
 
@@ -73,19 +74,19 @@ def weak(rows):
     return lines
 
 
-def main(folder):
-    tables = ["study_readings.csv", "study_readings_designs.csv"]
-    for name in tables:
-        shutil.copy(folder / name, HERE / name)
-    for name in ("study_readings_J_contact.svg", "study_readings_J_obs.svg"):
-        shutil.copy(folder / name, PAGE.parent / name)
-    with open(HERE / tables[0], encoding="utf-8", newline="") as file:
+def main(folder, finger):
+    ending = "" if finger == "plain" else f"_{finger}"
+    for name in ("study_readings", "study_readings_designs"):
+        shutil.copy(folder / f"{name}.csv", HERE / f"{name}{ending}.csv")
+    for name in ("study_readings_J_contact", "study_readings_J_obs"):
+        shutil.copy(folder / f"{name}.svg", PAGE.parent / f"{name}{ending}.svg")
+    with open(folder / "study_readings.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     found = "\n".join([*table(rows), "", *weak(rows), ""])
-    pages.replace_part(PAGE, BEGIN, END, "\n" + found + "\n")
+    pages.replace_part(PAGE, BEGIN.format(finger), END.format(finger), "\n" + found + "\n")
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+    if len(sys.argv) != 3 or sys.argv[2] not in ("plain", "built"):
         sys.exit(__doc__)
-    main(pathlib.Path(sys.argv[1]))
+    main(pathlib.Path(sys.argv[1]), sys.argv[2])

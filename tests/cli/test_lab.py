@@ -246,6 +246,7 @@ class Lab(unittest.TestCase):
                 "coverage_90",
                 "frame_ms",
                 "alignment",
+                "latency",
                 "samples_of",
                 "frames",
                 "contacts",

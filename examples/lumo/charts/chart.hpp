@@ -130,7 +130,8 @@ struct BarChart {
   std::vector<BarSeries> series;
 };
 
-/// Bars that lie, one below the other: what each of many causes changes, with an interval.
+/// Bars that lie, one below the other: what each of many causes changes, with an interval. What is far beyond most
+/// others is cut off at an arrow, with its number.
 struct TornadoChart {
   struct Row {
     std::string label;
@@ -257,11 +258,38 @@ inline std::string draw(const BarChart& chart) {
   return svg.str();
 }
 
+namespace drawing {
+
+/// What a tornado's axis reaches on either side: twice what seven in ten bars reach, or all.
+inline double reach(const std::vector<TornadoChart::Row>& rows) {
+  std::vector<double> far{0.0};
+  for (const auto& r : rows) far.push_back(std::max({std::abs(r.value), std::abs(r.low), std::abs(r.high)}));
+  std::sort(far.begin(), far.end());
+  const double most = 2.0 * far[far.size() * 7 / 10];
+  return most > 0.0 ? std::min(most, far.back()) : far.back();
+}
+
+/// A row's bar and interval, from `y` on, cut off at the ends of the axis.
+inline void tornado_bar(Svg& svg, const plot::Frame& f, const TornadoChart::Row& r, double y) {
+  const auto inside = [&](double v) { return std::clamp(v, f.x0, f.x1); };
+  const double a = f.x(inside(std::min(0.0, r.value))), b = f.x(inside(std::max(0.0, r.value)));
+  svg.rect({a, y - 7}, std::max(0.5, b - a), 14, {.fill = palette[r.value < 0.0 ? 1 : 0]});
+  if (r.high > r.low) whisker(svg, 0, y, f.x(inside(r.low)), f.x(inside(r.high)), 4);
+  if (r.value > f.x1)
+    svg.text({f.right - 6, y + 4}, short_number(r.value, 0) + " →", {.anchor = Svg::end, .fill = "#fff"});
+  else if (r.high > f.x1) svg.text({f.right + 1, y + 4}, "→");
+  if (r.value < f.x0) svg.text({f.left + 6, y + 4}, "← " + short_number(r.value, 0), {.fill = "#fff"});
+  else if (r.low < f.x0) svg.text({f.left - 1, y + 4}, "←", {.anchor = Svg::end});
+}
+
+}  // namespace drawing
+
 inline std::string draw(const TornadoChart& chart) {
   double low = 0, high = 0, labels = 0, notes = drawing::text_width(chart.note, 12);
+  const double reach = drawing::reach(chart.rows);
   for (const auto& r : chart.rows) {
-    low = std::min({low, r.value, r.low});
-    high = std::max({high, r.value, r.high});
+    low = std::max(-reach, std::min({low, r.value, r.low}));
+    high = std::min(reach, std::max({high, r.value, r.high}));
     labels = std::max(labels, drawing::text_width(r.label, 12));
     notes = std::max(notes, drawing::text_width(r.note, 12));
   }
@@ -278,10 +306,9 @@ inline std::string draw(const TornadoChart& chart) {
   plot::x_axis(svg, f, chart.x_label, plot::common_exponent(f.x_ticks));
   for (std::size_t k = 0; k < chart.rows.size(); ++k) {
     const auto& r = chart.rows[k];
-    const double y = f.top + slot * (double(k) + 0.5), a = f.x(std::min(0.0, r.value)), b = f.x(std::max(0.0, r.value));
+    const double y = f.top + slot * (double(k) + 0.5);
     svg.text({f.left - 8, y + 4}, r.label, {.anchor = Svg::end});
-    svg.rect({a, y - 7}, std::max(0.5, b - a), 14, {.fill = palette[r.value < 0.0 ? 1 : 0]});
-    if (r.high > r.low) drawing::whisker(svg, 0, y, f.x(r.low), f.x(r.high), 4);
+    drawing::tornado_bar(svg, f, r, y);
     svg.text({f.right + 16, y + 4}, r.note);
   }
   svg.line({f.x(0), f.top}, {f.x(0), f.bottom}, {.stroke = plot::ink, .width = 1.2});

@@ -129,7 +129,10 @@ std::string findings_text(const OpenLog& log, const PictureCount& pictures) {
   return text;
 }
 
-Json findings_json(const OpenLog& log, const PictureCount& pictures, const std::vector<std::string>& notes) {
+Json findings_json(const OpenLog& log, const PictureCount& pictures, std::vector<std::string> notes) {
+  const std::string place = log.path + ": ";  // which the result's reader has asked for
+  for (std::string& n : notes)
+    if (n.starts_with(place)) n.erase(0, place.size());
   Json streams = Json::object();
   for (const StreamFinding& f : streams_of(log)) {
     std::string key(name_of(f.stream));

@@ -42,8 +42,8 @@ void tell_findings(const OpenLog& log, const PictureCount& pictures, Progress& p
 
 /// A line for each stream: how many, from when to when, what is missing.
 std::string findings_text(const OpenLog& log, const PictureCount& pictures);
-/// `notes`: all that were reported.
-Json findings_json(const OpenLog& log, const PictureCount& pictures, const std::vector<std::string>& notes);
+/// `notes`: all that were reported, of the log and of what it was used with.
+Json findings_json(const OpenLog& log, const PictureCount& pictures, std::vector<std::string> notes);
 
 /// A log without an estimate: its streams, and what each picture is. Throws InputError.
 std::string examined(const std::string& path, const McapTopics& topics, bool as_json, Progress& progress);
