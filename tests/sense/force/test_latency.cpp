@@ -52,13 +52,13 @@ std::optional<Latency> latency_in(const PressedFinger& f, double joint_delay_s =
 }  // namespace
 
 TEST_CASE("the latency between pictures and torques is found from contacts, with its error", "[latency]") {
-  for (const double late : {0.0, 0.12, -0.15})
+  for (const double late : {0.0, 0.15, -0.15})
     for (const double sign : {1.0, -1.0}) {
       const auto l = latency_in(six_presses(late, 3, sign));
       REQUIRE(l);
       CHECK(l->seconds == Approx(late).margin(0.012));
       CHECK(std::abs(l->seconds - late) < 4.0 * l->sigma_s);
-      CHECK(l->sigma_s < 0.022);
+      CHECK(l->sigma_s < 0.035);
       CHECK(l->events >= 6);
       CHECK(l->is_significant == (late != 0.0));
     }
