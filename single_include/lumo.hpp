@@ -21127,6 +21127,9 @@ struct Interval {
   double value = 0.0, low = 0.0, high = 0.0;
 };
 
+/// Half of a normal's values lie within so many standard deviations.
+inline constexpr double half_of_normal = 0.6744897501960817;
+
 /// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
 inline double median(std::vector<double> v) {
   if (v.empty()) throw InvalidArgument("median of no numbers");

@@ -2363,6 +2363,9 @@ struct Segment {
   std::string other_kind{};  ///< name of a kind of the recording's own; empty for the others
   bool operator==(const Segment&) const = default;
 
+  bool is_without_contact() const {
+    return kind == SegmentKind::unloaded || kind == SegmentKind::dark || kind == SegmentKind::free;
+  }
   bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
   /// Name of the kind as it stands in files.
   std::string kind_name() const { return kind == SegmentKind::other ? other_kind : std::string(to_string(kind)); }

@@ -1128,6 +1128,9 @@ struct Segment {
   std::string other_kind{};  ///< name of a kind of the recording's own; empty for the others
   bool operator==(const Segment&) const = default;
 
+  bool is_without_contact() const {
+    return kind == SegmentKind::unloaded || kind == SegmentKind::dark || kind == SegmentKind::free;
+  }
   bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
   /// Name of the kind as it stands in files.
   std::string kind_name() const { return kind == SegmentKind::other ? other_kind : std::string(to_string(kind)); }
@@ -2344,6 +2347,9 @@ struct Interval {
   double value = 0.0, low = 0.0, high = 0.0;
 };
 
+/// Half of a normal's values lie within so many standard deviations.
+inline constexpr double half_of_normal = 0.6744897501960817;
+
 /// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
 inline double median(std::vector<double> v) {
   if (v.empty()) throw InvalidArgument("median of no numbers");
@@ -2441,8 +2447,7 @@ namespace detail {
 inline std::vector<Segment> without_load(const Session& session) {
   std::vector<Segment> list;
   for (const Segment& g : session.segments)
-    if (g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free)
-      list.push_back(g);
+    if (g.is_without_contact()) list.push_back(g);
   std::sort(list.begin(), list.end(),
       [](const Segment& a, const Segment& b) { return a.from_ns + a.to_ns < b.from_ns + b.to_ns; });
   return list;
@@ -5998,9 +6003,6 @@ struct CheckedReference {
 
 namespace detail {
 
-/// Half of a normal's values lie within so many standard deviations.
-inline constexpr double half_of_normal = 0.6744897501960817;
-
 /// Middle and scatter of the half of all numbers that lie closest together (the shorth: Andrews et al. 1972), in
 /// standard deviations of a normal.
 inline std::pair<double, double> closest_half(std::vector<double> v) {
@@ -6058,7 +6060,7 @@ inline std::vector<const Profile*> agreeing(
   if (profiles.size() < limits.least) return profiles;
   const std::vector<const Profile*> alike = detail::of_one_light(profiles, limits);
   const Eigen::MatrixXd deviation = detail::shape_deviations(alike).cwiseAbs();
-  const double typical = median({deviation.data(), deviation.data() + deviation.size()}) / detail::half_of_normal,
+  const double typical = median({deviation.data(), deviation.data() + deviation.size()}) / half_of_normal,
                far = std::max(limits.shape_sigmas * typical, limits.shape_DN);
   std::vector<const Profile*> kept;
   for (std::size_t k = 0; k < alike.size(); ++k)
@@ -9514,8 +9516,7 @@ inline FreeRun free_run(std::span<const JointSample> run, std::span<const double
     const std::vector<double> off = detail::robust_misfits(blocks.mean, j, start, fitted, limits.steps);
     std::vector<double> size;
     for (const double o : off) size.push_back(std::abs(o));
-    constexpr double median_of_normal = 0.6744897501960817;
-    const double limit = std::max(limits.far_sigmas * quantile(size, 0.5) / median_of_normal, limits.far_Nm);
+    const double limit = std::max(limits.far_sigmas * quantile(size, 0.5) / half_of_normal, limits.far_Nm);
     for (std::size_t i = 0; i < n; ++i) far[i] = far[i] || size[i] > limit;
   }
   std::vector<bool> alone(n);  // a joint that turns round is off for a moment, too
@@ -9817,9 +9818,8 @@ inline StreamRates stream_rates(std::span<const FrameRecord> frames, std::span<c
 
 /// Whether somebody said when the finger was without contact: by segments, or by a chosen stretch.
 inline bool is_stated(const Session& session, const UnloadedStretch& rest) {
-  return rest.chosen || std::any_of(session.segments.begin(), session.segments.end(), [](const Segment& g) {
-    return g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free;
-  });
+  return rest.chosen || std::any_of(session.segments.begin(), session.segments.end(),
+                            [](const Segment& g) { return g.is_without_contact(); });
 }
 
 /// The stretch that joints are learnt from: `rest`, or where nobody said when the finger was free up to shortly before
@@ -9849,17 +9849,14 @@ inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
 /// sticks otherwise after each contact, and a mean over many rests is farther off the next one (lab: 2.2 against 1.4
 /// N).
 inline std::vector<JointSample> samples_without_contact(const Recording& recording, const UnloadedStretch& rest) {
-  const auto is_free = [](const Segment& g) {
-    return g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free;
-  };
   const std::vector<Segment>& segments = recording.session.segments;
   const bool after_contact = rest.chosen || std::any_of(segments.begin(), segments.end(), [&](const Segment& g) {
-    return !is_free(g) && g.from_ns < rest.to_ns;
+    return !g.is_without_contact() && g.from_ns < rest.to_ns;
   });
   std::vector<JointSample> free;
   for (JointSample& s : on_frames_clock(recording)) {
     const bool stated = rest.holds(s.stamp_ns) || std::any_of(segments.begin(), segments.end(), [&](const Segment& g) {
-      return is_free(g) && g.holds(s.stamp_ns);
+      return g.is_without_contact() && g.holds(s.stamp_ns);
     });
     if (s.stamp_ns <= rest.to_ns && (stated || !after_contact)) free.push_back(std::move(s));
   }
@@ -10601,8 +10598,7 @@ inline LightChanges light_changes(const std::vector<Profile>& profiles, const Un
     size.push_back(std::abs(c.change_DN.back()));
   }
   if (size.empty()) return c;
-  constexpr double median_of_normal = 0.6744897501960817;
-  const double least = limits.noises * median(size) / median_of_normal;
+  const double least = limits.noises * median(size) / half_of_normal;
   for (std::size_t k = 0; k < size.size(); ++k) {
     if (!(size[k] > least)) continue;
     if (c.events.empty() || 1e-9 * double(c.after_ns[k] - c.after_ns[c.events.back().back()]) > limits.apart_s)

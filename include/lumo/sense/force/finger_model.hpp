@@ -136,9 +136,8 @@ inline StreamRates stream_rates(std::span<const FrameRecord> frames, std::span<c
 
 /// Whether somebody said when the finger was without contact: by segments, or by a chosen stretch.
 inline bool is_stated(const Session& session, const UnloadedStretch& rest) {
-  return rest.chosen || std::any_of(session.segments.begin(), session.segments.end(), [](const Segment& g) {
-    return g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free;
-  });
+  return rest.chosen || std::any_of(session.segments.begin(), session.segments.end(),
+                            [](const Segment& g) { return g.is_without_contact(); });
 }
 
 /// The stretch that joints are learnt from: `rest`, or where nobody said when the finger was free up to shortly before
@@ -168,17 +167,14 @@ inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
 /// sticks otherwise after each contact, and a mean over many rests is farther off the next one (lab: 2.2 against 1.4
 /// N).
 inline std::vector<JointSample> samples_without_contact(const Recording& recording, const UnloadedStretch& rest) {
-  const auto is_free = [](const Segment& g) {
-    return g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free;
-  };
   const std::vector<Segment>& segments = recording.session.segments;
   const bool after_contact = rest.chosen || std::any_of(segments.begin(), segments.end(), [&](const Segment& g) {
-    return !is_free(g) && g.from_ns < rest.to_ns;
+    return !g.is_without_contact() && g.from_ns < rest.to_ns;
   });
   std::vector<JointSample> free;
   for (JointSample& s : on_frames_clock(recording)) {
     const bool stated = rest.holds(s.stamp_ns) || std::any_of(segments.begin(), segments.end(), [&](const Segment& g) {
-      return is_free(g) && g.holds(s.stamp_ns);
+      return g.is_without_contact() && g.holds(s.stamp_ns);
     });
     if (s.stamp_ns <= rest.to_ns && (stated || !after_contact)) free.push_back(std::move(s));
   }

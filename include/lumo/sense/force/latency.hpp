@@ -63,8 +63,7 @@ inline LightChanges light_changes(const std::vector<Profile>& profiles, const Un
     size.push_back(std::abs(c.change_DN.back()));
   }
   if (size.empty()) return c;
-  constexpr double median_of_normal = 0.6744897501960817;
-  const double least = limits.noises * median(size) / median_of_normal;
+  const double least = limits.noises * median(size) / half_of_normal;
   for (std::size_t k = 0; k < size.size(); ++k) {
     if (!(size[k] > least)) continue;
     if (c.events.empty() || 1e-9 * double(c.after_ns[k] - c.after_ns[c.events.back().back()]) > limits.apart_s)

@@ -143,8 +143,7 @@ inline FreeRun free_run(std::span<const JointSample> run, std::span<const double
     const std::vector<double> off = detail::robust_misfits(blocks.mean, j, start, fitted, limits.steps);
     std::vector<double> size;
     for (const double o : off) size.push_back(std::abs(o));
-    constexpr double median_of_normal = 0.6744897501960817;
-    const double limit = std::max(limits.far_sigmas * quantile(size, 0.5) / median_of_normal, limits.far_Nm);
+    const double limit = std::max(limits.far_sigmas * quantile(size, 0.5) / half_of_normal, limits.far_Nm);
     for (std::size_t i = 0; i < n; ++i) far[i] = far[i] || size[i] > limit;
   }
   std::vector<bool> alone(n);  // a joint that turns round is off for a moment, too

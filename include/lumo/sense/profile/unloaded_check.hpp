@@ -79,9 +79,6 @@ struct CheckedReference {
 
 namespace detail {
 
-/// Half of a normal's values lie within so many standard deviations.
-inline constexpr double half_of_normal = 0.6744897501960817;
-
 /// Middle and scatter of the half of all numbers that lie closest together (the shorth: Andrews et al. 1972), in
 /// standard deviations of a normal.
 inline std::pair<double, double> closest_half(std::vector<double> v) {
@@ -139,7 +136,7 @@ inline std::vector<const Profile*> agreeing(
   if (profiles.size() < limits.least) return profiles;
   const std::vector<const Profile*> alike = detail::of_one_light(profiles, limits);
   const Eigen::MatrixXd deviation = detail::shape_deviations(alike).cwiseAbs();
-  const double typical = median({deviation.data(), deviation.data() + deviation.size()}) / detail::half_of_normal,
+  const double typical = median({deviation.data(), deviation.data() + deviation.size()}) / half_of_normal,
                far = std::max(limits.shape_sigmas * typical, limits.shape_DN);
   std::vector<const Profile*> kept;
   for (std::size_t k = 0; k < alike.size(); ++k)

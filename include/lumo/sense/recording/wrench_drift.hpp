@@ -35,8 +35,7 @@ namespace detail {
 inline std::vector<Segment> without_load(const Session& session) {
   std::vector<Segment> list;
   for (const Segment& g : session.segments)
-    if (g.kind == SegmentKind::unloaded || g.kind == SegmentKind::dark || g.kind == SegmentKind::free)
-      list.push_back(g);
+    if (g.is_without_contact()) list.push_back(g);
   std::sort(list.begin(), list.end(),
       [](const Segment& a, const Segment& b) { return a.from_ns + a.to_ns < b.from_ns + b.to_ns; });
   return list;
