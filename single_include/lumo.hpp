@@ -8884,7 +8884,7 @@ struct TangentSums {
   const Equations& equations;
   double* values;                       ///< of the system's lower triangle
   Eigen::VectorXd* coupling = nullptr;  ///< ∂²energy/∂x∂advance, one per equation; nullptr: not wanted
-  bool curved = true;                   ///< with the rigid thing's curvature, which can make it indefinite
+  double curvature = 1.0;               ///< share of the rigid thing's curvature, which can make it indefinite
 };
 
 /// Adds the contact stiffness.
@@ -8917,7 +8917,7 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
         const DistanceSample d = rigid.sample(at);
         const ContactResponse<double> r = contact.respond(gamma);
         Mat3d block = p.weight_m2 * r.stiffness * d.gradient * d.gradient.transpose();
-        if (tangent.curved) block -= p.weight_m2 * r.pressure * d.hessian;
+        block -= tangent.curvature * p.weight_m2 * r.pressure * d.hessian;
         if (history.friction) {
           const double pressure = r.pressure + r.stiffness * (gamma - d.distance);
           block += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, d.gradient, pressure).stiffness;
@@ -8944,15 +8944,28 @@ template <class Tool> struct ContactPlace {
 };
 
 /// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
-/// have at `linear`.
+/// have at `linear`. Where `only_signs` matter, a face that stays open by far has a bound of them instead.
 template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
-    const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+    const ContactPlace<Tool>& linear, const Positions& dx, double ds, bool only_signs = false) {
+  constexpr double most_weight = 5.0 / 3.0;  // of a quadratic face's nodes together: Σ |shape|
   SurfaceGaps gaps(surface.size());
-  for (std::size_t f = 0; f < surface.size(); ++f)
+  for (std::size_t f = 0; f < surface.size(); ++f) {
+    if (only_signs) {
+      double moved = 0.0;
+      for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
+        moved = std::max(moved, dx.col(surface.face(f).nodes[k]).norm());
+      const auto [middle, radius] = surface.ball(f, now.x);
+      const double open = now.rigid.distance(middle) - radius - most_weight * moved - std::abs(ds);
+      if (open > 0.0) {
+        gaps[f].assign(surface.points(f).size(), open);
+        continue;
+      }
+    }
     for (const SurfacePoint& p : surface.points(f))
       gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
                         linear.rigid.sample(surface.position(f, p, linear.x))
                             .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
+  }
   return gaps;
 }
 
@@ -12416,9 +12429,9 @@ template <class Model, Indenter Tool> struct PressSystem {
   struct LinearisationPoint {
     std::vector<double> ratios;
     SurfaceGaps touch, rest;
-    /// Is the carrier flat where it touches? What its rounded edges add to the tangent is negative, and large where
-    /// pressure is.
-    bool flat = false;
+    /// Share of the carrier's curvature where it touches. What its rounded edges add to the tangent is negative, and
+    /// large where pressure is.
+    double curvature = 1.0;
   };
   ContactHistory<FrictionHistory> touch_history(const LinearisationPoint* about) const {
     return {about ? &about->touch : nullptr, touch_friction};
@@ -12438,7 +12451,7 @@ template <class Model, Indenter Tool> struct PressSystem {
     return {model.solid.predicted_ratios(now.x, linear.x, dx),
         predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
             Touching{indenter(linear.advance), linear.x}, dx, ds),
-        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
+        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0, true)};
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
@@ -12484,7 +12497,7 @@ template <class Model, Indenter Tool> struct PressSystem {
           {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
       add_contact_tangent(model.resting, contact(), support(), x,
-          {*systems[k], values[k], nullptr, !about || !about->flat}, rest_history(about));
+          {*systems[k], values[k], nullptr, about ? about->curvature : 1.0}, rest_history(about));
     }
   }
 
@@ -12545,7 +12558,7 @@ class SecantPairs {
 struct QuasiStaticConfig {
   double residual_tolerance = 1e-7;  ///< of the load
   int max_iterations = 200;          ///< factorisations per load
-  int stride_iterations = 20;        ///< factorisations before a stride is cut
+  int stride_iterations = 20;        ///< factorisations before a stride is cut; twice as many near its end
   double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
   /// By this one, when the residual is below 1 % of the load: a step costs a tenth of a factor.
   double late_contraction = 0.8;
@@ -12586,7 +12599,8 @@ inline void validate(const QuasiStaticConfig& c) {
 /// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
 ///
 /// Rounded edges of the carrier are taken as flat where they touch until the residual is small: their curvature makes
-/// the tangent indefinite on the way.
+/// the tangent indefinite on the way. After that as much of it counts as leaves the tangent positive definite: about an
+/// equilibrium that is none that lasts, steps without it move away slowly.
 ///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's
 /// symmetry included; otherwise the status says so.
@@ -12680,6 +12694,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
   // Residual over load at which a stride on the way may end, at first and after a loss.
   static constexpr double loose = 0.3, close = 1e-3;
+  // Share of the carrier's curvature below which none is tried.
+  static constexpr double least_curvature = 0.2;
   // Residual over load below which points seldom come and go, or change between sticking and sliding.
   static constexpr double settled = 1e-2;
   // Of the first load. A contact that has grown at once has slipped another way than one that grew.
@@ -12734,7 +12750,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(about.touch, area);
     Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
-    bool is_convex = true;   // near the end, with the carrier's curvature
+    double curvature = 1.0;  // of the carrier's, near the end
     for (const int stop = iterations + config_.stride_iterations;;) {
       Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &about);
       const double unbalanced = r.norm();
@@ -12752,14 +12768,15 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
           unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
         steps_.add(std::move(last_step_), r - before);
       } else {
-        if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
+        const int last = nearly_there ? stop + config_.stride_iterations : stop;
+        if (iterations >= std::min(last, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
-        about.flat = !nearly_there || !is_convex;
+        about.curvature = nearly_there ? curvature : 0.0;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &about);
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
-        if (f == FactorStatus::not_positive_definite && !about.flat) {
-          is_convex = false;
+        if (f == FactorStatus::not_positive_definite && about.curvature > 0.0) {
+          curvature = curvature > least_curvature ? 0.5 * curvature : 0.0;
           continue;
         }
         if (f != FactorStatus::positive_definite)

@@ -71,6 +71,19 @@ def is_finite(value):
     return not isinstance(value, float) or math.isfinite(value)
 
 
+def drawn_pair(draw, faults, base):
+    """Two faults and the log that has both; pairs of which one takes away what the other changes are none."""
+    while True:
+        a, b = draw.choice(list(itertools.combinations(faults, 2)))
+        log = base.copy()
+        try:
+            a.make(log)
+            b.make(log)
+        except KeyError:
+            continue
+        return a, b, log
+
+
 def pairs(program, source, trials="1000", seed="1"):
     draw = random.Random(int(seed))
     base = field_variants.Log.read(source)
@@ -78,14 +91,7 @@ def pairs(program, source, trials="1000", seed="1"):
     outcomes, wrong = collections.Counter(), []
     with tempfile.TemporaryDirectory() as scratch:
         for trial in range(int(trials)):
-            a, b = draw.choice(list(itertools.combinations(faults, 2)))
-            log = base.copy()
-            try:
-                a.make(log)
-                b.make(log)
-            except KeyError:  # one takes away what the other changes
-                outcomes["no pair"] += 1
-                continue
+            a, b, log = drawn_pair(draw, faults, base)
             folder = pathlib.Path(scratch) / f"trial{trial}"
             log.write(folder)
             options = [o for v in (a, b) if draw.random() < 0.5 for o in v.options]

@@ -94,12 +94,17 @@ class Variant:
     pack: typing.Callable | None = None  # of the bytes of an MCAP file, which the log then becomes
 
 
+def frames_with_force(result):
+    """Programs before November 2026 call them samples."""
+    return result["frames"]["with_force"] if "frames" in result else result["samples"]
+
+
 def as_control(result, control, notes):
     """Within 15 % of the control's error, and with seven in eight of its frames that have a force."""
     return (
         result["mae_N"]["fused"] is not None
         and result["mae_N"]["fused"] < 1.15 * control["mae_N"]["fused"] + 0.05
-        and result["frames"]["with_force"] > 0.875 * control["frames"]["with_force"]
+        and frames_with_force(result) > 0.875 * frames_with_force(control)
     )
 
 
@@ -260,23 +265,31 @@ def run(program, *arguments):
     return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, check=False)
 
 
-def outcome(program, variant, log, control):
-    """What the program says of it, and whether that is right."""
+def judged(program, variant, log, control):
+    """What the program says of it, and whether that is right. Notes that the control has, too, are left out."""
     done = run(program, "force", log, "--json", *variant.options)
     notes = [line.removeprefix("lumo: ") for line in done.stderr.splitlines() if line.startswith("lumo: ")]
     if done.returncode != 0:
-        return f"refused: {notes[-1][:90] if notes else done.returncode}", variant.good is None
+        why = notes[-1].replace(f"{log}/", "") if notes else str(done.returncode)
+        return f"refused: {why[:90]}", variant.good is None
     result = json.loads(done.stdout)
     error = result["mae_N"]["fused"]
     late = result.get("latency")
     texts = [
-        f"{result['frames']['with_force']} frames",
+        f"{frames_with_force(result)} frames",
         "no error" if error is None else f"{error:.2f} N",
         f"{late['joints_later_ms']:.0f} ± {late['sigma_ms']:.0f} ms" if late else "",
     ]
-    texts += [n.split(": ", 1)[-1][:60] for n in notes if str(log) in n]
-    good = variant.good is not None and variant.good(result, control or result, notes)
+    own = [n.split(": ", 1)[-1] for n in notes if str(log) in n]
+    texts += [n[:60] for n in own if n not in control.get("notes", [])]
+    good = variant.good is not None and variant.good(result, control, notes)
     return "; ".join(t for t in texts if t), good
+
+
+def control_of(program, log):
+    done = run(program, "force", log, "--json")
+    notes = [line.split(f"{log}: ", 1)[-1] for line in done.stderr.splitlines()]
+    return json.loads(done.stdout) | {"notes": notes}
 
 
 def main(one, two, *programs):
@@ -289,7 +302,7 @@ def main(one, two, *programs):
         for joints, log in logs.items():
             folder = pathlib.Path(scratch) / f"control{joints}"
             log.write(folder)
-            controls[joints] = json.loads(run(programs[0], "force", folder, "--json").stdout)
+            controls[joints] = control_of(programs[0], folder)
         for v in VARIANTS:
             log = logs[v.two_joints].copy()
             v.make(log)
@@ -300,7 +313,7 @@ def main(one, two, *programs):
                 run(programs[0], "convert", folder, file)
                 file.write_bytes(v.pack(file.read_bytes()))
                 folder = file
-            cells = [outcome(p, v, folder, controls[v.two_joints]) for p in programs]
+            cells = [judged(p, v, folder, controls[v.two_joints]) for p in programs]
             wrong += not cells[0][1]
             shown = [("" if good else "**not right** ") + text.replace("|", "/") for text, good in cells]
             print(f"| {v.name} | {v.what} | {v.right} | " + " | ".join(shown) + " |", flush=True)

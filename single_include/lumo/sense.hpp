@@ -734,7 +734,7 @@ class CsvReader {
   /// Place of a column that must be there.
   int require(std::string_view column) const {
     if (const int i = find(column); i >= 0) return i;
-    throw InputError(message(name_, ":1: column '", column, "' is missing"));
+    throw InputError(message(name_, ":1: column '", printable(column), "' is missing"));
   }
   /// Throws for the first column that is none of those known.
   template <class Known> void require_known(Known known) const {
@@ -1502,7 +1502,7 @@ inline std::vector<std::string> mend_velocities(std::vector<JointSample>& sample
     const VelocityCheck check = check_velocity(samples, j, limits);
     if (check.agrees) continue;
     take_velocity_from_positions(samples, j, limits);
-    notes.push_back(message("velocities of joint ", j, " are ", check.scale,
+    notes.push_back(message("velocities of joint ", j, " are ", 0.01 * std::round(100.0 * check.scale),
         " times the change of its positions"
         " (zeros, or not rad/s); they are taken from the positions"));
   }
@@ -5957,19 +5957,31 @@ class RepeatedPixels {
           ++lit;
           same += value == before.row(y)[i];
         }
-      if (lit >= least_pixels && same < lit) share_.push_back(double(same) / double(lit));
+      const bool again = lit >= least_pixels && same == lit;
+      run_ = again ? run_ + 1 : 0;
+      longest_ = std::max(longest_, run_);
+      if (lit >= least_pixels && !again) share_.push_back(double(same) / double(lit));
     }
     last_ = Image::copy(v);
   }
   /// Share of the lit pixels (of each channel) that keep their very value, in the tenth of all pictures that repeat
-  /// most and are not wholly the last one again: a codec renews some pictures, a camera all. 0 where nothing is known.
-  double share() const { return share_.empty() ? 0.0 : quantile(share_, 0.9); }
+  /// most and are not wholly the last one again: a codec renews some pictures, a camera all. 1 where pictures come
+  /// again more often in a row than a driver hands them on. 0 where nothing is known.
+  double share() const { return longest_ >= longest_run ? 1.0 : share_.empty() ? 0.0 : quantile(share_, 0.9); }
 
  private:
   static constexpr int least_DN = 20, most_DN = 250;  ///< black and full pixels repeat by themselves
   static constexpr std::size_t least_pixels = 100;
+  static constexpr int longest_run = 4;
   Image last_;
+  int run_ = 0, longest_ = 0;  ///< pictures that are wholly the last one again, one after the other
   std::vector<double> share_;
+};
+
+/// How pictures repeat themselves.
+struct Repeats {
+  double unchanged = 0.0;   ///< share of lit pixels that keep their value (RepeatedPixels)
+  double block_bins = 1.0;  ///< bins that one block of a codec covers, whose errors are then one
 };
 
 /// Limits of what is believed of pictures that are said to show the unloaded finger; chosen on the virtual lab.
@@ -5983,7 +5995,7 @@ struct UnloadedLimits {
   double repeated_share = 0.6;    ///< of unchanged pixels, above which scatter says little of the next second's
   double fresh_share = 0.34;      ///< of pictures that are not the last one again, below which the same holds
   double repeated_DN = 1.5;       ///< least noise of a profile's value then: a codec's steps
-  double repeated_scatter = 1.5;  ///< … or this many of the largest deviations in the stretch
+  double repeated_scatter = 1.5;  ///< … and of the largest deviation, what is more than that, times √block_bins
   double largest_scatter = 0.04;  ///< of one response, share of the light, that a finger at rest has
 };
 
@@ -6070,10 +6082,10 @@ inline std::vector<const Profile*> agreeing(
   return kept;
 }
 
-/// The reference from profiles that are said to be of the unloaded finger, in the order of time. `unchanged`: share of
-/// repeated pixels (RepeatedPixels). Without profiles its count is 0. Throws InvalidArgument as UnloadedReference::add.
+/// The reference from profiles that are said to be of the unloaded finger, in the order of time. Without profiles its
+/// count is 0. Throws InvalidArgument as UnloadedReference::add.
 inline CheckedReference checked_reference(
-    const std::vector<const Profile*>& stretch, double unchanged = 0.0, const UnloadedLimits& limits = {}) {
+    const std::vector<const Profile*>& stretch, const Repeats& repeats = {}, const UnloadedLimits& limits = {}) {
   CheckedReference r;
   r.pictures = int(stretch.size());
   std::vector<const Profile*> fresh;
@@ -6089,10 +6101,12 @@ inline CheckedReference checked_reference(
   if (fresh.empty()) return r;
   const std::vector<const Profile*> kept = agreeing(fresh, r.left_out, limits);
   for (const Profile* p : kept) r.reference.add(*p);
-  r.repeats = unchanged > limits.repeated_share || double(fresh.size()) < limits.fresh_share * double(r.pictures);
+  r.repeats =
+      repeats.unchanged > limits.repeated_share || double(fresh.size()) < limits.fresh_share * double(r.pictures);
   if (r.repeats) {
-    r.least_noise =
-        std::max(limits.repeated_DN, limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff());
+    const double step = limits.repeated_DN,
+                 seen = limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff();
+    r.least_noise = step + std::sqrt(repeats.block_bins) * std::max(0.0, seen - step);
     r.reference.set_least_noise(r.least_noise);
   }
   const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));
@@ -6170,6 +6184,13 @@ struct FingerView {
   PixelFormat format = PixelFormat::bgr;
   int lit = 1;             ///< the channel in which the LEDs are seen, as ImageView has it
   double unchanged = 0.0;  ///< share of lit pixels that a picture repeats of the last one (RepeatedPixels); 0: unknown
+
+  /// As profiles of these bins have it.
+  Repeats repeats(const LongitudinalBins& bins) const {
+    constexpr double block_px = 16.0;  // a macroblock of MPEG-2 to H.264; later codecs have larger ones too
+    const double bin_m = (bins.edges_m[bins.size()] - bins.edges_m[0]) / double(bins.size());
+    return {unchanged, std::max(1.0, block_px * leds.map.scale_m_per_px(leds.map.u_px(0.0)) / bin_m)};
+  }
 
   SteadyLight steady{};  ///< set where lamps flicker; of the bins that profiles were read in
 
@@ -6331,20 +6352,19 @@ inline Flicker take_out_flicker(FingerView& view, std::vector<Profile>& profiles
   return flicker;
 }
 
-/// Of the profiles in the unloaded stretch that agree with each other. `unchanged`: FingerView's. Throws InputError
-/// when there are none.
+/// Of the profiles in the unloaded stretch that agree with each other. Throws InputError when there are none.
 inline CheckedReference checked_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
-    const std::string& name, double unchanged = 0.0) {
+    const std::string& name, const Repeats& repeats = {}) {
   std::vector<const Profile*> held;
   for (const Profile& p : profiles)
     if (stretch.holds(p.stamp_ns)) held.push_back(&p);
-  CheckedReference checked = checked_reference(held, unchanged);
+  CheckedReference checked = checked_reference(held, repeats);
   if (checked.reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
   return checked;
 }
 inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
-    const std::string& name, double unchanged = 0.0) {
-  return checked_reference(profiles, stretch, name, unchanged).reference;
+    const std::string& name, const Repeats& repeats = {}) {
+  return checked_reference(profiles, stretch, name, repeats).reference;
 }
 
 }  // namespace lumo::sense
@@ -10291,7 +10311,8 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
   GreenProfile readout = finger.optics.readout();
   std::vector<Profile> profiles = read_profiles(pictures, readout);
   take_out_flicker(finger.optics.view, profiles, rest);
-  finger.optics.unloaded = unloaded_reference(profiles, rest, recording.path, finger.optics.view.unchanged);
+  finger.optics.unloaded =
+      unloaded_reference(profiles, rest, recording.path, finger.optics.view.repeats(finger.optics.bins));
   finger.joints = unloaded_joints(recording, joint_stretch(recording.session, rest, profiles, finger.optics.unloaded));
   require_common_time(recording);
   return finger;
@@ -12405,6 +12426,7 @@ namespace lumo::sense {
 struct LoadLimits {
   double wrong_force_N = 0.5;  ///< on the wrong side in the holds (median): the sensor's sign is the other one
   double load_share = 0.03;    ///< by which measured loads may be off the nominal ones (median)
+  double correlation = 0.8;    ///< of measured and nominal loads, at least, or the sensor measured something else
 };
 
 /// The force sensor against what the log's segments say of the holds.
@@ -12412,6 +12434,7 @@ struct LoadCheck {
   int holds = 0;          ///< with a measured load
   bool reversed = false;  ///< the sensor reports the force of the finger on the object
   double share = 1.0;     ///< measured over nominal load, median
+  bool follows = false;   ///< measured loads rise with the nominal ones: slopes are per newton that it measured
   bool differs = false;   ///< by more than sensors and controllers do
 };
 
@@ -12428,31 +12451,43 @@ inline std::optional<double> measured_load_N(
   return count > 0 ? std::optional(sum / double(count)) : std::nullopt;
 }
 
+/// Whether the correlation of two lists is at least `least`; true where the second one does not vary.
+inline bool rise_together(const std::vector<double>& a, const std::vector<double>& b, double least) {
+  const Eigen::Map<const Eigen::VectorXd> first(a.data(), Eigen::Index(a.size())),
+      second(b.data(), Eigen::Index(b.size()));
+  const Eigen::VectorXd x = first.array() - first.mean(), y = second.array() - second.mean();
+  return y.norm() <= 1e-9 * second.norm() || x.dot(y) >= std::max(least * x.norm() * y.norm(), 1e-12);
+}
+
 inline LoadCheck check_loads(
     const Session& session, const std::vector<WrenchSample>& wrenches, const LoadLimits& limits = {}) {
   LoadCheck check;
   const double tare = force_tare_N(session, wrenches);
-  std::vector<double> load, share;
+  std::vector<double> load, nominal, share;
   for (const Segment& s : session.segments)
     if (s.kind == SegmentKind::hold && s.load_N > 0.0)
       if (const auto measured = measured_load_N(s, session, wrenches, tare)) {
         load.push_back(*measured);
+        nominal.push_back(s.load_N);
         share.push_back(*measured / s.load_N);
       }
   check.holds = int(load.size());
   if (load.empty()) return check;
   check.share = median(share);
   check.reversed = median(load) < -limits.wrong_force_N;
-  check.differs = !check.reversed && std::abs(check.share - 1.0) > limits.load_share;
+  check.follows = !check.reversed && median(load) > 0.0 && rise_together(load, nominal, limits.correlation);
+  check.differs = check.follows && std::abs(check.share - 1.0) > limits.load_share;
   return check;
 }
 
-/// Sets the load of each hold to what the force sensor measured in it, less its tare; holds without samples keep
-/// theirs.
+/// Sets the load of each hold to what the force sensor measured in it, less its tare; holds without samples, or where
+/// it measured nothing, keep theirs.
 inline void take_measured_loads(
     std::vector<HoldResponse>& holds, const Session& session, const std::vector<WrenchSample>& wrenches) {
   const double tare = force_tare_N(session, wrenches);
-  for (HoldResponse& h : holds) h.load_N = measured_load_N(h.segment, session, wrenches, tare).value_or(h.load_N);
+  for (HoldResponse& h : holds)
+    if (const auto measured = measured_load_N(h.segment, session, wrenches, tare); measured && *measured > 0.0)
+      h.load_N = *measured;
 }
 
 }  // namespace lumo::sense
@@ -13292,7 +13327,7 @@ template <Camera C, class Meanwhile> LiveRest look_at_rest(
     if (readout.read(rest[k], profiles[k])) read.push_back(&profiles[k]);
   }
   seen.optics.view.unchanged = repeated.share();
-  seen.optics.unloaded = checked_reference(read, repeated.share()).reference;
+  seen.optics.unloaded = checked_reference(read, seen.optics.view.repeats(seen.optics.bins)).reference;
   const UnloadedReference& unloaded = seen.optics.unloaded;
   if (unloaded.count() < 2)
     throw InputError(

@@ -639,7 +639,8 @@ class Lab(unittest.TestCase):
         log = self.derived("recontact", "short", table="wrench.csv", column="force_z_N", by=0.8)
         self.noted(["80 % of each load"], "metrics", log)
         whole, short = (self.result("metrics", path) for path in [self.folder / "recontact", log])
-        self.assertAlmostEqual(short["D_neighbor"] * 0.8, whole["D_neighbor"], delta=0.02 * whole["D_neighbor"])
+        self.assertAlmostEqual(short["D_neighbor"] * 0.8, whole["D_neighbor"], delta=1e-6 * whole["D_neighbor"])
+        self.assertAlmostEqual(short["W_recontact"] * 0.8, whole["W_recontact"], delta=1e-6 * whole["W_recontact"])
 
     def test_when_the_finger_was_unloaded(self):
         log = self.derived("force", "no-segments", session={"segments": []})

@@ -164,17 +164,19 @@ std::optional<Latency> tell_latency(
   return latency;
 }
 
-bool tell_loads(const OpenLog& log, Progress& progress) {
+LoadCheck tell_loads(const OpenLog& log, Progress& progress) {
   const LoadCheck check = check_loads(log.session, log.wrenches);
   if (check.reversed)
     progress.note(log.path +
                   ": the normal force of wrench.csv is negative in the holds: the sensor reports the force of "
                   "the finger on the object; --wrench-axes=-x,-y,-z turns its sign");
-  if (check.differs)
+  else if (check.holds > 0 && !check.follows)
+    progress.note(log.path + ": the force sensor does not follow the loads of the holds; the nominal ones are taken");
+  else if (check.differs)
     progress.note(log.path + ": the force sensor says that " + cell(100.0 * check.share, 0) +
                   " % of each load was reached (" + std::to_string(check.holds) +
                   " holds, median); slopes are per newton that it measured");
-  return check.differs;
+  return check;
 }
 
 }  // namespace lumo::program

@@ -38,7 +38,7 @@ void tell_learnt(const SensedLog& s, const UnloadedStretch& learnt, const JointR
 std::optional<Latency> tell_latency(
     const SensedLog& s, const FingerModel<>& finger, double moved_s, Progress& progress);
 
-/// A force sensor that does not fit the loads of the holds. Returns whether the measured loads count.
-bool tell_loads(const OpenLog& log, Progress& progress);
+/// A force sensor that does not fit the loads of the holds.
+LoadCheck tell_loads(const OpenLog& log, Progress& progress);
 
 }  // namespace lumo::program

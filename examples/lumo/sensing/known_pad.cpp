@@ -1,6 +1,7 @@
 #include "sensing/known_pad.hpp"
 
 #include "console/text.hpp"
+#include "sensing/checks.hpp"
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/pad_templates.hpp"
@@ -37,9 +38,11 @@ KnownPad recorded_pad(const std::string& path, Progress& progress, const McapTop
   const SensedLog s = read_sensed_log(path, SensedLog{}.bins, progress, topics);
   std::vector<PressedResponse> pressed;
   const auto holds = about(path, [&] { return hold_responses(s.profiles, s.log.session.segments); });
-  for (const HoldResponse& h : holds)
-    if (std::isfinite(h.segment.y_mm) && h.load_N > 0.0)
-      pressed.push_back({1e-3 * h.segment.y_mm, h.load_N, h.response});
+  auto measured = holds;
+  if (tell_loads(s.log, progress).follows) take_measured_loads(measured, s.log.session, s.log.wrenches);
+  for (std::size_t k = 0; k < holds.size(); ++k)
+    if (const HoldResponse& h = holds[k]; std::isfinite(h.segment.y_mm) && h.load_N > 0.0)
+      pressed.push_back({1e-3 * h.segment.y_mm, h.load_N, h.response * (h.load_N / measured[k].load_N)});
   if (pressed.empty())
     throw InputError(path +
                      ": has no holds at known places, which lumo lab recontact shows and docs/log_format.md "

@@ -166,7 +166,7 @@ FingerOptics optics_of(const SensedLog& s, const std::string& path, Progress& pr
   FingerOptics optics;
   optics.bins = s.bins;
   optics.view = s.view;
-  const CheckedReference checked = checked_reference(s.profiles, s.stretch, path, s.view.unchanged);
+  const CheckedReference checked = checked_reference(s.profiles, s.stretch, path, s.view.repeats(s.bins));
   tell_reference(s, checked, progress);
   optics.unloaded = checked.reference;
   return optics;

@@ -32,7 +32,8 @@ FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, c
   GreenProfile readout = finger.optics.readout();
   std::vector<Profile> profiles = read_profiles(pictures, readout);
   take_out_flicker(finger.optics.view, profiles, rest);
-  finger.optics.unloaded = unloaded_reference(profiles, rest, recording.path, finger.optics.view.unchanged);
+  finger.optics.unloaded =
+      unloaded_reference(profiles, rest, recording.path, finger.optics.view.repeats(finger.optics.bins));
   finger.joints = unloaded_joints(recording, joint_stretch(recording.session, rest, profiles, finger.optics.unloaded));
   require_common_time(recording);
   return finger;

@@ -117,6 +117,48 @@ TEST_CASE("A pad that is pushed over its stem's edge comes to rest on it, whatev
   CHECK(deepest < 0.1e-3);
 }
 
+TEST_CASE(
+    "A pad near an equilibrium that does not last reaches the one that does, whatever the loads before", "[support]") {
+  const Scenario<Sphere> at{Sphere{15e-3}, 0.0, 22e-3, {15.0}};  // a thin roof bends over the edge
+  const Body body = coarse_built({5.5, 2, 9, 2, 0.5});
+  const TetMesh mesh = coarse_mesh(body, at);
+  std::vector<double> depth_m;
+  for (const std::vector<double>& loads : {std::vector<double>{15.0}, {1.0, 5.0, 10.0, 15.0}}) {
+    Scenario<Sphere> s = at;
+    s.loads_N = loads;
+    FastSimulator sim;
+    sim.solver.config.max_iterations = 60;  // steps without any of the edge's curvature took more than twice as many
+    const MechanicalState end = sim.press(body, mesh, s).back();
+    REQUIRE(end.certified);
+    depth_m.push_back(end.depth_m);
+  }
+  CHECK(depth_m[0] == Approx(depth_m[1]).epsilon(1e-6));
+}
+
+TEST_CASE("A bound of a far face's gaps has their sign", "[support]") {
+  const Body body = coarse_built({14.5, 4, 5, 12.5, 5});
+  const TetMesh mesh = mesh_body(body, TetgenMesher{});
+  const ContactSurface roof(mesh, body, [](const Patch& p) { return p.meets_carrier; });
+  const Carrier carrier{body.carrier};
+  const Moving<Carrier> rigid{&carrier, Vec3d::Zero(), Vec3d::Zero()};
+  Positions x(3, Eigen::Index(mesh.nodes.size())), dx = x;
+  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];
+  std::srand(3);
+  for (const double moved_m : {0.0, 1e-5, 1e-3, 5e-3}) {
+    dx.setRandom();
+    dx *= moved_m;
+    const ContactPlace<Carrier> at{rigid, x};
+    const SurfaceGaps all = predicted_gaps(roof, at, at, dx, 0.0), signs = predicted_gaps(roof, at, at, dx, 0.0, true);
+    std::size_t bounds = 0;
+    for (std::size_t f = 0; f < roof.size(); ++f)
+      for (std::size_t k = 0; k < all[f].size(); ++k) {
+        REQUIRE((all[f][k] < 0.0) == (signs[f][k] < 0.0));
+        bounds += all[f][k] != signs[f][k];
+      }
+    CHECK((moved_m > 1e-4 || bounds > 0));
+  }
+}
+
 TEST_CASE("A roof that rubs on the stem gives way less than on a smooth one, and more than one that holds to it",
     "[support]") {
   const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {2.0, 10.0}};

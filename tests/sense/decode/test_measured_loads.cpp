@@ -47,8 +47,33 @@ TEST_CASE("loads that were reached are the nominal ones, over fifty seeds", "[me
     CHECK(check.holds == 27);
     CHECK_FALSE(check.reversed);
     CHECK_FALSE(check.differs);
+    CHECK(check.follows);
   }
   CHECK(check_loads(session, {}).holds == 0);
+  CHECK_FALSE(check_loads(session, {}).follows);
+}
+
+TEST_CASE("a force sensor that is stuck or measures something else does not replace the loads", "[metrics]") {
+  const Session session = held_loads();
+  std::vector<WrenchSample> stuck = sensed(session, 1.0), other = stuck;
+  synthetic::Normal normal(3);
+  for (std::size_t k = 0; k < stuck.size(); ++k) {
+    stuck[k].force_N = Vec3d(0.0, 0.0, -4.0);
+    other[k].force_N = Vec3d(0.0, 0.0, -5.0 + normal());
+  }
+  CHECK_FALSE(check_loads(session, stuck).follows);
+  CHECK_FALSE(check_loads(session, other).follows);
+}
+
+TEST_CASE("loads that scatter about the nominal ones are the measured ones", "[metrics]") {
+  Session session = held_loads();
+  std::vector<WrenchSample> wrenches = sensed(session, 1.0);
+  synthetic::Normal normal(4);
+  for (Segment& g : session.segments)
+    if (g.kind == SegmentKind::hold) g.load_N *= 1.0 + 0.2 * normal();  // what the controller was asked for
+  const LoadCheck check = check_loads(session, wrenches);
+  CHECK(check.follows);
+  CHECK(check.share == Approx(1.0).margin(0.15));
 }
 
 TEST_CASE("a force sensor of the other sign is distinguished from one that reads too little", "[metrics]") {

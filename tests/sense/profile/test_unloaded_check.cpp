@@ -59,7 +59,7 @@ TEST_CASE("of a finger at rest every picture counts, over fifty seeds", "[profil
   for (std::uint64_t seed = 1; seed <= 50; ++seed)
     for (const int n : {15, 30}) {
       const std::vector<Profile> list = rest(n, seed);
-      const CheckedReference checked = checked_reference(all_of(list), 0.25);
+      const CheckedReference checked = checked_reference(all_of(list), {0.25});
       UnloadedReference plain;
       for (const Profile& p : list) plain.add(p);
       INFO("seed " << seed << ", " << n << " pictures");
@@ -127,12 +127,24 @@ TEST_CASE("pictures that repeat their pixels have a noise that their scatter doe
   }
   CHECK(camera.share() < 0.3);
   CHECK(codec.share() > 0.8);
+  RepeatedPixels handed_on, skipped;  // each picture twice, and one that a codec repeats where little changes
+  for (std::uint64_t k = 0; k < 20; ++k) {
+    handed_on.add(picture(2 + k / 2).view());
+    skipped.add(picture(2 + (k < 15 ? k : 15)).view());
+  }
+  CHECK(handed_on.share() < 0.3);
+  CHECK(skipped.share() == 1.0);
 
   std::vector<Profile> frozen = rest(30, 6);
   for (Profile& p : frozen) p.value = at_rest(0, 6).value + 0.02 * (p.value - at_rest(0, 6).value);
-  const CheckedReference checked = checked_reference(all_of(frozen), codec.share());
+  const CheckedReference checked = checked_reference(all_of(frozen), {codec.share()});
   CHECK(checked.repeats);
   CHECK(checked.reference.noise().minCoeff() >= 1.5);
+  std::vector<Profile> restless = frozen;
+  for (Profile& p : restless) p.value = at_rest(0, 6).value + 200.0 * (p.value - at_rest(0, 6).value);
+  const double one = checked_reference(all_of(restless), {codec.share()}).least_noise;
+  CHECK(one > 1.5);  // beyond a step, a block's error is that of all of its bins
+  CHECK(checked_reference(all_of(restless), {codec.share(), 4.0}).least_noise == Approx(1.5 + 2.0 * (one - 1.5)));
   // What the next key picture brings is no contact.
   FingerOptics optics;
   optics.unloaded = checked.reference;
@@ -141,7 +153,7 @@ TEST_CASE("pictures that repeat their pixels have a noise that their scatter doe
   c.noise = checked.reference.noise();
   c.unloaded = checked.reference.mean();
   BayesLocalizer guarded(c);
-  c.noise = checked_reference(all_of(frozen), camera.share()).reference.noise();
+  c.noise = checked_reference(all_of(frozen), {camera.share()}).reference.noise();
   BayesLocalizer believing(c);
   int seen_now = 0, seen_before = 0;
   for (int k = 0; k < 20; ++k) {

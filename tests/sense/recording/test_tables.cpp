@@ -97,6 +97,7 @@ TEST_CASE("every fault of a table is one line with file, line and column", "[log
   CHECK(joint("") == "t.csv: is empty, must begin with a line of column names");
   CHECK(joint("position_rad_0\n") == "t.csv:1: column 'stamp_ns' (or 'time_s') is missing");
   CHECK(joint("stamp_ns,position_rad_0,velocity_rad_per_s_0\n") == "t.csv:1: column 'torque_Nm_0' is missing");
+  CHECK(joint("stamp_ns,position_rad_\x1a,velocity_rad_per_s_\x1a\n") == "t.csv:1: column 'torque_Nm_?' is missing");
   CHECK(joint("stamp_ns,position_deg_0\n") == "t.csv:1: column 'position_rad_0' is missing");
   CHECK(joint("stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0,note\n") ==
         "t.csv:1: column 'note' is not known");

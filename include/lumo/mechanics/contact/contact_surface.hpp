@@ -7,6 +7,7 @@
 #include "lumo/morphology/body.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 #include <vector>
 
@@ -262,7 +263,7 @@ struct TangentSums {
   const Equations& equations;
   double* values;                       ///< of the system's lower triangle
   Eigen::VectorXd* coupling = nullptr;  ///< ∂²energy/∂x∂advance, one per equation; nullptr: not wanted
-  bool curved = true;                   ///< with the rigid thing's curvature, which can make it indefinite
+  double curvature = 1.0;               ///< share of the rigid thing's curvature, which can make it indefinite
 };
 
 /// Adds the contact stiffness.
@@ -295,7 +296,7 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
         const DistanceSample d = rigid.sample(at);
         const ContactResponse<double> r = contact.respond(gamma);
         Mat3d block = p.weight_m2 * r.stiffness * d.gradient * d.gradient.transpose();
-        if (tangent.curved) block -= p.weight_m2 * r.pressure * d.hessian;
+        block -= tangent.curvature * p.weight_m2 * r.pressure * d.hessian;
         if (history.friction) {
           const double pressure = r.pressure + r.stiffness * (gamma - d.distance);
           block += p.weight_m2 * history.friction->answer(f, k, at, rigid.origin, d.gradient, pressure).stiffness;
@@ -322,15 +323,28 @@ template <class Tool> struct ContactPlace {
 };
 
 /// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
-/// have at `linear`.
+/// have at `linear`. Where `only_signs` matter, a face that stays open by far has a bound of them instead.
 template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
-    const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+    const ContactPlace<Tool>& linear, const Positions& dx, double ds, bool only_signs = false) {
+  constexpr double most_weight = 5.0 / 3.0;  // of a quadratic face's nodes together: Σ |shape|
   SurfaceGaps gaps(surface.size());
-  for (std::size_t f = 0; f < surface.size(); ++f)
+  for (std::size_t f = 0; f < surface.size(); ++f) {
+    if (only_signs) {
+      double moved = 0.0;
+      for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
+        moved = std::max(moved, dx.col(surface.face(f).nodes[k]).norm());
+      const auto [middle, radius] = surface.ball(f, now.x);
+      const double open = now.rigid.distance(middle) - radius - most_weight * moved - std::abs(ds);
+      if (open > 0.0) {
+        gaps[f].assign(surface.points(f).size(), open);
+        continue;
+      }
+    }
     for (const SurfacePoint& p : surface.points(f))
       gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
                         linear.rigid.sample(surface.position(f, p, linear.x))
                             .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
+  }
   return gaps;
 }
 

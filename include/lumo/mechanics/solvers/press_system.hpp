@@ -79,9 +79,9 @@ template <class Model, Indenter Tool> struct PressSystem {
   struct LinearisationPoint {
     std::vector<double> ratios;
     SurfaceGaps touch, rest;
-    /// Is the carrier flat where it touches? What its rounded edges add to the tangent is negative, and large where
-    /// pressure is.
-    bool flat = false;
+    /// Share of the carrier's curvature where it touches. What its rounded edges add to the tangent is negative, and
+    /// large where pressure is.
+    double curvature = 1.0;
   };
   ContactHistory<FrictionHistory> touch_history(const LinearisationPoint* about) const {
     return {about ? &about->touch : nullptr, touch_friction};
@@ -101,7 +101,7 @@ template <class Model, Indenter Tool> struct PressSystem {
     return {model.solid.predicted_ratios(now.x, linear.x, dx),
         predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
             Touching{indenter(linear.advance), linear.x}, dx, ds),
-        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
+        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0, true)};
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
@@ -147,7 +147,7 @@ template <class Model, Indenter Tool> struct PressSystem {
           {*systems[k], values[k], even ? &t.coupling : nullptr}, touch_history(about));
       if (even) t.stiffness = s.push_stiffness;
       add_contact_tangent(model.resting, contact(), support(), x,
-          {*systems[k], values[k], nullptr, !about || !about->flat}, rest_history(about));
+          {*systems[k], values[k], nullptr, about ? about->curvature : 1.0}, rest_history(about));
     }
   }
 

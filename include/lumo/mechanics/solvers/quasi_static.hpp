@@ -56,7 +56,7 @@ class SecantPairs {
 struct QuasiStaticConfig {
   double residual_tolerance = 1e-7;  ///< of the load
   int max_iterations = 200;          ///< factorisations per load
-  int stride_iterations = 20;        ///< factorisations before a stride is cut
+  int stride_iterations = 20;        ///< factorisations before a stride is cut; twice as many near its end
   double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
   /// By this one, when the residual is below 1 % of the load: a step costs a tenth of a factor.
   double late_contraction = 0.8;
@@ -97,7 +97,8 @@ inline void validate(const QuasiStaticConfig& c) {
 /// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
 ///
 /// Rounded edges of the carrier are taken as flat where they touch until the residual is small: their curvature makes
-/// the tangent indefinite on the way.
+/// the tangent indefinite on the way. After that as much of it counts as leaves the tangent positive definite: about an
+/// equilibrium that is none that lasts, steps without it move away slowly.
 ///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's
 /// symmetry included; otherwise the status says so.
@@ -191,6 +192,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
   // Residual over load at which a stride on the way may end, at first and after a loss.
   static constexpr double loose = 0.3, close = 1e-3;
+  // Share of the carrier's curvature below which none is tried.
+  static constexpr double least_curvature = 0.2;
   // Residual over load below which points seldom come and go, or change between sticking and sliding.
   static constexpr double settled = 1e-2;
   // Of the first load. A contact that has grown at once has slipped another way than one that grew.
@@ -245,7 +248,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(about.touch, area);
     Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
-    bool is_convex = true;   // near the end, with the carrier's curvature
+    double curvature = 1.0;  // of the carrier's, near the end
     for (const int stop = iterations + config_.stride_iterations;;) {
       Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &about);
       const double unbalanced = r.norm();
@@ -263,14 +266,15 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
           unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
         steps_.add(std::move(last_step_), r - before);
       } else {
-        if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
+        const int last = nearly_there ? stop + config_.stride_iterations : stop;
+        if (iterations >= std::min(last, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
-        about.flat = !nearly_there || !is_convex;
+        about.curvature = nearly_there ? curvature : 0.0;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &about);
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
-        if (f == FactorStatus::not_positive_definite && !about.flat) {
-          is_convex = false;
+        if (f == FactorStatus::not_positive_definite && about.curvature > 0.0) {
+          curvature = curvature > least_curvature ? 0.5 * curvature : 0.0;
           continue;
         }
         if (f != FactorStatus::positive_definite)

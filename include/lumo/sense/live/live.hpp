@@ -105,7 +105,7 @@ template <Camera C, class Meanwhile> LiveRest look_at_rest(
     if (readout.read(rest[k], profiles[k])) read.push_back(&profiles[k]);
   }
   seen.optics.view.unchanged = repeated.share();
-  seen.optics.unloaded = checked_reference(read, repeated.share()).reference;
+  seen.optics.unloaded = checked_reference(read, seen.optics.view.repeats(seen.optics.bins)).reference;
   const UnloadedReference& unloaded = seen.optics.unloaded;
   if (unloaded.count() < 2)
     throw InputError(

@@ -70,6 +70,13 @@ struct FingerView {
   int lit = 1;             ///< the channel in which the LEDs are seen, as ImageView has it
   double unchanged = 0.0;  ///< share of lit pixels that a picture repeats of the last one (RepeatedPixels); 0: unknown
 
+  /// As profiles of these bins have it.
+  Repeats repeats(const LongitudinalBins& bins) const {
+    constexpr double block_px = 16.0;  // a macroblock of MPEG-2 to H.264; later codecs have larger ones too
+    const double bin_m = (bins.edges_m[bins.size()] - bins.edges_m[0]) / double(bins.size());
+    return {unchanged, std::max(1.0, block_px * leds.map.scale_m_per_px(leds.map.u_px(0.0)) / bin_m)};
+  }
+
   SteadyLight steady{};  ///< set where lamps flicker; of the bins that profiles were read in
 
   GreenProfile readout(const LongitudinalBins& bins) const {
@@ -230,20 +237,19 @@ inline Flicker take_out_flicker(FingerView& view, std::vector<Profile>& profiles
   return flicker;
 }
 
-/// Of the profiles in the unloaded stretch that agree with each other. `unchanged`: FingerView's. Throws InputError
-/// when there are none.
+/// Of the profiles in the unloaded stretch that agree with each other. Throws InputError when there are none.
 inline CheckedReference checked_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
-    const std::string& name, double unchanged = 0.0) {
+    const std::string& name, const Repeats& repeats = {}) {
   std::vector<const Profile*> held;
   for (const Profile& p : profiles)
     if (stretch.holds(p.stamp_ns)) held.push_back(&p);
-  CheckedReference checked = checked_reference(held, unchanged);
+  CheckedReference checked = checked_reference(held, repeats);
   if (checked.reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
   return checked;
 }
 inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
-    const std::string& name, double unchanged = 0.0) {
-  return checked_reference(profiles, stretch, name, unchanged).reference;
+    const std::string& name, const Repeats& repeats = {}) {
+  return checked_reference(profiles, stretch, name, repeats).reference;
 }
 
 }  // namespace lumo::sense

@@ -33,19 +33,31 @@ class RepeatedPixels {
           ++lit;
           same += value == before.row(y)[i];
         }
-      if (lit >= least_pixels && same < lit) share_.push_back(double(same) / double(lit));
+      const bool again = lit >= least_pixels && same == lit;
+      run_ = again ? run_ + 1 : 0;
+      longest_ = std::max(longest_, run_);
+      if (lit >= least_pixels && !again) share_.push_back(double(same) / double(lit));
     }
     last_ = Image::copy(v);
   }
   /// Share of the lit pixels (of each channel) that keep their very value, in the tenth of all pictures that repeat
-  /// most and are not wholly the last one again: a codec renews some pictures, a camera all. 0 where nothing is known.
-  double share() const { return share_.empty() ? 0.0 : quantile(share_, 0.9); }
+  /// most and are not wholly the last one again: a codec renews some pictures, a camera all. 1 where pictures come
+  /// again more often in a row than a driver hands them on. 0 where nothing is known.
+  double share() const { return longest_ >= longest_run ? 1.0 : share_.empty() ? 0.0 : quantile(share_, 0.9); }
 
  private:
   static constexpr int least_DN = 20, most_DN = 250;  ///< black and full pixels repeat by themselves
   static constexpr std::size_t least_pixels = 100;
+  static constexpr int longest_run = 4;
   Image last_;
+  int run_ = 0, longest_ = 0;  ///< pictures that are wholly the last one again, one after the other
   std::vector<double> share_;
+};
+
+/// How pictures repeat themselves.
+struct Repeats {
+  double unchanged = 0.0;   ///< share of lit pixels that keep their value (RepeatedPixels)
+  double block_bins = 1.0;  ///< bins that one block of a codec covers, whose errors are then one
 };
 
 /// Limits of what is believed of pictures that are said to show the unloaded finger; chosen on the virtual lab.
@@ -59,7 +71,7 @@ struct UnloadedLimits {
   double repeated_share = 0.6;    ///< of unchanged pixels, above which scatter says little of the next second's
   double fresh_share = 0.34;      ///< of pictures that are not the last one again, below which the same holds
   double repeated_DN = 1.5;       ///< least noise of a profile's value then: a codec's steps
-  double repeated_scatter = 1.5;  ///< … or this many of the largest deviations in the stretch
+  double repeated_scatter = 1.5;  ///< … and of the largest deviation, what is more than that, times √block_bins
   double largest_scatter = 0.04;  ///< of one response, share of the light, that a finger at rest has
 };
 
@@ -146,10 +158,10 @@ inline std::vector<const Profile*> agreeing(
   return kept;
 }
 
-/// The reference from profiles that are said to be of the unloaded finger, in the order of time. `unchanged`: share of
-/// repeated pixels (RepeatedPixels). Without profiles its count is 0. Throws InvalidArgument as UnloadedReference::add.
+/// The reference from profiles that are said to be of the unloaded finger, in the order of time. Without profiles its
+/// count is 0. Throws InvalidArgument as UnloadedReference::add.
 inline CheckedReference checked_reference(
-    const std::vector<const Profile*>& stretch, double unchanged = 0.0, const UnloadedLimits& limits = {}) {
+    const std::vector<const Profile*>& stretch, const Repeats& repeats = {}, const UnloadedLimits& limits = {}) {
   CheckedReference r;
   r.pictures = int(stretch.size());
   std::vector<const Profile*> fresh;
@@ -165,10 +177,12 @@ inline CheckedReference checked_reference(
   if (fresh.empty()) return r;
   const std::vector<const Profile*> kept = agreeing(fresh, r.left_out, limits);
   for (const Profile* p : kept) r.reference.add(*p);
-  r.repeats = unchanged > limits.repeated_share || double(fresh.size()) < limits.fresh_share * double(r.pictures);
+  r.repeats =
+      repeats.unchanged > limits.repeated_share || double(fresh.size()) < limits.fresh_share * double(r.pictures);
   if (r.repeats) {
-    r.least_noise =
-        std::max(limits.repeated_DN, limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff());
+    const double step = limits.repeated_DN,
+                 seen = limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff();
+    r.least_noise = step + std::sqrt(repeats.block_bins) * std::max(0.0, seen - step);
     r.reference.set_least_noise(r.least_noise);
   }
   const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));

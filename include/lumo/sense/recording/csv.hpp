@@ -49,7 +49,7 @@ class CsvReader {
   /// Place of a column that must be there.
   int require(std::string_view column) const {
     if (const int i = find(column); i >= 0) return i;
-    throw InputError(message(name_, ":1: column '", column, "' is missing"));
+    throw InputError(message(name_, ":1: column '", printable(column), "' is missing"));
   }
   /// Throws for the first column that is none of those known.
   template <class Known> void require_known(Known known) const {

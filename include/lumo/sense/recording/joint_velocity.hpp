@@ -119,7 +119,7 @@ inline std::vector<std::string> mend_velocities(std::vector<JointSample>& sample
     const VelocityCheck check = check_velocity(samples, j, limits);
     if (check.agrees) continue;
     take_velocity_from_positions(samples, j, limits);
-    notes.push_back(message("velocities of joint ", j, " are ", check.scale,
+    notes.push_back(message("velocities of joint ", j, " are ", 0.01 * std::round(100.0 * check.scale),
         " times the change of its positions"
         " (zeros, or not rad/s); they are taken from the positions"));
   }
