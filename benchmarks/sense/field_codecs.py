@@ -7,7 +7,7 @@ A frame is free where the true force is below 0.05 N. The joint's free motion be
 free frame is touched with a probability above 0.9. Needs numpy, opencv-python-headless and av."""
 
 import csv
-import json
+import math
 import pathlib
 import shutil
 import subprocess
@@ -18,6 +18,7 @@ from fractions import Fraction
 import av
 import cv2
 import numpy as np
+from field_variants import Log
 
 FROM_NS = 9_500_000_000
 RATE = 30
@@ -41,63 +42,40 @@ PICTURES = [  # name, ending, OpenCV's quality
 ]
 
 
-def table(folder, name):
+def rows_of(folder, name):
     with open(folder / f"{name}.csv") as file:
         return list(csv.DictReader(file))
 
 
-def write_table(folder, name, rows):
-    with open(folder / f"{name}.csv", "w", newline="") as file:
-        out = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-        out.writeheader()
-        out.writerows(rows)
+def write_pictures(log, folder, ending, quality):
+    log = log.copy()
+    log.tables["frames"]["file"] = [pathlib.Path(f).stem + ending for f in log.tables["frames"]["file"]]
+    log.write(folder, quality)
 
 
-class Log:
-    def __init__(self, folder):
-        self.folder = pathlib.Path(folder)
-        self.session = json.loads((self.folder / "session.json").read_text())
-        names = ["frames", "joint", "wrench", "truth"]
-        self.tables = {n: [r for r in table(self.folder, n) if int(r["stamp_ns"]) >= FROM_NS] for n in names}
-        self.pictures = [
-            cv2.imread(str(self.folder / "frames" / r["file"]), cv2.IMREAD_GRAYSCALE) for r in self.tables["frames"]
-        ]
-
-    def start(self, folder, session):
-        folder.mkdir()
-        (folder / "session.json").write_text(json.dumps(session))
-        for name in ["joint", "wrench", "truth"]:
-            write_table(folder, name, self.tables[name])
-
-    def as_pictures(self, folder, ending, quality):
-        self.start(folder, self.session)
-        (folder / "frames").mkdir()
-        rows = [{**r, "file": pathlib.Path(r["file"]).stem + ending} for r in self.tables["frames"]]
-        write_table(folder, "frames", rows)
-        for row, picture in zip(rows, self.pictures, strict=True):
-            cv2.imwrite(str(folder / "frames" / row["file"]), picture, quality)
-
-    def as_video(self, folder, encoder, ending):
-        self.start(folder, {**self.session, "video": "video" + ending})
-        write_table(folder, "frames", [{"stamp_ns": r["stamp_ns"]} for r in self.tables["frames"]])
-        with av.open(str(folder / f"video{ending}"), "w") as file:
-            stream = file.add_stream(encoder, rate=RATE)
-            stream.height, stream.width = self.pictures[0].shape
-            stream.pix_fmt = "yuvj420p" if encoder == "mjpeg" else "yuv420p"
-            for k, picture in enumerate(self.pictures):
-                frame = av.VideoFrame.from_ndarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), format="bgr24")
-                frame.pts, frame.time_base = k, Fraction(1, RATE)
-                file.mux(stream.encode(frame))
-            file.mux(stream.encode(None))
+def write_video(log, folder, encoder, ending):
+    log = log.copy()
+    log.session["video"] = "video" + ending
+    del log.tables["frames"]["file"]
+    log.write_tables(folder)
+    with av.open(str(folder / f"video{ending}"), "w") as file:
+        stream = file.add_stream(encoder, rate=RATE)
+        stream.height, stream.width = log.pictures[0].shape
+        stream.pix_fmt = "yuvj420p" if encoder == "mjpeg" else "yuv420p"
+        for k, picture in enumerate(log.pictures):
+            frame = av.VideoFrame.from_ndarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), format="bgr24")
+            frame.pts, frame.time_base = k, Fraction(1, RATE)
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode(None))
 
 
 def judged(lumo, log, out):
     """(free frames, of them touched, of them with p > 0.9, frames from 5 N on, of them located, their error in mm)"""
     subprocess.run([lumo, "locate", log, "--out", out, "--quiet"], check=True, capture_output=True)
-    truth = {r["stamp_ns"]: (float(r["y_mm"] or "nan"), float(r["force_N"])) for r in table(log, "truth")}
+    truth = {r["stamp_ns"]: (float(r["y_mm"] or "nan"), float(r["force_N"])) for r in rows_of(log, "truth")}
     free = touched = sure = pressed = 0
     errors = []
-    for row in table(out, "locations"):
+    for row in rows_of(out, "locations"):
         y, force = truth[row["stamp_ns"]]
         count = int(row["contacts"])
         if force < 0.05:
@@ -112,11 +90,11 @@ def judged(lumo, log, out):
 
 
 def main(lumo, *folders):
-    logs = [Log(folder) for folder in folders]
+    logs = [Log.read(folder, FROM_NS, math.inf, 1.0) for folder in folders]
     print("| pictures | free frames | touched | with p > 0.9 | from 5 N on | located | error mm |")
     print("|---|---|---|---|---|---|---|")
     wrong = 0
-    ways = [(name, Log.as_pictures, rest) for name, *rest in PICTURES] + [(n, Log.as_video, r) for n, *r in VIDEOS]
+    ways = [(n, write_pictures, rest) for n, *rest in PICTURES] + [(n, write_video, rest) for n, *rest in VIDEOS]
     with tempfile.TemporaryDirectory() as scratch:
         for name, write, how in ways:
             counts, errors = np.zeros(4, int), []
@@ -131,7 +109,7 @@ def main(lumo, *folders):
             free, touched, sure, pressed = counts
             wrong += sure
             print(f"| {name} | {free} | {touched} | {sure} | {pressed} | {len(errors)} | {np.mean(errors):.2f} |", flush=True)
-    return wrong > 0
+    return int(wrong > 0)
 
 
 if __name__ == "__main__":

@@ -33,18 +33,18 @@ class Log:
     pictures: list
 
     @classmethod
-    def read(cls, folder):
+    def read(cls, folder, from_ns=FROM_NS, to_ns=TO_NS, scale=0.5):
         folder = pathlib.Path(folder)
         tables = {}
         for name in ["frames", "joint", "wrench", "truth"]:
             with open(folder / f"{name}.csv") as file:
                 head, *rows = csv.reader(file)
-            rows = [r for r in rows if FROM_NS <= int(r[0]) <= TO_NS]
+            rows = [r for r in rows if from_ns <= int(r[0]) <= to_ns]
             tables[name] = {h: [r[k] for r in rows] for k, h in enumerate(head)}
         session = json.loads((folder / "session.json").read_text())
-        session["segments"] = [s for s in session["segments"] if s["to_ns"] > FROM_NS and s["to_ns"] <= TO_NS]
+        session["segments"] = [s for s in session["segments"] if from_ns < s["to_ns"] <= to_ns]
         pictures = [
-            cv2.resize(cv2.imread(str(folder / "frames" / f), cv2.IMREAD_UNCHANGED), None, fx=0.5, fy=0.5,
+            cv2.resize(cv2.imread(str(folder / "frames" / f), cv2.IMREAD_UNCHANGED), None, fx=scale, fy=scale,
                        interpolation=cv2.INTER_AREA)
             for f in tables["frames"]["file"]
         ]
@@ -70,16 +70,20 @@ class Log:
                 columns[f"{quantity}_{name}"] = joint[f"{quantity}_{old}"]
         self.tables["joint"] = columns
 
-    def write(self, folder):
-        (folder / "frames").mkdir(parents=True)
+    def write_tables(self, folder):
+        folder.mkdir(parents=True)
         (folder / "session.json").write_text(json.dumps(self.session))
         for name, table in self.tables.items():
             with open(folder / f"{name}.csv", "w", newline="") as file:
                 out = csv.writer(file, lineterminator="\n")
                 out.writerow(table)
                 out.writerows(zip(*table.values(), strict=True))
+
+    def write(self, folder, quality=()):
+        self.write_tables(folder)
+        (folder / "frames").mkdir()
         for file, picture in zip(self.tables["frames"]["file"], self.pictures, strict=True):
-            cv2.imwrite(str(folder / "frames" / file), picture)
+            cv2.imwrite(str(folder / "frames" / file), picture, quality)
 
 
 @dataclasses.dataclass

@@ -102,8 +102,7 @@ struct Metrics : PlannedCommand {
     progress.stage("reading the log");
     const SensedLog s = read_sensed_log(path, SensedLog{}.bins, progress, topics);
     Measured m;
-    auto holds = about(path, [&] { return hold_responses(s.profiles, s.log.session.segments); });
-    if (tell_loads(s.log, progress).follows) take_measured_loads(holds, s.log.session, s.log.wrenches);
+    const auto holds = measured_holds(s, progress);
     const auto slopes = about(path, [&] { return slope_profiles(holds); });
     const auto repeated = [&](const auto& place) { return place.cols() >= 3 && place.cols() == slopes.front().cols(); };
     if (slopes.size() >= 2 && std::all_of(slopes.begin(), slopes.end(), repeated))

@@ -179,4 +179,10 @@ LoadCheck tell_loads(const OpenLog& log, Progress& progress) {
   return check;
 }
 
+std::vector<HoldResponse> measured_holds(const SensedLog& s, Progress& progress) {
+  auto holds = about(s.log.path, [&] { return hold_responses(s.profiles, s.log.session.segments); });
+  if (tell_loads(s.log, progress).follows) take_measured_loads(holds, s.log.session, s.log.wrenches);
+  return holds;
+}
+
 }  // namespace lumo::program

@@ -10,6 +10,7 @@
 
 #include <optional>
 #include <span>
+#include <vector>
 
 /// Notes of what a log's streams say against each other, or against what they are taken for.
 namespace lumo::program {
@@ -40,5 +41,9 @@ std::optional<Latency> tell_latency(
 
 /// A force sensor that does not fit the loads of the holds.
 LoadCheck tell_loads(const OpenLog& log, Progress& progress);
+
+/// The log's holds with the loads that its force sensor measured, where it follows the nominal ones; what it says of
+/// them is noted.
+std::vector<HoldResponse> measured_holds(const SensedLog& s, Progress& progress);
 
 }  // namespace lumo::program

@@ -37,12 +37,9 @@ KnownPad recorded_pad(const std::string& path, Progress& progress, const McapTop
   progress.stage("reading the calibration");
   const SensedLog s = read_sensed_log(path, SensedLog{}.bins, progress, topics);
   std::vector<PressedResponse> pressed;
-  const auto holds = about(path, [&] { return hold_responses(s.profiles, s.log.session.segments); });
-  auto measured = holds;
-  if (tell_loads(s.log, progress).follows) take_measured_loads(measured, s.log.session, s.log.wrenches);
-  for (std::size_t k = 0; k < holds.size(); ++k)
-    if (const HoldResponse& h = holds[k]; std::isfinite(h.segment.y_mm) && h.load_N > 0.0)
-      pressed.push_back({1e-3 * h.segment.y_mm, h.load_N, h.response * (h.load_N / measured[k].load_N)});
+  for (const HoldResponse& h : measured_holds(s, progress))
+    if (const double nominal_N = h.segment.load_N; std::isfinite(h.segment.y_mm) && nominal_N > 0.0)
+      pressed.push_back({1e-3 * h.segment.y_mm, nominal_N, h.response * (nominal_N / h.load_N)});
   if (pressed.empty())
     throw InputError(path +
                      ": has no holds at known places, which lumo lab recontact shows and docs/log_format.md "
