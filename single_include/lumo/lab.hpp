@@ -6835,6 +6835,264 @@ template <TetElement Element> std::vector<double> lumped_masses(const TetMesh& m
 
 #endif
 
+// ---- lumo/mechanics/elements/simd.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_SIMD_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_SIMD_HPP
+
+// The one place for the compiler's vector types; LUMO_PLAIN_SIMD takes arrays in their place, with the same results.
+#if defined(__GNUC__) && !defined(LUMO_PLAIN_SIMD)
+#define LUMO_VECTOR_TYPES 1
+#else
+#define LUMO_VECTOR_TYPES 0
+#endif
+
+namespace lumo {
+
+namespace detail {
+
+#if LUMO_VECTOR_TYPES
+typedef double Register8 __attribute__((vector_size(64)));
+typedef double Register4 __attribute__((vector_size(32)));
+#else
+template <std::size_t N> struct PlainRegister {
+  std::array<double, N> lanes = {};
+
+  double operator[](std::size_t k) const { return lanes[k]; }
+  double& operator[](std::size_t k) { return lanes[k]; }
+  template <class Operation>
+  static PlainRegister each(const PlainRegister& a, const PlainRegister& b, Operation operation) {
+    PlainRegister r;
+    for (std::size_t k = 0; k < N; ++k) r[k] = operation(a[k], b[k]);
+    return r;
+  }
+  friend PlainRegister operator+(const PlainRegister& a, const PlainRegister& b) {
+    return each(a, b, [](double x, double y) { return x + y; });
+  }
+  friend PlainRegister operator-(const PlainRegister& a, const PlainRegister& b) {
+    return each(a, b, [](double x, double y) { return x - y; });
+  }
+  friend PlainRegister operator*(const PlainRegister& a, const PlainRegister& b) {
+    return each(a, b, [](double x, double y) { return x * y; });
+  }
+  friend PlainRegister operator/(const PlainRegister& a, const PlainRegister& b) {
+    return each(a, b, [](double x, double y) { return x / y; });
+  }
+  friend PlainRegister operator-(const PlainRegister& a) {
+    return each(a, a, [](double x, double) { return -x; });
+  }
+};
+using Register8 = PlainRegister<8>;
+using Register4 = PlainRegister<4>;
+#endif
+
+}  // namespace detail
+
+/// Eight numbers that go through the same arithmetic at once: one AVX-512 register, or as many smaller ones as the
+/// processor needs. Functions exchange packs, not registers: how a bare register is handed over depends on the
+/// processor compiled for.
+struct SimdPack {
+  static constexpr std::size_t width = 8;
+  using Register = detail::Register8;
+  Register v = {};
+
+  /// A point, padded so that one load takes it.
+  struct Point {
+    using Register = detail::Register4;
+    Register v = {};
+  };
+
+  double operator[](std::size_t lane) const { return v[lane]; }
+  void set(std::size_t lane, double value) { v[lane] = value; }
+  static SimdPack of(double value) { return {Register{value, value, value, value, value, value, value, value}}; }
+
+  /// x, y and z of points[index[lane]].
+  static std::array<SimdPack, 3> gathered(const std::vector<Point>& points, const std::array<int, width>& index);
+
+  /// Asks for a point that is needed soon.
+  static void prefetch([[maybe_unused]] const Point& p) {
+#if LUMO_VECTOR_TYPES
+    __builtin_prefetch(&p);
+#endif
+  }
+
+  SimdPack& operator+=(const SimdPack& b) {
+    v = v + b.v;
+    return *this;
+  }
+  SimdPack& operator-=(const SimdPack& b) {
+    v = v - b.v;
+    return *this;
+  }
+};
+
+inline SimdPack operator+(const SimdPack& a, const SimdPack& b) { return {a.v + b.v}; }
+inline SimdPack operator-(const SimdPack& a, const SimdPack& b) { return {a.v - b.v}; }
+inline SimdPack operator*(const SimdPack& a, const SimdPack& b) { return {a.v * b.v}; }
+inline SimdPack operator/(const SimdPack& a, const SimdPack& b) { return {a.v / b.v}; }
+inline SimdPack operator-(const SimdPack& a) { return {-a.v}; }
+inline SimdPack operator+(double a, const SimdPack& b) { return SimdPack::of(a) + b; }
+inline SimdPack operator-(double a, const SimdPack& b) { return SimdPack::of(a) - b; }
+inline SimdPack operator*(double a, const SimdPack& b) { return SimdPack::of(a) * b; }
+inline SimdPack operator/(double a, const SimdPack& b) { return SimdPack::of(a) / b; }
+inline SimdPack operator+(const SimdPack& a, double b) { return a + SimdPack::of(b); }
+inline SimdPack operator-(const SimdPack& a, double b) { return a - SimdPack::of(b); }
+
+inline SimdPack log(const SimdPack& a) {
+  SimdPack l;
+  for (std::size_t lane = 0; lane < SimdPack::width; ++lane) l.set(lane, std::log(a[lane]));
+  return l;
+}
+
+#if LUMO_VECTOR_TYPES
+// Whole points are read and turned, which takes less than reading number by number.
+inline std::array<SimdPack, 3> SimdPack::gathered(
+    const std::vector<Point>& points, const std::array<int, width>& index) {
+  const auto two = [&](std::size_t lane) {
+    return SimdPack{__builtin_shufflevector(
+        points[std::size_t(index[lane])].v, points[std::size_t(index[lane + 4])].v, 0, 1, 2, 3, 4, 5, 6, 7)};
+  };
+  const SimdPack p04 = two(0), p15 = two(1), p26 = two(2), p37 = two(3);
+  const auto even = [](const SimdPack& a, const SimdPack& b) {
+    return SimdPack{__builtin_shufflevector(a.v, b.v, 0, 8, 2, 10, 4, 12, 6, 14)};
+  };
+  const auto odd = [](const SimdPack& a, const SimdPack& b) {
+    return SimdPack{__builtin_shufflevector(a.v, b.v, 1, 9, 3, 11, 5, 13, 7, 15)};
+  };
+  const SimdPack xz_low = even(p04, p15), xz_high = even(p26, p37), y_low = odd(p04, p15), y_high = odd(p26, p37);
+  return {SimdPack{__builtin_shufflevector(xz_low.v, xz_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
+      SimdPack{__builtin_shufflevector(y_low.v, y_high.v, 0, 1, 8, 9, 4, 5, 12, 13)},
+      SimdPack{__builtin_shufflevector(xz_low.v, xz_high.v, 2, 3, 10, 11, 6, 7, 14, 15)}};
+}
+#else
+inline std::array<SimdPack, 3> SimdPack::gathered(
+    const std::vector<Point>& points, const std::array<int, width>& index) {
+  std::array<SimdPack, 3> xyz;
+  for (std::size_t lane = 0; lane < width; ++lane)
+    for (std::size_t i = 0; i < 3; ++i) xyz[i].set(lane, points[std::size_t(index[lane])].v[i]);
+  return xyz;
+}
+#endif
+
+}  // namespace lumo
+
+#undef LUMO_VECTOR_TYPES
+
+#endif
+
+// ---- lumo/mechanics/elements/element_packs.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_PACKS_HPP
+#define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_ELEMENT_PACKS_HPP
+
+namespace lumo {
+
+/// Of eight elements: a vector, and a 3 × 3 matrix by columns.
+using VectorPack = std::array<SimdPack, 3>;
+using MatrixPack = std::array<VectorPack, 3>;
+
+[[gnu::always_inline]] inline SimdPack dot(const VectorPack& a, const VectorPack& b) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+[[gnu::always_inline]] inline VectorPack cross(const VectorPack& a, const VectorPack& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+[[gnu::always_inline]] inline VectorPack scaled(const SimdPack& s, const VectorPack& v) {
+  return {s * v[0], s * v[1], s * v[2]};
+}
+[[gnu::always_inline]] inline VectorPack product(const MatrixPack& m, const VectorPack& v) {
+  VectorPack p;
+  for (std::size_t i = 0; i < 3; ++i) p[i] = m[0][i] * v[0] + m[1][i] * v[1] + m[2][i] * v[2];
+  return p;
+}
+/// Derivative of the determinant.
+[[gnu::always_inline]] inline MatrixPack cofactor(const MatrixPack& m) {
+  return {cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])};
+}
+
+/// Deformed nodes, each padded so that one load takes it.
+using PaddedPositions = std::vector<SimdPack::Point>;
+
+inline PaddedPositions padded(const Eigen::Matrix3Xd& x) {
+  PaddedPositions p(std::size_t(x.cols()));
+  for (std::size_t k = 0; k < p.size(); ++k)
+    for (std::size_t i = 0; i < 3; ++i) p[k].v[i] = x(Eigen::Index(i), Eigen::Index(k));
+  return p;
+}
+
+/// The elements of a mesh, eight at a time in their order, with the gradients of their shape functions at rest. The
+/// last pack repeats the last element where there is no further one.
+template <TetElement Element> class ElementPacks {
+ public:
+  static constexpr std::size_t width = SimdPack::width, nodes = std::size_t(Element::nodes),
+                               points = std::size_t(Element::points);
+  struct Pack {
+    std::size_t first = 0, count = 0;                            ///< elements
+    std::array<std::array<int, width>, nodes> node;              ///< their nodes
+    std::array<std::array<VectorPack, nodes>, points> gradient;  ///< [1/m], at the quadrature points
+    std::array<SimdPack, points> weight;                         ///< volume that a point stands for [m³]
+    SimdPack volume;                                             ///< [m³]
+  };
+  /// Deformation gradients and volume ratios of a pack.
+  struct Deformation {
+    std::array<MatrixPack, points> F;
+    std::array<SimdPack, points> J;
+    SimdPack mean_J;
+  };
+
+  /// Throws InvalidArgument where the mesh is not of the element's order.
+  explicit ElementPacks(const TetMesh& mesh) {
+    const ElementPoints<Element> at(mesh);
+    for (std::size_t first = 0; first < mesh.tets.size(); first += width) {
+      Pack& p = packs_.emplace_back();
+      p.first = first;
+      p.count = std::min(width, mesh.tets.size() - first);
+      for (std::size_t lane = 0; lane < width; ++lane) {
+        const std::size_t e = first + std::min(lane, p.count - 1);
+        for (std::size_t a = 0; a < nodes; ++a) p.node[a][lane] = mesh.tets[e][a];
+        for (std::size_t q = 0; q < points; ++q) {
+          p.weight[q].set(lane, at.weight(e, int(q)));
+          for (std::size_t a = 0; a < nodes; ++a)
+            for (std::size_t i = 0; i < 3; ++i)
+              p.gradient[q][a][i].set(lane, at.gradient(e, int(q))(Eigen::Index(i), Eigen::Index(a)));
+        }
+      }
+      for (const SimdPack& w : p.weight) p.volume += w;
+    }
+  }
+
+  const std::vector<Pack>& packs() const { return packs_; }
+
+  /// Derivatives of a nodal field by the place at rest, at each quadrature point.
+  static std::array<MatrixPack, points> slopes(const Pack& pack, const PaddedPositions& field) {
+    std::array<VectorPack, nodes> at;
+    for (std::size_t a = 0; a < nodes; ++a) at[a] = SimdPack::gathered(field, pack.node[a]);
+    std::array<MatrixPack, points> m{};
+    for (std::size_t q = 0; q < points; ++q) {
+      MatrixPack sum{};
+      for (std::size_t a = 0; a < nodes; ++a)
+        for (std::size_t j = 0; j < 3; ++j)
+          for (std::size_t i = 0; i < 3; ++i) sum[j][i] += at[a][i] * pack.gradient[q][a][j];
+      m[q] = sum;
+    }
+    return m;
+  }
+  static Deformation deformation(const Pack& pack, const PaddedPositions& x) {
+    Deformation d{slopes(pack, x), {}, {}};
+    for (std::size_t q = 0; q < points; ++q) {
+      d.J[q] = dot(d.F[q][0], cross(d.F[q][1], d.F[q][2]));
+      d.mean_J += pack.weight[q] * d.J[q];
+    }
+    d.mean_J = d.mean_J / pack.volume;
+    return d;
+  }
+
+ private:
+  std::vector<Pack> packs_;
+};
+
+}  // namespace lumo
+
+#endif
+
 // ---- lumo/mechanics/elements/solid.hpp
 #ifndef SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_SOLID_HPP
 #define SINGLE_INCLUDE_LUMO_MECHANICS_ELEMENTS_SOLID_HPP
@@ -6850,203 +7108,296 @@ inline Positions positions_of(const TetMesh& mesh) {
   return x;
 }
 
-/// The elastic energy of a tetrahedral mesh with its first and second derivatives.
+/// A solid whose distortion is μ/2 (I_C − 3) + g(J), with derivatives that are cheap enough to be taken for many
+/// elements at once.
+template <class M>
+concept DilatationalDistortion = HyperelasticMaterial<M> && requires(const M& m, const SimdPack& J) {
+  { m.distortion_dilatation(J) } -> std::same_as<DilatationSample<SimdPack>>;
+};
+
+/// How the volumes of a deformed mesh have changed.
+struct VolumeRatios {
+  std::vector<double> J;  ///< that the volumetric energy sees: one per element with the locking cure, else one per
+                          ///< quadrature point
+  double smallest = std::numeric_limits<double>::infinity();  ///< det F over all quadrature points
+};
+
+/// The elastic energy of a tetrahedral mesh with its first and second derivative, eight elements at a time.
 template <HyperelasticMaterial Material, TetElement Element> class Solid {
  public:
-  static constexpr int N = Element::nodes;
-  using Gradients = Eigen::Matrix<double, 3, N>;
-
   /// Throws InvalidArgument where the mesh is not of the element's order.
   Solid(const TetMesh& mesh, Material material, Element element)
-      : mesh_(&mesh), material_(material), element_(element), points_(mesh) {}
+      : material_(material), element_(element), elements_(mesh), tets_(mesh.tets.size()) {}
 
   /// Stored energy [J]; +∞ when an element is inverted at a quadrature point.
   double energy(const Positions& x) const {
+    const PaddedPositions at = padded(x);
     double sum = 0.0;
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      for (int q = 0; q < Element::points; ++q) {
-        sum += weight(e, q) * material_.distortion_energy(s.F[std::size_t(q)]);
-        if (!element_.mean_dilatation) sum += weight(e, q) * material_.volumetric(s.J[std::size_t(q)]).energy;
+    for (const Pack& p : elements_.packs()) {
+      const Deformation d = Elements::deformation(p, at);
+      for (std::size_t lane = 0; lane < p.count; ++lane) {
+        for (std::size_t q = 0; q < points; ++q) {
+          sum += p.weight[q][lane] * material_.distortion_energy(of_lane(d.F[q], lane));
+          if (!element_.mean_dilatation) sum += p.weight[q][lane] * material_.volumetric(d.J[q][lane]).energy;
+        }
+        if (element_.mean_dilatation) sum += p.volume[lane] * material_.volumetric(d.mean_J[lane]).energy;
       }
-      if (element_.mean_dilatation) sum += s.volume * material_.volumetric(s.mean_J).energy;
       if (!std::isfinite(sum)) return std::numeric_limits<double>::infinity();
     }
     return sum;
   }
 
-  /// Volume ratios that the volumetric energy sees: one per element with the locking cure, else one per quadrature
-  /// point.
-  std::vector<double> volume_ratios(const Positions& x) const {
-    std::vector<double> J;
-    J.reserve(mesh_->tets.size() * cells());
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      if (element_.mean_dilatation) J.push_back(s.mean_J);
-      else J.insert(J.end(), s.J.begin(), s.J.end());
-    }
-    return J;
-  }
-
-  /// The same, carried on by the displacement dx along the slope that they have at the positions `linear`.
-  std::vector<double> predicted_ratios(const Positions& x, const Positions& linear, const Positions& dx) const {
-    std::vector<double> J = volume_ratios(x);
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, linear);
-      for (int q = 0; q < Element::points; ++q) {
-        const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
-        double rate = 0.0;
-        for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
-        if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
-        else J[e * cells() + std::size_t(q)] += rate;
+  VolumeRatios volume_ratios(const Positions& x) const {
+    const PaddedPositions at = padded(x);
+    VolumeRatios v;
+    v.J.resize(tets_ * cells());
+    for (const Pack& p : elements_.packs()) {
+      const Deformation d = Elements::deformation(p, at);
+      for (std::size_t lane = 0; lane < p.count; ++lane) {
+        for (std::size_t q = 0; q < points; ++q) v.smallest = std::min(v.smallest, d.J[q][lane]);
+        for (std::size_t c = 0; c < cells(); ++c)
+          v.J[(p.first + lane) * cells() + c] = element_.mean_dilatation ? d.mean_J[lane] : d.J[c][lane];
       }
     }
-    return J;
+    return v;
+  }
+
+  /// Adds to volume ratios what the displacement dx changes along the slope that they have at the positions `linear`.
+  void carry_on(std::vector<double>& J, const Positions& linear, const Positions& dx) const {
+    const PaddedPositions at = padded(linear), by = padded(dx);
+    for (const Pack& p : elements_.packs()) {
+      const std::array<MatrixPack, points> F = Elements::slopes(p, at), dF = Elements::slopes(p, by);
+      SimdPack mean;
+      for (std::size_t q = 0; q < points; ++q) {
+        const MatrixPack c = cofactor(F[q]);
+        const SimdPack rate = dot(c[0], dF[q][0]) + dot(c[1], dF[q][1]) + dot(c[2], dF[q][2]);
+        mean += p.weight[q] * rate;
+        if (!element_.mean_dilatation)
+          for (std::size_t lane = 0; lane < p.count; ++lane) J[(p.first + lane) * points + q] += rate[lane];
+      }
+      mean = mean / p.volume;
+      if (element_.mean_dilatation)
+        for (std::size_t lane = 0; lane < p.count; ++lane) J[p.first + lane] += mean[lane];
+    }
   }
 
   /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). The volumetric stress is linearised `about` given
   /// volume ratios θ, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
   void add_forces(const Positions& x, Positions& force, const std::vector<double>* about = nullptr) const {
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      Gradients f = Gradients::Zero();
-      for (int q = 0; q < Element::points; ++q) {
-        const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, about);
-        const VolumetricSample<double> u = material_.volumetric(theta);
-        const Mat3d& F = s.F[std::size_t(q)];
-        f += product(
-            weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)),
-            gradient(e, q));
+    const PaddedPositions at = padded(x);
+    for (const Pack& p : elements_.packs()) {
+      const Deformation d = Elements::deformation(p, at);
+      std::array<VectorPack, nodes> f{};
+      for (std::size_t q = 0; q < points; ++q) {
+        const MatrixPack c = cofactor(d.F[q]);
+        const SimdPack theta = ratio(p, q, d, about);
+        const Volumetric u = volumetric(theta);
+        const MatrixPack s = distortion_stress(d.F[q], d.J[q], c);
+        const SimdPack pressure = u.stress + u.stiffness * ((element_.mean_dilatation ? d.mean_J : d.J[q]) - theta);
+        MatrixPack P;
+        for (std::size_t j = 0; j < 3; ++j)
+          for (std::size_t i = 0; i < 3; ++i) P[j][i] = p.weight[q] * (s[j][i] + pressure * c[j][i]);
+        for (std::size_t a = 0; a < nodes; ++a) {
+          const VectorPack share = product(P, p.gradient[q][a]);
+          for (std::size_t i = 0; i < 3; ++i) f[a][i] += share[i];
+        }
       }
-      for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
+      for (std::size_t lane = 0; lane < p.count; ++lane)
+        for (std::size_t a = 0; a < nodes; ++a)
+          for (std::size_t i = 0; i < 3; ++i) force(Eigen::Index(i), p.node[a][lane]) += f[a][i][lane];
     }
   }
 
   /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
   void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
       const std::vector<double>* about = nullptr) const {
-    constexpr int size = 3 * N;
-    Eigen::Matrix<double, size, size> K;
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      element_tangent(e, x, about, K);
-      for (std::size_t k = 0; k < systems.size(); ++k) {
-        const int* slot = systems[k]->slots.data() + e * (size * (size + 1) / 2);
-        double* v = values[k];
-        for (int j = 0; j < size; ++j)
-          for (int i = j; i < size; ++i, ++slot)
-            if (*slot >= 0) v[*slot] += K(i, j);
-      }
-    }
-  }
-
-  /// Smallest det F over all quadrature points.
-  double smallest_J(const Positions& x) const {
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
-      for (double J : state(e, x).J) least = std::min(least, J);
-    return least;
+    const PaddedPositions at = padded(x);
+    for (const Pack& p : elements_.packs()) add_tangent(p, Elements::deformation(p, at), systems, values, about);
   }
 
   /// Smallest undeformed volume that a quadrature point stands for [m³]; not positive where the mesh has an element
   /// that is inside out.
   double smallest_volume() const {
     double least = std::numeric_limits<double>::infinity();
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
-      for (int q = 0; q < Element::points; ++q) least = std::min(least, weight(e, q));
+    for (const Pack& p : elements_.packs())
+      for (const SimdPack& w : p.weight)
+        for (std::size_t lane = 0; lane < p.count; ++lane) least = std::min(least, w[lane]);
     return least;
   }
 
   const Material& material() const { return material_; }
 
  private:
-  struct ElementState {
-    std::array<Mat3d, std::size_t(Element::points)> F;
-    std::array<double, std::size_t(Element::points)> J;
-    double volume = 0.0;
-    double mean_J = 0.0;
+  using Elements = ElementPacks<Element>;
+  using Pack = typename Elements::Pack;
+  using Deformation = typename Elements::Deformation;
+  static constexpr std::size_t nodes = Elements::nodes, points = Elements::points, width = Elements::width;
+  static constexpr std::size_t size = 3 * nodes;  // of an element's tangent
+
+  static Mat3d of_lane(const MatrixPack& m, std::size_t lane) {
+    Mat3d one;
+    for (std::size_t j = 0; j < 3; ++j)
+      for (std::size_t i = 0; i < 3; ++i) one(Eigen::Index(i), Eigen::Index(j)) = m[j][i][lane];
+    return one;
+  }
+
+  std::size_t cells() const { return element_.mean_dilatation ? 1 : points; }
+
+  // Volume ratios that the volumetric energy is taken at.
+  SimdPack ratio(const Pack& p, std::size_t q, const Deformation& d, const std::vector<double>* about) const {
+    if (!about) return element_.mean_dilatation ? d.mean_J : d.J[q];
+    SimdPack theta;
+    for (std::size_t lane = 0; lane < width; ++lane)
+      theta.set(lane, (*about)[(p.first + std::min(lane, p.count - 1)) * cells() + (element_.mean_dilatation ? 0 : q)]);
+    return theta;
+  }
+
+  struct Volumetric {
+    SimdPack stress, stiffness;
   };
-
-  int node(std::size_t e, int a) const { return mesh_->tets[e][std::size_t(a)]; }
-  double weight(std::size_t e, int q) const { return points_.weight(e, q); }
-  const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
-
-  static Gradients product(const Mat3d& A, const Gradients& g) {
-    Gradients p;
-    for (int a = 0; a < N; ++a)
-      for (int i = 0; i < 3; ++i) p(i, a) = A(i, 0) * g(0, a) + A(i, 1) * g(1, a) + A(i, 2) * g(2, a);
-    return p;
-  }
-
-  ElementState state(std::size_t e, const Positions& x) const {
-    Gradients local;
-    for (int a = 0; a < N; ++a) local.col(a) = x.col(node(e, a));
-    ElementState s;
-    for (int q = 0; q < Element::points; ++q) {
-      const std::size_t k = std::size_t(q);
-      const Gradients& g = gradient(e, q);
-      s.F[k] = Mat3d::Zero();
-      for (int a = 0; a < N; ++a)
-        for (int j = 0; j < 3; ++j)
-          for (int i = 0; i < 3; ++i) s.F[k](i, j) += local(i, a) * g(j, a);
-      s.J[k] = s.F[k].determinant();
-      s.volume += weight(e, q);
-      s.mean_J += weight(e, q) * s.J[k];
+  Volumetric volumetric(const SimdPack& J) const {
+    Volumetric u;
+    for (std::size_t lane = 0; lane < width; ++lane) {
+      const VolumetricSample<double> one = material_.volumetric(J[lane]);
+      u.stress.set(lane, one.stress);
+      u.stiffness.set(lane, one.stiffness);
     }
-    s.mean_J /= s.volume;
-    return s;
+    return u;
   }
 
-  std::size_t cells() const { return element_.mean_dilatation ? 1 : std::size_t(Element::points); }
-
-  // Volume ratio that the volumetric energy is taken at.
-  double ratio(std::size_t e, int q, const ElementState& s, const std::vector<double>* about) const {
-    if (about) return (*about)[e * cells() + (element_.mean_dilatation ? 0 : std::size_t(q))];
-    return element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)];
-  }
-
-  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* about,
-      Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
-    const ElementState s = state(e, x);
-    Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
-    K.setZero();
-    for (int q = 0; q < Element::points; ++q) {
-      const Mat3d& F = s.F[std::size_t(q)];
-      const Gradients& g = gradient(e, q);
-      const Mat3d c = cofactor(F);
-      const VolumetricSample<double> u = material_.volumetric(ratio(e, q, s, about));
-      Mat9d A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
-      if (element_.mean_dilatation) {
-        dJ += product(weight(e, q) * c, g);
-      } else {
-        A += dyad(u.stiffness * c, c);
-      }
-      A = A * weight(e, q);
-      // Plain loops: Eigen's expressions of blocks took most of a simulator's compile time.
-      for (int a = 0; a < N; ++a) {
-        std::array<double, 27> T;  // 9 × 3, by columns
-        for (std::size_t k = 0; k < 27; ++k)
-          T[k] = A.data()[k] * g(0, a) + A.data()[k + 27] * g(1, a) + A.data()[k + 54] * g(2, a);
-        for (int b = a; b < N; ++b)
-          for (int j = 0; j < 3; ++j) {
-            const double* t = T.data() + 9 * j;
-            double* block = &K(3 * b, 3 * a + j);
-            for (int i = 0; i < 3; ++i) block[i] += g(0, b) * t[i] + g(1, b) * t[i + 3] + g(2, b) * t[i + 6];
-          }
+  MatrixPack distortion_stress(const MatrixPack& F, const SimdPack& J, const MatrixPack& c) const {
+    MatrixPack P;
+    if constexpr (DilatationalDistortion<Material>) {
+      const SimdPack mu = SimdPack::of(material_.shear_modulus()), stress = material_.distortion_dilatation(J).stress;
+      for (std::size_t j = 0; j < 3; ++j)
+        for (std::size_t i = 0; i < 3; ++i) P[j][i] = mu * F[j][i] + stress * c[j][i];
+    } else {
+      for (std::size_t lane = 0; lane < width; ++lane) {
+        const Mat3d one = material_.distortion_stress(of_lane(F, lane));
+        for (std::size_t j = 0; j < 3; ++j)
+          for (std::size_t i = 0; i < 3; ++i) P[j][i].set(lane, one(Eigen::Index(i), Eigen::Index(j)));
       }
     }
-    if (element_.mean_dilatation) {
-      const double stiffness = material_.volumetric(ratio(e, 0, s, about)).stiffness / s.volume;
-      for (int j = 0; j < 3 * N; ++j) {
-        const double scaled = stiffness * dJ.data()[j];
-        for (int i = j; i < 3 * N; ++i) K(i, j) += scaled * dJ.data()[i];
-      }
-    }
+    return P;
   }
 
-  const TetMesh* mesh_;
+  // Adds the part of node b's rows and node a's columns, b ≥ a: block[j][i] of row 3 b + i and column 3 a + j.
+  static void scatter(const Pack& p, std::size_t b, std::size_t a, const MatrixPack& block,
+      const std::vector<const Equations*>& systems, const std::vector<double*>& values) {
+    for (std::size_t k = 0; k < systems.size(); ++k)
+      for (std::size_t lane = 0; lane < p.count; ++lane) {
+        const int* slots = systems[k]->slots.data() + (p.first + lane) * (size * (size + 1) / 2);
+        for (std::size_t j = 0; j < 3; ++j) {
+          const std::size_t column = 3 * a + j, start = column * size - column * (column + 1) / 2;
+          for (std::size_t i = b == a ? j : 0; i < 3; ++i)
+            if (const int slot = slots[start + 3 * b + i]; slot >= 0) values[k][slot] += block[j][i][lane];
+        }
+      }
+  }
+
+  // With Aₐ = cof F gₐ: blocks Σ w (μ gₐ·g_b I + g'' A_b Aₐᵀ + (p/J) [A_b × Aₐ]), p all that presses, and the stiffness
+  // against a change of volume.
+  void add_tangent(const Pack& p, const Deformation& d, const std::vector<const Equations*>& systems,
+      const std::vector<double*>& values,
+      const std::vector<double>* about) const requires DilatationalDistortion<Material> {
+    const SimdPack mu = SimdPack::of(material_.shear_modulus());
+    struct Point {
+      std::array<VectorPack, nodes> area, stiff, turn, stretch;
+    };
+    std::array<Point, points> at;
+    std::array<VectorPack, nodes> dJ{};  // V ∂(mean J)/∂x
+    SimdPack bulk;
+    for (std::size_t q = 0; q < points; ++q) {
+      const MatrixPack c = cofactor(d.F[q]);
+      const Volumetric u = volumetric(ratio(p, q, d, about));
+      const DilatationSample<SimdPack> g = material_.distortion_dilatation(d.J[q]);
+      const SimdPack w = p.weight[q], turning = w * (g.stress + u.stress) / d.J[q],
+                     stiffness = w * (element_.mean_dilatation ? g.stiffness : g.stiffness + u.stiffness);
+      if (q == 0) bulk = u.stiffness / p.volume;
+      for (std::size_t a = 0; a < nodes; ++a) {
+        const VectorPack area = product(c, p.gradient[q][a]);
+        at[q].area[a] = area;
+        at[q].stiff[a] = scaled(stiffness, area);
+        at[q].turn[a] = scaled(turning, area);
+        at[q].stretch[a] = scaled(w * mu, p.gradient[q][a]);
+        for (std::size_t i = 0; i < 3; ++i) dJ[a][i] += w * area[i];
+      }
+    }
+    for (std::size_t a = 0; a < nodes; ++a)
+      for (std::size_t b = a; b < nodes; ++b) {
+        MatrixPack block{};
+        SimdPack stretch;
+        VectorPack turn{};
+        for (std::size_t q = 0; q < points; ++q) {
+          stretch += dot(at[q].stretch[b], p.gradient[q][a]);
+          const VectorPack n = cross(at[q].turn[b], at[q].area[a]);
+          for (std::size_t i = 0; i < 3; ++i) turn[i] += n[i];
+          for (std::size_t j = 0; j < 3; ++j)
+            for (std::size_t i = 0; i < 3; ++i) block[j][i] += at[q].stiff[b][i] * at[q].area[a][j];
+        }
+        if (element_.mean_dilatation) {
+          const VectorPack stiff = scaled(bulk, dJ[b]);
+          for (std::size_t j = 0; j < 3; ++j)
+            for (std::size_t i = 0; i < 3; ++i) block[j][i] += stiff[i] * dJ[a][j];
+        }
+        for (std::size_t i = 0; i < 3; ++i) {
+          const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
+          block[i][i] += stretch;
+          block[j][i] += turn[k];
+          block[i][j] -= turn[k];
+        }
+        scatter(p, b, a, block, systems, values);
+      }
+  }
+
+  void add_tangent(const Pack& p, const Deformation& d, const std::vector<const Equations*>& systems,
+      const std::vector<double*>& values, const std::vector<double>* about) const {
+    std::array<std::array<MatrixPack, nodes>, nodes> K{};  // of columns' and rows' nodes
+    std::array<VectorPack, nodes> dJ{};
+    SimdPack bulk;
+    for (std::size_t q = 0; q < points; ++q) {
+      const MatrixPack c = cofactor(d.F[q]);
+      const Volumetric u = volumetric(ratio(p, q, d, about));
+      if (q == 0) bulk = u.stiffness / p.volume;
+      for (std::size_t a = 0; a < nodes; ++a) {
+        const VectorPack area = product(c, p.gradient[q][a]);
+        for (std::size_t i = 0; i < 3; ++i) dJ[a][i] += p.weight[q] * area[i];
+      }
+      for (std::size_t lane = 0; lane < p.count; ++lane) {
+        const Mat3d F = of_lane(d.F[q], lane), cof = of_lane(c, lane);
+        Mat9d A = material_.distortion_tangent(F) + u.stress[lane] * determinant_hessian(F);
+        if (!element_.mean_dilatation) A += dyad(u.stiffness[lane] * cof, cof);
+        A = A * p.weight[q][lane];
+        for (std::size_t a = 0; a < nodes; ++a) {
+          const auto slope = [&](std::size_t node, std::size_t i) { return p.gradient[q][node][i][lane]; };
+          std::array<double, 27> T;  // 9 × 3, by columns
+          for (std::size_t k = 0; k < 27; ++k)
+            T[k] = A.data()[k] * slope(a, 0) + A.data()[k + 27] * slope(a, 1) + A.data()[k + 54] * slope(a, 2);
+          for (std::size_t b = a; b < nodes; ++b)
+            for (std::size_t j = 0; j < 3; ++j)
+              for (std::size_t i = 0; i < 3; ++i) {
+                SimdPack& entry = K[a][b][j][i];
+                const double* t = T.data() + 9 * j + i;
+                entry.set(lane, entry[lane] + slope(b, 0) * t[0] + slope(b, 1) * t[3] + slope(b, 2) * t[6]);
+              }
+        }
+      }
+    }
+    for (std::size_t a = 0; a < nodes; ++a)
+      for (std::size_t b = a; b < nodes; ++b) {
+        if (element_.mean_dilatation) {
+          const VectorPack stiff = scaled(bulk, dJ[b]);
+          for (std::size_t j = 0; j < 3; ++j)
+            for (std::size_t i = 0; i < 3; ++i) K[a][b][j][i] += stiff[i] * dJ[a][j];
+        }
+        scatter(p, b, a, K[a][b], systems, values);
+      }
+  }
+
   Material material_;
   Element element_;
-  ElementPoints<Element> points_;
+  Elements elements_;
+  std::size_t tets_;
 };
 
 }  // namespace lumo
@@ -7169,7 +7520,7 @@ struct ContactSums {
   double energy = 0.0;  ///< [J]
   double push_N = 0.0;  ///< force on the indenter along −direction: −∂energy/∂advance … with the sign of a reaction
   double push_stiffness = 0.0;  ///< ∂²energy/∂advance² [N/m]
-  double penetration_m = 0.0;   ///< largest overlap
+  double penetration_m = 0.0;   ///< largest overlap of the points that were looked at
 };
 
 inline void ContactSurface::add(const BoundaryFace& face) {
@@ -7255,17 +7606,18 @@ struct NoFriction {
   }
 };
 
-// Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that
-// the rigid thing reaches, or whose given gaps are closed.
+// Calls visit(face, point number, point, position) for the surface points that can be in contact: those whose given
+// gaps are closed, without any those of faces that the rigid thing reaches.
 template <class Tool, class Visit> void for_contact_points(const ContactSurface& surface, const Positions& x,
     const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
-    const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.distance(middle) <= radius;
-    if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
-      continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
-    for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
+    if (gaps) {
+      for (std::size_t k = 0; k < points.size(); ++k)
+        if ((*gaps)[f][k] < 0.0) visit(f, k, points[k], surface.position(f, points[k], x));
+    } else if (const auto [middle, radius] = surface.ball(f, x); rigid.distance(middle) <= radius) {
+      for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
+    }
   }
 }
 
@@ -7362,34 +7714,46 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   return sums;
 }
 
+template <class Tool>
+SurfaceGaps surface_gaps(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
+  SurfaceGaps gaps(surface.size());
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f)) gaps[f].push_back(rigid.distance(surface.position(f, p, x)));
+  return gaps;
+}
+
 /// A rigid thing and the body's node positions, at one time.
 template <class Tool> struct ContactPlace {
   Moving<Tool> rigid;
   const Positions& x;
 };
 
-/// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
-/// have at `linear`. Where `only_signs` matter, a face that stays open by far has a bound of them instead.
+/// Gaps at the points of face f `now`, carried on by the displacement dx and the advance ds along the slope that they
+/// have at `linear`.
+template <class Tool> std::vector<double> predicted_gaps(const ContactSurface& surface, std::size_t f,
+    const ContactPlace<Tool>& now, const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+  std::vector<double> gaps;
+  for (const SurfacePoint& p : surface.points(f))
+    gaps.push_back(now.rigid.distance(surface.position(f, p, now.x)) +
+                   linear.rigid.sample(surface.position(f, p, linear.x))
+                       .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
+  return gaps;
+}
+
+/// The same of all faces, where the gaps of points that stay open do not matter: faces far from the rigid thing have a
+/// bound of theirs.
 template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
-    const ContactPlace<Tool>& linear, const Positions& dx, double ds, bool only_signs = false) {
+    const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
   constexpr double most_weight = 5.0 / 3.0;  // of a quadratic face's nodes together: Σ |shape|
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f) {
-    if (only_signs) {
-      double moved = 0.0;
-      for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
-        moved = std::max(moved, dx.col(surface.face(f).nodes[k]).norm());
-      const auto [middle, radius] = surface.ball(f, now.x);
-      const double open = now.rigid.distance(middle) - radius - most_weight * moved - std::abs(ds);
-      if (open > 0.0) {
-        gaps[f].assign(surface.points(f).size(), open);
-        continue;
-      }
-    }
-    for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
-                        linear.rigid.sample(surface.position(f, p, linear.x))
-                            .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
+    double moved = 0.0;
+    for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
+      moved = std::max(moved, dx.col(surface.face(f).nodes[k]).norm());
+    const auto [middle, radius] = surface.ball(f, now.x);
+    const double open = now.rigid.distance(middle) - radius - most_weight * moved - std::abs(ds);
+    if (open > 0.0) gaps[f].assign(surface.points(f).size(), open);
+    else gaps[f] = predicted_gaps(surface, f, now, linear, dx, ds);
   }
   return gaps;
 }
@@ -8995,15 +9359,23 @@ template <class Model, Indenter Tool> struct PressSystem {
   struct Place {
     Positions x;
     double advance = 0.0;
+    VolumeRatios volumes = {};  ///< at x
   };
-  /// Values at `now`, carried on by (dx, ds) along the slopes at `linear`.
+  /// The values at `now`.
+  LinearisationPoint values_at(const Place& now) const {
+    return {now.volumes.J, surface_gaps(model.touchable, indenter(now.advance), now.x),
+        surface_gaps(model.resting, support(), now.x)};
+  }
+  /// Those at `now`, carried on by (dx, ds) along the slopes at `linear`; of gaps that stay open only the sign.
   LinearisationPoint predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
     using Touching = ContactPlace<Tool>;
     using Resting = ContactPlace<Carrier>;
-    return {model.solid.predicted_ratios(now.x, linear.x, dx),
+    LinearisationPoint values{now.volumes.J,
         predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
             Touching{indenter(linear.advance), linear.x}, dx, ds),
-        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0, true)};
+        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
+    model.solid.carry_on(values.ratios, linear.x, dx);
+    return values;
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
@@ -9184,7 +9556,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         model_(model),
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations),
-        now_{positions_of(model.sector.mesh), 0.0},
+        now_{positions_of(model.sector.mesh), 0.0, model.solid.volume_ratios(positions_of(model.sector.mesh))},
         touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, system_.indenter(0.0)),
         rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, system_.support()) {
     linear_.reserve(model.blocks.size());
@@ -9296,7 +9668,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   // Equilibrium at a load, from contact on at least `area`. Overlaps so far were those of a contact with `softer` times
   // the penalty stiffness; pressures are kept.
   Status load_step(double load, double tolerance, double area, double softer = 1.0) {
-    auto about = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
+    auto about = system_.values_at(now_);
     for (SurfaceGaps* gaps : {&about.touch, &about.rest})
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
@@ -9402,23 +9774,22 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
     const double ds = d[eq_.count];
-    const double now = model_.solid.smallest_J(now_.x);
     double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, d, 1.0);
     Status refusal = Status::inverted;
     for (int k = 0; k < halvings; ++k, t *= 0.5) {
-      const Positions trial = now_.x + t * dx;
+      typename System::Place trial{now_.x + t * dx, now_.advance + t * ds};
+      trial.volumes = model_.solid.volume_ratios(trial.x);
       refusal = Status::inverted;
-      if (!(model_.solid.smallest_J(trial) > least_volume * now)) continue;
+      if (!(trial.volumes.smallest > least_volume * now_.volumes.smallest)) continue;
       refusal = Status::line_search;
       auto next = system_.predicted(now_, factored_, t * dx, t * ds);
       if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > least_volume)) continue;
       enter(next.touch, about.touch);
       enter(next.rest, about.rest);
       about = std::move(next);
-      now_.x = trial;
-      now_.advance += t * ds;
+      now_ = std::move(trial);
       last_step_ = t * d;
       return Status::converged;
     }

@@ -2,6 +2,7 @@
 #include "lumo/mechanics/elements/element.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
+#include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"
 #include "mechanics/bodies.hpp"
 #include "mechanics/dual.hpp"
@@ -15,6 +16,17 @@ static_assert(!TetElement<int>);
 namespace {
 
 const NeoHookean kMaterial{.mu = 1e5, .lambda = 9.9e6};
+
+// A law as a user may write it, of which nothing is known but what the concept asks for.
+template <class Law> struct Opaque {
+  Law law;
+  double shear_modulus() const { return law.shear_modulus(); }
+  double distortion_energy(const Mat3d& F) const { return law.distortion_energy(F); }
+  Mat3d distortion_stress(const Mat3d& F) const { return law.distortion_stress(F); }
+  Mat9d distortion_tangent(const Mat3d& F) const { return law.distortion_tangent(F); }
+  VolumetricSample<double> volumetric(double J) const { return law.volumetric(J); }
+};
+template <class Law> void validate(const Opaque<Law>& m) { validate(m.law); }
 
 }  // namespace
 
@@ -166,6 +178,59 @@ TEMPLATE_TEST_CASE(
         if (const int row = eq.of[j]; row >= 0)
           CHECK(slope.data()[j] == Approx(K(row, column)).margin(1e-6 * K.norm()));
     }
+  }
+}
+
+TEMPLATE_TEST_CASE("a law that is taken for eight elements at once has the forces and the tangent of one that is not",
+    "", QuadraticTet, LinearTet, LinearPatchTet) {
+  const TetMesh mesh = test::small_mesh<TestType>();
+  const Equations eq(sector_of(mesh, {}), test::block_body(test::small_size), {});
+  Positions x = positions_of(mesh);
+  for (Eigen::Index k = 0; k < x.cols(); ++k) x.col(k) += test::wavy(x.col(k), 8e-3);
+  const auto agree = [&](const auto& law, bool cure) {
+    static_assert(DilatationalDistortion<std::decay_t<decltype(law)>>);
+    const Solid fast(mesh, law, TestType{cure});
+    const Solid slow(mesh, Opaque<std::decay_t<decltype(law)>>{law}, TestType{cure});
+    const VolumeRatios at = fast.volume_ratios(x);
+    CHECK(at.J.size() == mesh.tets.size() * (cure ? 1 : std::size_t(TestType::points)));
+    std::vector<double> about = at.J;
+    for (std::size_t k = 0; k < about.size(); ++k) about[k] *= 1.0 + 1e-3 * std::sin(double(k));
+    for (const std::vector<double>* theta : {static_cast<const std::vector<double>*>(nullptr), &std::as_const(about)}) {
+      Positions f = Positions::Zero(3, x.cols()), g = f;
+      fast.add_forces(x, f, theta);
+      slow.add_forces(x, g, theta);
+      CHECK((f - g).norm() < 1e-12 * g.norm());
+      SparseLower a = eq.pattern, b = eq.pattern;
+      std::fill_n(a.valuePtr(), a.nonZeros(), 0.0);
+      std::fill_n(b.valuePtr(), b.nonZeros(), 0.0);
+      fast.add_tangent(x, {&eq}, {a.valuePtr()}, theta);
+      slow.add_tangent(x, {&eq}, {b.valuePtr()}, theta);
+      CHECK((a - b).norm() < 1e-12 * b.norm());
+    }
+  };
+  for (const bool cure : {true, false}) {
+    agree(kMaterial, cure);
+    agree(StableNeoHookean{.mu = 1e5, .lambda = 9.9e6}, cure);
+  }
+}
+
+TEMPLATE_TEST_CASE("volume ratios are carried on along their slope", "", QuadraticTet, LinearTet, LinearPatchTet) {
+  const TetMesh mesh = test::small_mesh<TestType>();
+  Positions x = positions_of(mesh), dx = x;
+  for (Eigen::Index k = 0; k < x.cols(); ++k) {
+    x.col(k) += test::wavy(x.col(k), 8e-3);
+    dx.col(k) = test::wavy(2.0 * x.col(k), 1e-3);
+  }
+  for (const bool cure : {true, false}) {
+    const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{cure});
+    const double h = 1e-4;
+    const VolumeRatios now = solid.volume_ratios(x), up = solid.volume_ratios(x + h * dx),
+                       down = solid.volume_ratios(x - h * dx);
+    std::vector<double> carried = now.J;
+    solid.carry_on(carried, x, dx);
+    for (std::size_t k = 0; k < carried.size(); ++k)
+      CHECK(carried[k] - now.J[k] == Approx((up.J[k] - down.J[k]) / (2 * h)).margin(1e-7));
+    CHECK(now.smallest <= *std::min_element(now.J.begin(), now.J.end()));
   }
 }
 

@@ -123,7 +123,7 @@ struct ContactSums {
   double energy = 0.0;  ///< [J]
   double push_N = 0.0;  ///< force on the indenter along −direction: −∂energy/∂advance … with the sign of a reaction
   double push_stiffness = 0.0;  ///< ∂²energy/∂advance² [N/m]
-  double penetration_m = 0.0;   ///< largest overlap
+  double penetration_m = 0.0;   ///< largest overlap of the points that were looked at
 };
 
 inline void ContactSurface::add(const BoundaryFace& face) {
@@ -209,17 +209,18 @@ struct NoFriction {
   }
 };
 
-// Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that
-// the rigid thing reaches, or whose given gaps are closed.
+// Calls visit(face, point number, point, position) for the surface points that can be in contact: those whose given
+// gaps are closed, without any those of faces that the rigid thing reaches.
 template <class Tool, class Visit> void for_contact_points(const ContactSurface& surface, const Positions& x,
     const Moving<Tool>& rigid, const SurfaceGaps* gaps, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
-    const auto [middle, radius] = surface.ball(f, x);
-    const bool near = rigid.distance(middle) <= radius;
-    if (!near && !(gaps && std::any_of((*gaps)[f].begin(), (*gaps)[f].end(), [](double g) { return g < 0.0; })))
-      continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
-    for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
+    if (gaps) {
+      for (std::size_t k = 0; k < points.size(); ++k)
+        if ((*gaps)[f][k] < 0.0) visit(f, k, points[k], surface.position(f, points[k], x));
+    } else if (const auto [middle, radius] = surface.ball(f, x); rigid.distance(middle) <= radius) {
+      for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
+    }
   }
 }
 
@@ -316,34 +317,46 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   return sums;
 }
 
+template <class Tool>
+SurfaceGaps surface_gaps(const ContactSurface& surface, const Moving<Tool>& rigid, const Positions& x) {
+  SurfaceGaps gaps(surface.size());
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f)) gaps[f].push_back(rigid.distance(surface.position(f, p, x)));
+  return gaps;
+}
+
 /// A rigid thing and the body's node positions, at one time.
 template <class Tool> struct ContactPlace {
   Moving<Tool> rigid;
   const Positions& x;
 };
 
-/// Gaps at all surface points `now`, carried on by the displacement dx and the advance ds along the slope that they
-/// have at `linear`. Where `only_signs` matter, a face that stays open by far has a bound of them instead.
+/// Gaps at the points of face f `now`, carried on by the displacement dx and the advance ds along the slope that they
+/// have at `linear`.
+template <class Tool> std::vector<double> predicted_gaps(const ContactSurface& surface, std::size_t f,
+    const ContactPlace<Tool>& now, const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
+  std::vector<double> gaps;
+  for (const SurfacePoint& p : surface.points(f))
+    gaps.push_back(now.rigid.distance(surface.position(f, p, now.x)) +
+                   linear.rigid.sample(surface.position(f, p, linear.x))
+                       .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
+  return gaps;
+}
+
+/// The same of all faces, where the gaps of points that stay open do not matter: faces far from the rigid thing have a
+/// bound of theirs.
 template <class Tool> SurfaceGaps predicted_gaps(const ContactSurface& surface, const ContactPlace<Tool>& now,
-    const ContactPlace<Tool>& linear, const Positions& dx, double ds, bool only_signs = false) {
+    const ContactPlace<Tool>& linear, const Positions& dx, double ds) {
   constexpr double most_weight = 5.0 / 3.0;  // of a quadratic face's nodes together: Σ |shape|
   SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f) {
-    if (only_signs) {
-      double moved = 0.0;
-      for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
-        moved = std::max(moved, dx.col(surface.face(f).nodes[k]).norm());
-      const auto [middle, radius] = surface.ball(f, now.x);
-      const double open = now.rigid.distance(middle) - radius - most_weight * moved - std::abs(ds);
-      if (open > 0.0) {
-        gaps[f].assign(surface.points(f).size(), open);
-        continue;
-      }
-    }
-    for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.rigid.distance(surface.position(f, p, now.x)) +
-                        linear.rigid.sample(surface.position(f, p, linear.x))
-                            .gradient.dot(surface.position(f, p, dx) - ds * now.rigid.direction));
+    double moved = 0.0;
+    for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k)
+      moved = std::max(moved, dx.col(surface.face(f).nodes[k]).norm());
+    const auto [middle, radius] = surface.ball(f, now.x);
+    const double open = now.rigid.distance(middle) - radius - most_weight * moved - std::abs(ds);
+    if (open > 0.0) gaps[f].assign(surface.points(f).size(), open);
+    else gaps[f] = predicted_gaps(surface, f, now, linear, dx, ds);
   }
   return gaps;
 }

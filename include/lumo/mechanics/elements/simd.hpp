@@ -99,6 +99,7 @@ inline SimdPack operator-(const SimdPack& a) { return {-a.v}; }
 inline SimdPack operator+(double a, const SimdPack& b) { return SimdPack::of(a) + b; }
 inline SimdPack operator-(double a, const SimdPack& b) { return SimdPack::of(a) - b; }
 inline SimdPack operator*(double a, const SimdPack& b) { return SimdPack::of(a) * b; }
+inline SimdPack operator/(double a, const SimdPack& b) { return SimdPack::of(a) / b; }
 inline SimdPack operator+(const SimdPack& a, double b) { return a + SimdPack::of(b); }
 inline SimdPack operator-(const SimdPack& a, double b) { return a - SimdPack::of(b); }
 

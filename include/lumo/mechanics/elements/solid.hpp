@@ -1,12 +1,16 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mechanics/elements/element.hpp"
+#include "lumo/mechanics/elements/element_packs.hpp"
 #include "lumo/mechanics/elements/equations.hpp"
 #include "lumo/mechanics/materials/material.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <concepts>
+#include <limits>
 #include <vector>
 
 namespace lumo {
@@ -20,203 +24,296 @@ inline Positions positions_of(const TetMesh& mesh) {
   return x;
 }
 
-/// The elastic energy of a tetrahedral mesh with its first and second derivatives.
+/// A solid whose distortion is μ/2 (I_C − 3) + g(J), with derivatives that are cheap enough to be taken for many
+/// elements at once.
+template <class M>
+concept DilatationalDistortion = HyperelasticMaterial<M> && requires(const M& m, const SimdPack& J) {
+  { m.distortion_dilatation(J) } -> std::same_as<DilatationSample<SimdPack>>;
+};
+
+/// How the volumes of a deformed mesh have changed.
+struct VolumeRatios {
+  std::vector<double> J;  ///< that the volumetric energy sees: one per element with the locking cure, else one per
+                          ///< quadrature point
+  double smallest = std::numeric_limits<double>::infinity();  ///< det F over all quadrature points
+};
+
+/// The elastic energy of a tetrahedral mesh with its first and second derivative, eight elements at a time.
 template <HyperelasticMaterial Material, TetElement Element> class Solid {
  public:
-  static constexpr int N = Element::nodes;
-  using Gradients = Eigen::Matrix<double, 3, N>;
-
   /// Throws InvalidArgument where the mesh is not of the element's order.
   Solid(const TetMesh& mesh, Material material, Element element)
-      : mesh_(&mesh), material_(material), element_(element), points_(mesh) {}
+      : material_(material), element_(element), elements_(mesh), tets_(mesh.tets.size()) {}
 
   /// Stored energy [J]; +∞ when an element is inverted at a quadrature point.
   double energy(const Positions& x) const {
+    const PaddedPositions at = padded(x);
     double sum = 0.0;
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      for (int q = 0; q < Element::points; ++q) {
-        sum += weight(e, q) * material_.distortion_energy(s.F[std::size_t(q)]);
-        if (!element_.mean_dilatation) sum += weight(e, q) * material_.volumetric(s.J[std::size_t(q)]).energy;
+    for (const Pack& p : elements_.packs()) {
+      const Deformation d = Elements::deformation(p, at);
+      for (std::size_t lane = 0; lane < p.count; ++lane) {
+        for (std::size_t q = 0; q < points; ++q) {
+          sum += p.weight[q][lane] * material_.distortion_energy(of_lane(d.F[q], lane));
+          if (!element_.mean_dilatation) sum += p.weight[q][lane] * material_.volumetric(d.J[q][lane]).energy;
+        }
+        if (element_.mean_dilatation) sum += p.volume[lane] * material_.volumetric(d.mean_J[lane]).energy;
       }
-      if (element_.mean_dilatation) sum += s.volume * material_.volumetric(s.mean_J).energy;
       if (!std::isfinite(sum)) return std::numeric_limits<double>::infinity();
     }
     return sum;
   }
 
-  /// Volume ratios that the volumetric energy sees: one per element with the locking cure, else one per quadrature
-  /// point.
-  std::vector<double> volume_ratios(const Positions& x) const {
-    std::vector<double> J;
-    J.reserve(mesh_->tets.size() * cells());
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      if (element_.mean_dilatation) J.push_back(s.mean_J);
-      else J.insert(J.end(), s.J.begin(), s.J.end());
-    }
-    return J;
-  }
-
-  /// The same, carried on by the displacement dx along the slope that they have at the positions `linear`.
-  std::vector<double> predicted_ratios(const Positions& x, const Positions& linear, const Positions& dx) const {
-    std::vector<double> J = volume_ratios(x);
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, linear);
-      for (int q = 0; q < Element::points; ++q) {
-        const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
-        double rate = 0.0;
-        for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
-        if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
-        else J[e * cells() + std::size_t(q)] += rate;
+  VolumeRatios volume_ratios(const Positions& x) const {
+    const PaddedPositions at = padded(x);
+    VolumeRatios v;
+    v.J.resize(tets_ * cells());
+    for (const Pack& p : elements_.packs()) {
+      const Deformation d = Elements::deformation(p, at);
+      for (std::size_t lane = 0; lane < p.count; ++lane) {
+        for (std::size_t q = 0; q < points; ++q) v.smallest = std::min(v.smallest, d.J[q][lane]);
+        for (std::size_t c = 0; c < cells(); ++c)
+          v.J[(p.first + lane) * cells() + c] = element_.mean_dilatation ? d.mean_J[lane] : d.J[c][lane];
       }
     }
-    return J;
+    return v;
+  }
+
+  /// Adds to volume ratios what the displacement dx changes along the slope that they have at the positions `linear`.
+  void carry_on(std::vector<double>& J, const Positions& linear, const Positions& dx) const {
+    const PaddedPositions at = padded(linear), by = padded(dx);
+    for (const Pack& p : elements_.packs()) {
+      const std::array<MatrixPack, points> F = Elements::slopes(p, at), dF = Elements::slopes(p, by);
+      SimdPack mean;
+      for (std::size_t q = 0; q < points; ++q) {
+        const MatrixPack c = cofactor(F[q]);
+        const SimdPack rate = dot(c[0], dF[q][0]) + dot(c[1], dF[q][1]) + dot(c[2], dF[q][2]);
+        mean += p.weight[q] * rate;
+        if (!element_.mean_dilatation)
+          for (std::size_t lane = 0; lane < p.count; ++lane) J[(p.first + lane) * points + q] += rate[lane];
+      }
+      mean = mean / p.volume;
+      if (element_.mean_dilatation)
+        for (std::size_t lane = 0; lane < p.count; ++lane) J[p.first + lane] += mean[lane];
+    }
   }
 
   /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). The volumetric stress is linearised `about` given
   /// volume ratios θ, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
   void add_forces(const Positions& x, Positions& force, const std::vector<double>* about = nullptr) const {
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      const ElementState s = state(e, x);
-      Gradients f = Gradients::Zero();
-      for (int q = 0; q < Element::points; ++q) {
-        const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, about);
-        const VolumetricSample<double> u = material_.volumetric(theta);
-        const Mat3d& F = s.F[std::size_t(q)];
-        f += product(
-            weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)),
-            gradient(e, q));
+    const PaddedPositions at = padded(x);
+    for (const Pack& p : elements_.packs()) {
+      const Deformation d = Elements::deformation(p, at);
+      std::array<VectorPack, nodes> f{};
+      for (std::size_t q = 0; q < points; ++q) {
+        const MatrixPack c = cofactor(d.F[q]);
+        const SimdPack theta = ratio(p, q, d, about);
+        const Volumetric u = volumetric(theta);
+        const MatrixPack s = distortion_stress(d.F[q], d.J[q], c);
+        const SimdPack pressure = u.stress + u.stiffness * ((element_.mean_dilatation ? d.mean_J : d.J[q]) - theta);
+        MatrixPack P;
+        for (std::size_t j = 0; j < 3; ++j)
+          for (std::size_t i = 0; i < 3; ++i) P[j][i] = p.weight[q] * (s[j][i] + pressure * c[j][i]);
+        for (std::size_t a = 0; a < nodes; ++a) {
+          const VectorPack share = product(P, p.gradient[q][a]);
+          for (std::size_t i = 0; i < 3; ++i) f[a][i] += share[i];
+        }
       }
-      for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
+      for (std::size_t lane = 0; lane < p.count; ++lane)
+        for (std::size_t a = 0; a < nodes; ++a)
+          for (std::size_t i = 0; i < 3; ++i) force(Eigen::Index(i), p.node[a][lane]) += f[a][i][lane];
     }
   }
 
   /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
   void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
       const std::vector<double>* about = nullptr) const {
-    constexpr int size = 3 * N;
-    Eigen::Matrix<double, size, size> K;
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      element_tangent(e, x, about, K);
-      for (std::size_t k = 0; k < systems.size(); ++k) {
-        const int* slot = systems[k]->slots.data() + e * (size * (size + 1) / 2);
-        double* v = values[k];
-        for (int j = 0; j < size; ++j)
-          for (int i = j; i < size; ++i, ++slot)
-            if (*slot >= 0) v[*slot] += K(i, j);
-      }
-    }
-  }
-
-  /// Smallest det F over all quadrature points.
-  double smallest_J(const Positions& x) const {
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
-      for (double J : state(e, x).J) least = std::min(least, J);
-    return least;
+    const PaddedPositions at = padded(x);
+    for (const Pack& p : elements_.packs()) add_tangent(p, Elements::deformation(p, at), systems, values, about);
   }
 
   /// Smallest undeformed volume that a quadrature point stands for [m³]; not positive where the mesh has an element
   /// that is inside out.
   double smallest_volume() const {
     double least = std::numeric_limits<double>::infinity();
-    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
-      for (int q = 0; q < Element::points; ++q) least = std::min(least, weight(e, q));
+    for (const Pack& p : elements_.packs())
+      for (const SimdPack& w : p.weight)
+        for (std::size_t lane = 0; lane < p.count; ++lane) least = std::min(least, w[lane]);
     return least;
   }
 
   const Material& material() const { return material_; }
 
  private:
-  struct ElementState {
-    std::array<Mat3d, std::size_t(Element::points)> F;
-    std::array<double, std::size_t(Element::points)> J;
-    double volume = 0.0;
-    double mean_J = 0.0;
+  using Elements = ElementPacks<Element>;
+  using Pack = typename Elements::Pack;
+  using Deformation = typename Elements::Deformation;
+  static constexpr std::size_t nodes = Elements::nodes, points = Elements::points, width = Elements::width;
+  static constexpr std::size_t size = 3 * nodes;  // of an element's tangent
+
+  static Mat3d of_lane(const MatrixPack& m, std::size_t lane) {
+    Mat3d one;
+    for (std::size_t j = 0; j < 3; ++j)
+      for (std::size_t i = 0; i < 3; ++i) one(Eigen::Index(i), Eigen::Index(j)) = m[j][i][lane];
+    return one;
+  }
+
+  std::size_t cells() const { return element_.mean_dilatation ? 1 : points; }
+
+  // Volume ratios that the volumetric energy is taken at.
+  SimdPack ratio(const Pack& p, std::size_t q, const Deformation& d, const std::vector<double>* about) const {
+    if (!about) return element_.mean_dilatation ? d.mean_J : d.J[q];
+    SimdPack theta;
+    for (std::size_t lane = 0; lane < width; ++lane)
+      theta.set(lane, (*about)[(p.first + std::min(lane, p.count - 1)) * cells() + (element_.mean_dilatation ? 0 : q)]);
+    return theta;
+  }
+
+  struct Volumetric {
+    SimdPack stress, stiffness;
   };
-
-  int node(std::size_t e, int a) const { return mesh_->tets[e][std::size_t(a)]; }
-  double weight(std::size_t e, int q) const { return points_.weight(e, q); }
-  const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
-
-  static Gradients product(const Mat3d& A, const Gradients& g) {
-    Gradients p;
-    for (int a = 0; a < N; ++a)
-      for (int i = 0; i < 3; ++i) p(i, a) = A(i, 0) * g(0, a) + A(i, 1) * g(1, a) + A(i, 2) * g(2, a);
-    return p;
-  }
-
-  ElementState state(std::size_t e, const Positions& x) const {
-    Gradients local;
-    for (int a = 0; a < N; ++a) local.col(a) = x.col(node(e, a));
-    ElementState s;
-    for (int q = 0; q < Element::points; ++q) {
-      const std::size_t k = std::size_t(q);
-      const Gradients& g = gradient(e, q);
-      s.F[k] = Mat3d::Zero();
-      for (int a = 0; a < N; ++a)
-        for (int j = 0; j < 3; ++j)
-          for (int i = 0; i < 3; ++i) s.F[k](i, j) += local(i, a) * g(j, a);
-      s.J[k] = s.F[k].determinant();
-      s.volume += weight(e, q);
-      s.mean_J += weight(e, q) * s.J[k];
+  Volumetric volumetric(const SimdPack& J) const {
+    Volumetric u;
+    for (std::size_t lane = 0; lane < width; ++lane) {
+      const VolumetricSample<double> one = material_.volumetric(J[lane]);
+      u.stress.set(lane, one.stress);
+      u.stiffness.set(lane, one.stiffness);
     }
-    s.mean_J /= s.volume;
-    return s;
+    return u;
   }
 
-  std::size_t cells() const { return element_.mean_dilatation ? 1 : std::size_t(Element::points); }
-
-  // Volume ratio that the volumetric energy is taken at.
-  double ratio(std::size_t e, int q, const ElementState& s, const std::vector<double>* about) const {
-    if (about) return (*about)[e * cells() + (element_.mean_dilatation ? 0 : std::size_t(q))];
-    return element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)];
-  }
-
-  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* about,
-      Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
-    const ElementState s = state(e, x);
-    Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
-    K.setZero();
-    for (int q = 0; q < Element::points; ++q) {
-      const Mat3d& F = s.F[std::size_t(q)];
-      const Gradients& g = gradient(e, q);
-      const Mat3d c = cofactor(F);
-      const VolumetricSample<double> u = material_.volumetric(ratio(e, q, s, about));
-      Mat9d A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
-      if (element_.mean_dilatation) {
-        dJ += product(weight(e, q) * c, g);
-      } else {
-        A += dyad(u.stiffness * c, c);
-      }
-      A = A * weight(e, q);
-      // Plain loops: Eigen's expressions of blocks took most of a simulator's compile time.
-      for (int a = 0; a < N; ++a) {
-        std::array<double, 27> T;  // 9 × 3, by columns
-        for (std::size_t k = 0; k < 27; ++k)
-          T[k] = A.data()[k] * g(0, a) + A.data()[k + 27] * g(1, a) + A.data()[k + 54] * g(2, a);
-        for (int b = a; b < N; ++b)
-          for (int j = 0; j < 3; ++j) {
-            const double* t = T.data() + 9 * j;
-            double* block = &K(3 * b, 3 * a + j);
-            for (int i = 0; i < 3; ++i) block[i] += g(0, b) * t[i] + g(1, b) * t[i + 3] + g(2, b) * t[i + 6];
-          }
+  MatrixPack distortion_stress(const MatrixPack& F, const SimdPack& J, const MatrixPack& c) const {
+    MatrixPack P;
+    if constexpr (DilatationalDistortion<Material>) {
+      const SimdPack mu = SimdPack::of(material_.shear_modulus()), stress = material_.distortion_dilatation(J).stress;
+      for (std::size_t j = 0; j < 3; ++j)
+        for (std::size_t i = 0; i < 3; ++i) P[j][i] = mu * F[j][i] + stress * c[j][i];
+    } else {
+      for (std::size_t lane = 0; lane < width; ++lane) {
+        const Mat3d one = material_.distortion_stress(of_lane(F, lane));
+        for (std::size_t j = 0; j < 3; ++j)
+          for (std::size_t i = 0; i < 3; ++i) P[j][i].set(lane, one(Eigen::Index(i), Eigen::Index(j)));
       }
     }
-    if (element_.mean_dilatation) {
-      const double stiffness = material_.volumetric(ratio(e, 0, s, about)).stiffness / s.volume;
-      for (int j = 0; j < 3 * N; ++j) {
-        const double scaled = stiffness * dJ.data()[j];
-        for (int i = j; i < 3 * N; ++i) K(i, j) += scaled * dJ.data()[i];
-      }
-    }
+    return P;
   }
 
-  const TetMesh* mesh_;
+  // Adds the part of node b's rows and node a's columns, b ≥ a: block[j][i] of row 3 b + i and column 3 a + j.
+  static void scatter(const Pack& p, std::size_t b, std::size_t a, const MatrixPack& block,
+      const std::vector<const Equations*>& systems, const std::vector<double*>& values) {
+    for (std::size_t k = 0; k < systems.size(); ++k)
+      for (std::size_t lane = 0; lane < p.count; ++lane) {
+        const int* slots = systems[k]->slots.data() + (p.first + lane) * (size * (size + 1) / 2);
+        for (std::size_t j = 0; j < 3; ++j) {
+          const std::size_t column = 3 * a + j, start = column * size - column * (column + 1) / 2;
+          for (std::size_t i = b == a ? j : 0; i < 3; ++i)
+            if (const int slot = slots[start + 3 * b + i]; slot >= 0) values[k][slot] += block[j][i][lane];
+        }
+      }
+  }
+
+  // With Aₐ = cof F gₐ: blocks Σ w (μ gₐ·g_b I + g'' A_b Aₐᵀ + (p/J) [A_b × Aₐ]), p all that presses, and the stiffness
+  // against a change of volume.
+  void add_tangent(const Pack& p, const Deformation& d, const std::vector<const Equations*>& systems,
+      const std::vector<double*>& values,
+      const std::vector<double>* about) const requires DilatationalDistortion<Material> {
+    const SimdPack mu = SimdPack::of(material_.shear_modulus());
+    struct Point {
+      std::array<VectorPack, nodes> area, stiff, turn, stretch;
+    };
+    std::array<Point, points> at;
+    std::array<VectorPack, nodes> dJ{};  // V ∂(mean J)/∂x
+    SimdPack bulk;
+    for (std::size_t q = 0; q < points; ++q) {
+      const MatrixPack c = cofactor(d.F[q]);
+      const Volumetric u = volumetric(ratio(p, q, d, about));
+      const DilatationSample<SimdPack> g = material_.distortion_dilatation(d.J[q]);
+      const SimdPack w = p.weight[q], turning = w * (g.stress + u.stress) / d.J[q],
+                     stiffness = w * (element_.mean_dilatation ? g.stiffness : g.stiffness + u.stiffness);
+      if (q == 0) bulk = u.stiffness / p.volume;
+      for (std::size_t a = 0; a < nodes; ++a) {
+        const VectorPack area = product(c, p.gradient[q][a]);
+        at[q].area[a] = area;
+        at[q].stiff[a] = scaled(stiffness, area);
+        at[q].turn[a] = scaled(turning, area);
+        at[q].stretch[a] = scaled(w * mu, p.gradient[q][a]);
+        for (std::size_t i = 0; i < 3; ++i) dJ[a][i] += w * area[i];
+      }
+    }
+    for (std::size_t a = 0; a < nodes; ++a)
+      for (std::size_t b = a; b < nodes; ++b) {
+        MatrixPack block{};
+        SimdPack stretch;
+        VectorPack turn{};
+        for (std::size_t q = 0; q < points; ++q) {
+          stretch += dot(at[q].stretch[b], p.gradient[q][a]);
+          const VectorPack n = cross(at[q].turn[b], at[q].area[a]);
+          for (std::size_t i = 0; i < 3; ++i) turn[i] += n[i];
+          for (std::size_t j = 0; j < 3; ++j)
+            for (std::size_t i = 0; i < 3; ++i) block[j][i] += at[q].stiff[b][i] * at[q].area[a][j];
+        }
+        if (element_.mean_dilatation) {
+          const VectorPack stiff = scaled(bulk, dJ[b]);
+          for (std::size_t j = 0; j < 3; ++j)
+            for (std::size_t i = 0; i < 3; ++i) block[j][i] += stiff[i] * dJ[a][j];
+        }
+        for (std::size_t i = 0; i < 3; ++i) {
+          const std::size_t j = (i + 1) % 3, k = (i + 2) % 3;
+          block[i][i] += stretch;
+          block[j][i] += turn[k];
+          block[i][j] -= turn[k];
+        }
+        scatter(p, b, a, block, systems, values);
+      }
+  }
+
+  void add_tangent(const Pack& p, const Deformation& d, const std::vector<const Equations*>& systems,
+      const std::vector<double*>& values, const std::vector<double>* about) const {
+    std::array<std::array<MatrixPack, nodes>, nodes> K{};  // of columns' and rows' nodes
+    std::array<VectorPack, nodes> dJ{};
+    SimdPack bulk;
+    for (std::size_t q = 0; q < points; ++q) {
+      const MatrixPack c = cofactor(d.F[q]);
+      const Volumetric u = volumetric(ratio(p, q, d, about));
+      if (q == 0) bulk = u.stiffness / p.volume;
+      for (std::size_t a = 0; a < nodes; ++a) {
+        const VectorPack area = product(c, p.gradient[q][a]);
+        for (std::size_t i = 0; i < 3; ++i) dJ[a][i] += p.weight[q] * area[i];
+      }
+      for (std::size_t lane = 0; lane < p.count; ++lane) {
+        const Mat3d F = of_lane(d.F[q], lane), cof = of_lane(c, lane);
+        Mat9d A = material_.distortion_tangent(F) + u.stress[lane] * determinant_hessian(F);
+        if (!element_.mean_dilatation) A += dyad(u.stiffness[lane] * cof, cof);
+        A = A * p.weight[q][lane];
+        for (std::size_t a = 0; a < nodes; ++a) {
+          const auto slope = [&](std::size_t node, std::size_t i) { return p.gradient[q][node][i][lane]; };
+          std::array<double, 27> T;  // 9 × 3, by columns
+          for (std::size_t k = 0; k < 27; ++k)
+            T[k] = A.data()[k] * slope(a, 0) + A.data()[k + 27] * slope(a, 1) + A.data()[k + 54] * slope(a, 2);
+          for (std::size_t b = a; b < nodes; ++b)
+            for (std::size_t j = 0; j < 3; ++j)
+              for (std::size_t i = 0; i < 3; ++i) {
+                SimdPack& entry = K[a][b][j][i];
+                const double* t = T.data() + 9 * j + i;
+                entry.set(lane, entry[lane] + slope(b, 0) * t[0] + slope(b, 1) * t[3] + slope(b, 2) * t[6]);
+              }
+        }
+      }
+    }
+    for (std::size_t a = 0; a < nodes; ++a)
+      for (std::size_t b = a; b < nodes; ++b) {
+        if (element_.mean_dilatation) {
+          const VectorPack stiff = scaled(bulk, dJ[b]);
+          for (std::size_t j = 0; j < 3; ++j)
+            for (std::size_t i = 0; i < 3; ++i) K[a][b][j][i] += stiff[i] * dJ[a][j];
+        }
+        scatter(p, b, a, K[a][b], systems, values);
+      }
+  }
+
   Material material_;
   Element element_;
-  ElementPoints<Element> points_;
+  Elements elements_;
+  std::size_t tets_;
 };
 
 }  // namespace lumo

@@ -29,6 +29,8 @@ struct NeoHookean {
     const Mat3<S> c = cofactor(F);
     return isotropic(S(mu)) + dyad((mu / (J * J)) * c, c) - (mu / J) * determinant_hessian(F);
   }
+  /// Of μ/2 (I_C − 3) − μ ln J.
+  template <class S> DilatationSample<S> distortion_dilatation(const S& J) const { return {-mu / J, mu / (J * J)}; }
   template <class S> VolumetricSample<S> volumetric(const S& J) const {
     using std::log;
     if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};

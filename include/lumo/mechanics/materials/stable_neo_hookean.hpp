@@ -23,6 +23,7 @@ struct StableNeoHookean {
   template <class S> Mat9<S> distortion_tangent(const Mat3<S>& F) const {
     return mu * (isotropic(S(1.0)) - determinant_hessian(F));
   }
+  template <class S> DilatationSample<S> distortion_dilatation(const S& J) const { return {-mu + 0.0 * J, 0.0 * J}; }
   template <class S> VolumetricSample<S> volumetric(const S& J) const {
     const double k = lambda + mu;
     return {0.5 * k * (J - 1.0) * (J - 1.0), k * (J - 1.0), k};

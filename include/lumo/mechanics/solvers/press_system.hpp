@@ -93,15 +93,23 @@ template <class Model, Indenter Tool> struct PressSystem {
   struct Place {
     Positions x;
     double advance = 0.0;
+    VolumeRatios volumes = {};  ///< at x
   };
-  /// Values at `now`, carried on by (dx, ds) along the slopes at `linear`.
+  /// The values at `now`.
+  LinearisationPoint values_at(const Place& now) const {
+    return {now.volumes.J, surface_gaps(model.touchable, indenter(now.advance), now.x),
+        surface_gaps(model.resting, support(), now.x)};
+  }
+  /// Those at `now`, carried on by (dx, ds) along the slopes at `linear`; of gaps that stay open only the sign.
   LinearisationPoint predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
     using Touching = ContactPlace<Tool>;
     using Resting = ContactPlace<Carrier>;
-    return {model.solid.predicted_ratios(now.x, linear.x, dx),
+    LinearisationPoint values{now.volumes.J,
         predicted_gaps(model.touchable, Touching{indenter(now.advance), now.x},
             Touching{indenter(linear.advance), linear.x}, dx, ds),
-        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0, true)};
+        predicted_gaps(model.resting, Resting{support(), now.x}, Resting{support(), linear.x}, dx, 0.0)};
+    model.solid.carry_on(values.ratios, linear.x, dx);
+    return values;
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.

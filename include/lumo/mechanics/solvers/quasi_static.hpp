@@ -130,7 +130,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         model_(model),
         system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations),
-        now_{positions_of(model.sector.mesh), 0.0},
+        now_{positions_of(model.sector.mesh), 0.0, model.solid.volume_ratios(positions_of(model.sector.mesh))},
         touched_(model.touchable, model.contact, friction_coefficient(model.contact), now_.x, system_.indenter(0.0)),
         rested_(model.resting, model.contact, carrier_friction(model.contact), now_.x, system_.support()) {
     linear_.reserve(model.blocks.size());
@@ -242,7 +242,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   // Equilibrium at a load, from contact on at least `area`. Overlaps so far were those of a contact with `softer` times
   // the penalty stiffness; pressures are kept.
   Status load_step(double load, double tolerance, double area, double softer = 1.0) {
-    auto about = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
+    auto about = system_.values_at(now_);
     for (SurfaceGaps* gaps : {&about.touch, &about.rest})
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
@@ -348,23 +348,22 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
     const double ds = d[eq_.count];
-    const double now = model_.solid.smallest_J(now_.x);
     double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, d, 1.0);
     Status refusal = Status::inverted;
     for (int k = 0; k < halvings; ++k, t *= 0.5) {
-      const Positions trial = now_.x + t * dx;
+      typename System::Place trial{now_.x + t * dx, now_.advance + t * ds};
+      trial.volumes = model_.solid.volume_ratios(trial.x);
       refusal = Status::inverted;
-      if (!(model_.solid.smallest_J(trial) > least_volume * now)) continue;
+      if (!(trial.volumes.smallest > least_volume * now_.volumes.smallest)) continue;
       refusal = Status::line_search;
       auto next = system_.predicted(now_, factored_, t * dx, t * ds);
       if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > least_volume)) continue;
       enter(next.touch, about.touch);
       enter(next.rest, about.rest);
       about = std::move(next);
-      now_.x = trial;
-      now_.advance += t * ds;
+      now_ = std::move(trial);
       last_step_ = t * d;
       return Status::converged;
     }

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mechanics/solvers/simd.hpp"
+#include "lumo/mechanics/elements/simd.hpp"
 #include "lumo/mechanics/solvers/vertex_block.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 
