@@ -218,14 +218,43 @@ TEST_CASE("joints are learnt from what is said to be free, never from holds", "[
   log.session.segments = {
       hold, {4000 * ms, 4999 * ms, SegmentKind::unloaded}, {6000 * ms, 7000 * ms, SegmentKind::unloaded}};
   const UnloadedStretch rest = UnloadedStretch::of(log.session, 0);
-  CHECK(samples_without_contact(log, rest).size() == 250);
+  CHECK(samples_without_contact(log, rest).first.size() == 250);
   CHECK(unloaded_joints(log, rest).torque[0].unloaded(0.1, 0.0) == Approx(0.03).margin(2e-3));
 
   log.session.segments.clear();
   const UnloadedStretch chosen{{4000 * ms, 4999 * ms}, true};
-  CHECK(samples_without_contact(log, chosen).size() == 250);
+  CHECK(samples_without_contact(log, chosen).first.size() == 250);
   const UnloadedStretch first = UnloadedStretch::of(log.session, 0);
-  CHECK(samples_without_contact(log, first).size() == 126);
+  CHECK(samples_without_contact(log, first).first.size() == 126);
+}
+
+TEST_CASE("what sticks is measured at later rests where the first ones are too few, and else assumed", "[joints]") {
+  constexpr double sticks = 0.06;
+  double squares = 0.0;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    Recording log;
+    log.path = "log";
+    log.session.joint_to_origin_m = 55e-3;
+    synthetic::Normal normal(seed);
+    for (int rest = 0; rest < 12; ++rest) {
+      const double stuck = sticks * normal();
+      log.session.segments.push_back({rest * 3000 * ms, (rest * 3000 + 999) * ms, SegmentKind::unloaded});
+      for (std::int64_t t = rest * 3000; t < rest * 3000 + 1000; t += 4)
+        log.joints.push_back({t * ms, JointVector::Constant(1, 0.1), JointVector::Constant(1, 0.001),
+            JointVector::Constant(1, 0.03 + stuck + 0.005 * normal()), Effort::torque_Nm});
+    }
+    const UnloadedStretch rest = UnloadedStretch::of(log.session, 0);
+    const UntouchedSamples untouched = samples_without_contact(log, rest);
+    CHECK(untouched.first.size() == 250);
+    CHECK(untouched.later.size() == 11 * 250);
+    const double found = unloaded_joints(log, rest).standstill_Nm[0];
+    squares += found * found / 20.0;
+
+    log.session.segments.resize(3);  // two later rests are too few for a scatter
+    CHECK(unloaded_joints(log, rest).standstill_Nm[0] == JointIdentification{}.assumed_standstill_Nm);
+  }
+  // The next contact sticks otherwise, and so did the rest that the model is from.
+  CHECK(std::sqrt(squares) == Approx(std::sqrt(2.0) * sticks).epsilon(0.25));
 }
 
 TEST_CASE(

@@ -161,29 +161,36 @@ inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
   return samples;
 }
 
-/// The samples of a recording, on the frames' clock, that are without contact: those up to the end of the unloaded
-/// stretch. Where contacts came before, or the stretch was chosen, nothing is assumed of what lies between: then only
-/// those in the stretch and in segments that say so (unloaded, dark, free). Later ones are left out on purpose: a joint
-/// sticks otherwise after each contact, and a mean over many rests is farther off the next one (lab: 2.2 against 1.4
-/// N).
-inline std::vector<JointSample> samples_without_contact(const Recording& recording, const UnloadedStretch& rest) {
+/// The samples of a recording, on the frames' clock, that are without contact.
+struct UntouchedSamples {
+  /// Up to the end of the unloaded stretch. Where contacts came before, or the stretch was chosen, nothing is assumed
+  /// of what lies between: then only those in the stretch and in segments that say so (unloaded, dark, free).
+  std::vector<JointSample> first;
+  /// In segments after that. They do not enter the joints' model: a joint sticks otherwise after each contact, and a
+  /// mean over many rests is farther off the next one (lab: 2.2 against 1.4 N).
+  std::vector<JointSample> later;
+};
+inline UntouchedSamples samples_without_contact(const Recording& recording, const UnloadedStretch& rest) {
   const std::vector<Segment>& segments = recording.session.segments;
   const bool after_contact = rest.chosen || std::any_of(segments.begin(), segments.end(), [&](const Segment& g) {
     return !g.is_without_contact() && g.from_ns < rest.to_ns;
   });
-  std::vector<JointSample> free;
+  UntouchedSamples untouched;
   for (JointSample& s : on_frames_clock(recording)) {
     const bool stated = rest.holds(s.stamp_ns) || std::any_of(segments.begin(), segments.end(), [&](const Segment& g) {
       return g.is_without_contact() && g.holds(s.stamp_ns);
     });
-    if (s.stamp_ns <= rest.to_ns && (stated || !after_contact)) free.push_back(std::move(s));
+    if (s.stamp_ns > rest.to_ns) {
+      if (stated) untouched.later.push_back(std::move(s));
+    } else if (stated || !after_contact) {
+      untouched.first.push_back(std::move(s));
+    }
   }
-  return free;
+  return untouched;
 }
 
 /// What a recording's samples without contact show of the finger's joints. Where nobody said when these were, what is
-/// far off the rest of them is left out. Throws InputError if there are none, or of
-/// other joints than the session's.
+/// far off the rest of them is left out. Throws InputError if there are none, or of other joints than the session's.
 inline JointReference unloaded_joints(const Recording& recording, const UnloadedStretch& rest) {
   const Session& session = recording.session;
   require_readable(recording, LogStream::joints);
@@ -193,10 +200,11 @@ inline JointReference unloaded_joints(const Recording& recording, const Unloaded
   if (recording.joints.front().effort.size() != joints)
     throw InputError(message(recording.path, ": the session describes ", joints, joints == 1 ? " joint" : " joints",
         " (joint_to_joint_mm), the samples have ", recording.joints.front().effort.size()));
-  FreeRun free{samples_without_contact(recording, rest)};
+  UntouchedSamples untouched = samples_without_contact(recording, rest);
+  FreeRun free{std::move(untouched.first)};
   if (free.samples.empty()) throw InputError(recording.path + ": has no joint samples of the finger without contact");
   if (!is_stated(session, rest)) free = free_run(free.samples, session.torque_constant_Nm_per_A);
-  JointReference reference = identify_joints(free.samples, session.torque_constant_Nm_per_A);
+  JointReference reference = identify_joints(free.samples, session.torque_constant_Nm_per_A, {}, untouched.later);
   reference.left_out = free.left_out;
   return reference;
 }
