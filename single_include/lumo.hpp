@@ -8766,10 +8766,11 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     for (const Pack& p : elements_.packs()) {
       const Deformation d = Elements::deformation(p, at);
       std::array<VectorPack, nodes> f{};
+      SimdPack theta;
+      Volumetric u;
       for (std::size_t q = 0; q < points; ++q) {
         const MatrixPack c = cofactor(d.F[q]);
-        const SimdPack theta = ratio(p, q, d, about);
-        const Volumetric u = volumetric(theta);
+        if (q < cells()) u = volumetric(theta = ratio(p, q, d, about));
         const MatrixPack s = distortion_stress(d.F[q], d.J[q], c);
         const SimdPack pressure = u.stress + u.stiffness * ((element_.mean_dilatation ? d.mean_J : d.J[q]) - theta);
         MatrixPack P;
@@ -8821,7 +8822,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
 
   std::size_t cells() const { return element_.mean_dilatation ? 1 : points; }
 
-  // Volume ratios that the volumetric energy is taken at.
+  // Volume ratios that the volumetric energy is taken at: with the locking cure the same at all points.
   SimdPack ratio(const Pack& p, std::size_t q, const Deformation& d, const std::vector<double>* about) const {
     if (!about) return element_.mean_dilatation ? d.mean_J : d.J[q];
     SimdPack theta;
@@ -8893,9 +8894,10 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     std::array<Point, points> at;
     std::array<VectorPack, nodes> dJ{};  // V ∂(mean J)/∂x
     SimdPack bulk;
+    Volumetric u;
     for (std::size_t q = 0; q < points; ++q) {
       const MatrixPack c = cofactor(d.F[q]);
-      const Volumetric u = volumetric(ratio(p, q, d, about));
+      if (q < cells()) u = volumetric(ratio(p, q, d, about));
       const DilatationSample<SimdPack> g = material_.distortion_dilatation(d.J[q]);
       const SimdPack w = p.weight[q], turning = w * (g.stress + u.stress) / d.J[q],
                      stiffness = w * (element_.mean_dilatation ? g.stiffness : g.stiffness + u.stiffness);
@@ -8943,9 +8945,10 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     std::array<std::array<MatrixPack, nodes>, nodes> K{};  // of columns' and rows' nodes
     std::array<VectorPack, nodes> dJ{};
     SimdPack bulk;
+    Volumetric u;
     for (std::size_t q = 0; q < points; ++q) {
       const MatrixPack c = cofactor(d.F[q]);
-      const Volumetric u = volumetric(ratio(p, q, d, about));
+      if (q < cells()) u = volumetric(ratio(p, q, d, about));
       if (q == 0) bulk = u.stiffness / p.volume;
       for (std::size_t a = 0; a < nodes; ++a) {
         const VectorPack area = product(c, p.gradient[q][a]);
@@ -10143,9 +10146,8 @@ template <DilatationalMaterial Material> class VertexPacks {
     std::array<bool, width> moves;  ///< there is one
     std::size_t first, count;       ///< their slots
   };
-  using Places = std::vector<SimdPack::Point>;  ///< where nodes are [m]
   /// Per slot what viscosity wants of a step's start: the column of C = FᵀF along the vertex's own gradient.
-  using Start = std::vector<std::array<SimdPack, 3>>;
+  using Start = std::vector<VectorPack>;
 
   /// `colors` name the vertices that move.
   VertexPacks(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors);
@@ -10155,46 +10157,42 @@ template <DilatationalMaterial Material> class VertexPacks {
   std::size_t slots() const { return slots_.size(); }
 
   /// Start of one batch.
-  void remember(const Batch& batch, const Places& x, Start& start) const;
+  void remember(const Batch& batch, const PaddedPositions& x, Start& start) const;
 
   /// Adds the shares of a batch's vertices; see VertexElasticity::add. `start` is not looked at without viscosity.
-  void add(
-      const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const;
+  void add(const Batch& batch, const PaddedPositions& x, const Start& start, double rate,
+      std::array<VertexBlock, width>& out) const;
 
   /// Largest part of each vertex's step that is safe; see VertexElasticity::feasible_part.
   std::array<double, width> feasible_parts(
-      const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const;
+      const Batch& batch, const PaddedPositions& x, const std::array<Vec3d, width>& steps) const;
 
  private:
-  using Vector = std::array<SimdPack, 3>;
   // One tetrahedron of each of the batch's vertices, by its three other nodes. Axis 1 lies along the gradient g = (γ,
   // 0, 0) of the vertex's own shape function, axis 3 across the first other node's: the gradients are (a₀, c, 0), (a₁,
   // d, f), (a₂, −c−d, −f), γ = −a₀−a₁−a₂, and γ c f = 1/(6 V).
   struct Slot {
-    Vector a;
+    VectorPack a;
     SimdPack c, d, f;                            // [1/m]
     SimdPack volume;                             // [m³]; 0 where a vertex has no further tetrahedron
     std::array<std::array<int, width>, 3> node;  // right-handed as seen from the vertex
   };
   // A tetrahedron as it is now.
   struct Shape {
-    std::array<Vector, 3> F;  // columns
-    Vector area;              // slope of det F by the vertex's place, cof F applied to g
+    MatrixPack F;
+    VectorPack area;  // slope of det F by the vertex's place, cof F applied to g
     SimdPack J, gamma;
   };
 
-  [[gnu::always_inline]] static SimdPack dot(const Vector& a, const Vector& b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-  }
-  [[gnu::always_inline]] static Vector difference(const Vector& a, const Vector& b) {
+  [[gnu::always_inline]] static VectorPack difference(const VectorPack& a, const VectorPack& b) {
     return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
   }
   // From vertices at `self`.
-  [[gnu::always_inline]] static Shape shape(const Vector& self, const Slot& s, const Places& x) {
-    const Vector p0 = SimdPack::gathered(x, s.node[0]), p1 = SimdPack::gathered(x, s.node[1]),
-                 p2 = SimdPack::gathered(x, s.node[2]);
-    const Vector e0 = difference(p0, self), e1 = difference(p1, self), e2 = difference(p2, self),
-                 u = difference(p0, p2), v = difference(p1, p2);
+  [[gnu::always_inline]] static Shape shape(const VectorPack& self, const Slot& s, const PaddedPositions& x) {
+    const VectorPack p0 = SimdPack::gathered(x, s.node[0]), p1 = SimdPack::gathered(x, s.node[1]),
+                     p2 = SimdPack::gathered(x, s.node[2]);
+    const VectorPack e0 = difference(p0, self), e1 = difference(p1, self), e2 = difference(p2, self),
+                     u = difference(p0, p2), v = difference(p1, p2);
     Shape now;
     now.gamma = -(s.a[0] + s.a[1] + s.a[2]);
     const SimdPack scale = now.gamma * s.c * s.f;
@@ -10209,7 +10207,7 @@ template <DilatationalMaterial Material> class VertexPacks {
     return now;
   }
   // Column of C along axis 1.
-  [[gnu::always_inline]] static Vector square(const Shape& now) {
+  [[gnu::always_inline]] static VectorPack square(const Shape& now) {
     return {dot(now.F[0], now.F[0]), dot(now.F[1], now.F[0]), dot(now.F[2], now.F[0])};
   }
 
@@ -10263,13 +10261,13 @@ template <DilatationalMaterial Material> VertexPacks<Material>::VertexPacks(
 
 template <DilatationalMaterial Material>
 std::array<double, VertexPacks<Material>::width> VertexPacks<Material>::feasible_parts(
-    const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const {
+    const Batch& batch, const PaddedPositions& x, const std::array<Vec3d, width>& steps) const {
   std::array<double, width> part;
   part.fill(1.0);
-  Vector step;
+  VectorPack step;
   for (std::size_t lane = 0; lane < width; ++lane)
     for (std::size_t i = 0; i < 3; ++i) step[i].set(lane, steps[lane][Eigen::Index(i)]);
-  const Vector self = SimdPack::gathered(x, batch.vertex);
+  const VectorPack self = SimdPack::gathered(x, batch.vertex);
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     const Shape now = shape(self, slots_[k], x);
     const SimdPack slope = dot(now.area, step);
@@ -10281,17 +10279,17 @@ std::array<double, VertexPacks<Material>::width> VertexPacks<Material>::feasible
 }
 
 template <DilatationalMaterial Material>
-void VertexPacks<Material>::remember(const Batch& batch, const Places& x, Start& start) const {
-  const Vector self = SimdPack::gathered(x, batch.vertex);
+void VertexPacks<Material>::remember(const Batch& batch, const PaddedPositions& x, Start& start) const {
+  const VectorPack self = SimdPack::gathered(x, batch.vertex);
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) start[k] = square(shape(self, slots_[k], x));
 }
 
-template <DilatationalMaterial Material> void VertexPacks<Material>::add(
-    const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const {
+template <DilatationalMaterial Material> void VertexPacks<Material>::add(const Batch& batch, const PaddedPositions& x,
+    const Start& start, double rate, std::array<VertexBlock, width>& out) const {
   static constexpr std::size_t row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
   const double mu = material_.shear_modulus();
-  const Vector self = SimdPack::gathered(x, batch.vertex);
-  Vector force;
+  const VectorPack self = SimdPack::gathered(x, batch.vertex);
+  VectorPack force;
   std::array<SimdPack, 6> block;
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     // Neighbours are scattered over the mesh: those of the slot after next are sent for.
@@ -10301,7 +10299,7 @@ template <DilatationalMaterial Material> void VertexPacks<Material>::add(
     const Shape now = shape(self, s, x);
     const DilatationSample<SimdPack> h = material_.dilatation(now.J);
     const SimdPack stretch = mu * s.volume * now.gamma, push = s.volume * h.stress, bulk = s.volume * h.stiffness;
-    Vector bulk_area;
+    VectorPack bulk_area;
     for (std::size_t i = 0; i < 3; ++i) {
       force[i] -= stretch * now.F[0][i] + push * now.area[i];
       block[i] += stretch * now.gamma;
@@ -10310,7 +10308,7 @@ template <DilatationalMaterial Material> void VertexPacks<Material>::add(
     for (std::size_t m = 0; m < 6; ++m) block[m] += bulk_area[row[m]] * now.area[column[m]];
     if (rate > 0.0) {
       const SimdPack w = (2.0 * rate) * s.volume * now.gamma;
-      const Vector change = difference(square(now), start[k]);
+      const VectorPack change = difference(square(now), start[k]);
       for (std::size_t i = 0; i < 3; ++i)
         force[i] -= w * (now.F[0][i] * change[0] + now.F[1][i] * change[1] + now.F[2][i] * change[2]);
       const SimdPack wg = w * now.gamma;
@@ -10655,7 +10653,7 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   Positions x_, start_, target_, velocity_, last_velocity_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
-  std::vector<SimdPack::Point> points_;  // x_ for the packs
+  PaddedPositions points_;  // x_ for the packs
   typename Model::Packs::Start packs_start_;
 };
 

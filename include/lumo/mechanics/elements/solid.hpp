@@ -104,10 +104,11 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     for (const Pack& p : elements_.packs()) {
       const Deformation d = Elements::deformation(p, at);
       std::array<VectorPack, nodes> f{};
+      SimdPack theta;
+      Volumetric u;
       for (std::size_t q = 0; q < points; ++q) {
         const MatrixPack c = cofactor(d.F[q]);
-        const SimdPack theta = ratio(p, q, d, about);
-        const Volumetric u = volumetric(theta);
+        if (q < cells()) u = volumetric(theta = ratio(p, q, d, about));
         const MatrixPack s = distortion_stress(d.F[q], d.J[q], c);
         const SimdPack pressure = u.stress + u.stiffness * ((element_.mean_dilatation ? d.mean_J : d.J[q]) - theta);
         MatrixPack P;
@@ -159,7 +160,7 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
 
   std::size_t cells() const { return element_.mean_dilatation ? 1 : points; }
 
-  // Volume ratios that the volumetric energy is taken at.
+  // Volume ratios that the volumetric energy is taken at: with the locking cure the same at all points.
   SimdPack ratio(const Pack& p, std::size_t q, const Deformation& d, const std::vector<double>* about) const {
     if (!about) return element_.mean_dilatation ? d.mean_J : d.J[q];
     SimdPack theta;
@@ -231,9 +232,10 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     std::array<Point, points> at;
     std::array<VectorPack, nodes> dJ{};  // V ∂(mean J)/∂x
     SimdPack bulk;
+    Volumetric u;
     for (std::size_t q = 0; q < points; ++q) {
       const MatrixPack c = cofactor(d.F[q]);
-      const Volumetric u = volumetric(ratio(p, q, d, about));
+      if (q < cells()) u = volumetric(ratio(p, q, d, about));
       const DilatationSample<SimdPack> g = material_.distortion_dilatation(d.J[q]);
       const SimdPack w = p.weight[q], turning = w * (g.stress + u.stress) / d.J[q],
                      stiffness = w * (element_.mean_dilatation ? g.stiffness : g.stiffness + u.stiffness);
@@ -281,9 +283,10 @@ template <HyperelasticMaterial Material, TetElement Element> class Solid {
     std::array<std::array<MatrixPack, nodes>, nodes> K{};  // of columns' and rows' nodes
     std::array<VectorPack, nodes> dJ{};
     SimdPack bulk;
+    Volumetric u;
     for (std::size_t q = 0; q < points; ++q) {
       const MatrixPack c = cofactor(d.F[q]);
-      const Volumetric u = volumetric(ratio(p, q, d, about));
+      if (q < cells()) u = volumetric(ratio(p, q, d, about));
       if (q == 0) bulk = u.stiffness / p.volume;
       for (std::size_t a = 0; a < nodes; ++a) {
         const VectorPack area = product(c, p.gradient[q][a]);

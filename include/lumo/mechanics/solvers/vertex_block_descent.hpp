@@ -221,7 +221,7 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   Positions x_, start_, target_, velocity_, last_velocity_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
-  std::vector<SimdPack::Point> points_;  // x_ for the packs
+  PaddedPositions points_;  // x_ for the packs
   typename Model::Packs::Start packs_start_;
 };
 

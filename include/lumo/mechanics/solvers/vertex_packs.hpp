@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mechanics/elements/simd.hpp"
+#include "lumo/mechanics/elements/element_packs.hpp"
 #include "lumo/mechanics/solvers/vertex_block.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 
@@ -79,9 +79,8 @@ template <DilatationalMaterial Material> class VertexPacks {
     std::array<bool, width> moves;  ///< there is one
     std::size_t first, count;       ///< their slots
   };
-  using Places = std::vector<SimdPack::Point>;  ///< where nodes are [m]
   /// Per slot what viscosity wants of a step's start: the column of C = FᵀF along the vertex's own gradient.
-  using Start = std::vector<std::array<SimdPack, 3>>;
+  using Start = std::vector<VectorPack>;
 
   /// `colors` name the vertices that move.
   VertexPacks(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors);
@@ -91,46 +90,42 @@ template <DilatationalMaterial Material> class VertexPacks {
   std::size_t slots() const { return slots_.size(); }
 
   /// Start of one batch.
-  void remember(const Batch& batch, const Places& x, Start& start) const;
+  void remember(const Batch& batch, const PaddedPositions& x, Start& start) const;
 
   /// Adds the shares of a batch's vertices; see VertexElasticity::add. `start` is not looked at without viscosity.
-  void add(
-      const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const;
+  void add(const Batch& batch, const PaddedPositions& x, const Start& start, double rate,
+      std::array<VertexBlock, width>& out) const;
 
   /// Largest part of each vertex's step that is safe; see VertexElasticity::feasible_part.
   std::array<double, width> feasible_parts(
-      const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const;
+      const Batch& batch, const PaddedPositions& x, const std::array<Vec3d, width>& steps) const;
 
  private:
-  using Vector = std::array<SimdPack, 3>;
   // One tetrahedron of each of the batch's vertices, by its three other nodes. Axis 1 lies along the gradient g = (γ,
   // 0, 0) of the vertex's own shape function, axis 3 across the first other node's: the gradients are (a₀, c, 0), (a₁,
   // d, f), (a₂, −c−d, −f), γ = −a₀−a₁−a₂, and γ c f = 1/(6 V).
   struct Slot {
-    Vector a;
+    VectorPack a;
     SimdPack c, d, f;                            // [1/m]
     SimdPack volume;                             // [m³]; 0 where a vertex has no further tetrahedron
     std::array<std::array<int, width>, 3> node;  // right-handed as seen from the vertex
   };
   // A tetrahedron as it is now.
   struct Shape {
-    std::array<Vector, 3> F;  // columns
-    Vector area;              // slope of det F by the vertex's place, cof F applied to g
+    MatrixPack F;
+    VectorPack area;  // slope of det F by the vertex's place, cof F applied to g
     SimdPack J, gamma;
   };
 
-  [[gnu::always_inline]] static SimdPack dot(const Vector& a, const Vector& b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-  }
-  [[gnu::always_inline]] static Vector difference(const Vector& a, const Vector& b) {
+  [[gnu::always_inline]] static VectorPack difference(const VectorPack& a, const VectorPack& b) {
     return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
   }
   // From vertices at `self`.
-  [[gnu::always_inline]] static Shape shape(const Vector& self, const Slot& s, const Places& x) {
-    const Vector p0 = SimdPack::gathered(x, s.node[0]), p1 = SimdPack::gathered(x, s.node[1]),
-                 p2 = SimdPack::gathered(x, s.node[2]);
-    const Vector e0 = difference(p0, self), e1 = difference(p1, self), e2 = difference(p2, self),
-                 u = difference(p0, p2), v = difference(p1, p2);
+  [[gnu::always_inline]] static Shape shape(const VectorPack& self, const Slot& s, const PaddedPositions& x) {
+    const VectorPack p0 = SimdPack::gathered(x, s.node[0]), p1 = SimdPack::gathered(x, s.node[1]),
+                     p2 = SimdPack::gathered(x, s.node[2]);
+    const VectorPack e0 = difference(p0, self), e1 = difference(p1, self), e2 = difference(p2, self),
+                     u = difference(p0, p2), v = difference(p1, p2);
     Shape now;
     now.gamma = -(s.a[0] + s.a[1] + s.a[2]);
     const SimdPack scale = now.gamma * s.c * s.f;
@@ -145,7 +140,7 @@ template <DilatationalMaterial Material> class VertexPacks {
     return now;
   }
   // Column of C along axis 1.
-  [[gnu::always_inline]] static Vector square(const Shape& now) {
+  [[gnu::always_inline]] static VectorPack square(const Shape& now) {
     return {dot(now.F[0], now.F[0]), dot(now.F[1], now.F[0]), dot(now.F[2], now.F[0])};
   }
 
@@ -199,13 +194,13 @@ template <DilatationalMaterial Material> VertexPacks<Material>::VertexPacks(
 
 template <DilatationalMaterial Material>
 std::array<double, VertexPacks<Material>::width> VertexPacks<Material>::feasible_parts(
-    const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const {
+    const Batch& batch, const PaddedPositions& x, const std::array<Vec3d, width>& steps) const {
   std::array<double, width> part;
   part.fill(1.0);
-  Vector step;
+  VectorPack step;
   for (std::size_t lane = 0; lane < width; ++lane)
     for (std::size_t i = 0; i < 3; ++i) step[i].set(lane, steps[lane][Eigen::Index(i)]);
-  const Vector self = SimdPack::gathered(x, batch.vertex);
+  const VectorPack self = SimdPack::gathered(x, batch.vertex);
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     const Shape now = shape(self, slots_[k], x);
     const SimdPack slope = dot(now.area, step);
@@ -217,17 +212,17 @@ std::array<double, VertexPacks<Material>::width> VertexPacks<Material>::feasible
 }
 
 template <DilatationalMaterial Material>
-void VertexPacks<Material>::remember(const Batch& batch, const Places& x, Start& start) const {
-  const Vector self = SimdPack::gathered(x, batch.vertex);
+void VertexPacks<Material>::remember(const Batch& batch, const PaddedPositions& x, Start& start) const {
+  const VectorPack self = SimdPack::gathered(x, batch.vertex);
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) start[k] = square(shape(self, slots_[k], x));
 }
 
-template <DilatationalMaterial Material> void VertexPacks<Material>::add(
-    const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const {
+template <DilatationalMaterial Material> void VertexPacks<Material>::add(const Batch& batch, const PaddedPositions& x,
+    const Start& start, double rate, std::array<VertexBlock, width>& out) const {
   static constexpr std::size_t row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
   const double mu = material_.shear_modulus();
-  const Vector self = SimdPack::gathered(x, batch.vertex);
-  Vector force;
+  const VectorPack self = SimdPack::gathered(x, batch.vertex);
+  VectorPack force;
   std::array<SimdPack, 6> block;
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     // Neighbours are scattered over the mesh: those of the slot after next are sent for.
@@ -237,7 +232,7 @@ template <DilatationalMaterial Material> void VertexPacks<Material>::add(
     const Shape now = shape(self, s, x);
     const DilatationSample<SimdPack> h = material_.dilatation(now.J);
     const SimdPack stretch = mu * s.volume * now.gamma, push = s.volume * h.stress, bulk = s.volume * h.stiffness;
-    Vector bulk_area;
+    VectorPack bulk_area;
     for (std::size_t i = 0; i < 3; ++i) {
       force[i] -= stretch * now.F[0][i] + push * now.area[i];
       block[i] += stretch * now.gamma;
@@ -246,7 +241,7 @@ template <DilatationalMaterial Material> void VertexPacks<Material>::add(
     for (std::size_t m = 0; m < 6; ++m) block[m] += bulk_area[row[m]] * now.area[column[m]];
     if (rate > 0.0) {
       const SimdPack w = (2.0 * rate) * s.volume * now.gamma;
-      const Vector change = difference(square(now), start[k]);
+      const VectorPack change = difference(square(now), start[k]);
       for (std::size_t i = 0; i < 3; ++i)
         force[i] -= w * (now.F[0][i] * change[0] + now.F[1][i] * change[1] + now.F[2][i] * change[2]);
       const SimdPack wg = w * now.gamma;
