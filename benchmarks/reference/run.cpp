@@ -19,6 +19,7 @@
 #include <optional>
 #include <set>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 
 namespace {
@@ -240,8 +241,10 @@ Body spelled_out(Body b, int axis) {
           if constexpr (requires { shape.direction; }) {
             shape.point = reflect(shape.point);
             shape.direction = reflect(shape.direction);
-          } else {
+          } else if constexpr (requires { shape.center; }) {
             shape.center = reflect(shape.center);
+          } else {
+            throw std::invalid_argument("a shape of one's own has no mirror image");
           }
         },
         p.shape);

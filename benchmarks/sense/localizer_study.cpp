@@ -57,7 +57,7 @@ Seen seen_in(const VirtualRig& rig) {
   s.optics.view = view_finger(start, rig.session(), rest, "lab");
   GreenProfile readout = s.optics.readout();
   s.profiles = read_profiles(camera, readout);
-  s.optics.unloaded = unloaded_reference(s.profiles, rest, "lab", s.optics.view.unchanged);
+  s.optics.unloaded = unloaded_reference(s.profiles, rest, "lab", s.optics.view.repeats(s.optics.bins));
   s.truth = rig.truth();
   return s;
 }
