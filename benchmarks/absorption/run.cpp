@@ -63,7 +63,7 @@ Eigen::MatrixXd merged(const Eigen::MatrixXd& change, int groups) {
 Estimate least_distance(const Observations& seen) {
   std::vector<ObservedState> states = observed_states(seen.scenarios);
   for (ObservedState& s : states) s.change = merged(s.change, coarse);
-  return optical_separation(states, {.mesh = 0.0})->distance;
+  return optical_separation(states, {.area = 0.0})->distance;
 }
 
 /// Change of the power through each bin from the second load to the last.

@@ -84,7 +84,7 @@ template <TransparentMedium Medium, Intersector Backend> struct Steps {
   /// Light that leaves is gathered backwards from 4,096 points of the readout's faces, mirror images included.
   double gather() {
     Tally total = path.accounts().take();
-    Gather(pad.body.emitters, lit, path).run(OwenSobol{7}, sent, total);
+    Gather(pad.body.emitters, lit, path, pad.body.film_closes_m).run(OwenSobol{7}, sent, total);
     return total.ledger.channels[5];
   }
   std::uint32_t exit_points() const {

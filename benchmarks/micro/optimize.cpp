@@ -95,8 +95,13 @@ TEST_CASE("optimize: acquisition", "[optimize]") {
   std::vector<GaussianProcess<RbfKernel>> models;
   for (int k : {0, 1}) models.push_back(GaussianProcess<RbfKernel>::fit(data(n, k)));
   const Eigen::MatrixXd x = places(n, 17);
-  const Evidence evidence{x, objectives(x), Eigen::MatrixXd(dimensions, 0), Eigen::VectorXd::Zero(dimensions),
-      Eigen::VectorXd::Ones(dimensions), Eigen::VectorXd::Constant(2, -1.0)};
+  const Evidence evidence{.x = x,
+      .outputs = objectives(x),
+      .errors = {},
+      .pending = Eigen::MatrixXd(dimensions, 0),
+      .lower = Eigen::VectorXd::Zero(dimensions),
+      .upper = Eigen::VectorXd::Ones(dimensions),
+      .reference = Eigen::VectorXd::Constant(2, -1.0)};
   const Eigen::MatrixXd candidates = places(64, 53);
   const LogNehvi closed;
   const QLogNehvi sampled;

@@ -93,7 +93,7 @@ int main(int argc, char** argv) {
       const Silicone silicone = lumo::silicone(card);
       const RememberedPresses presses{{NeoHookean{silicone.mu_Pa, silicone.lambda_Pa}}};
       Pipeline<TetgenMesher, RememberedPresses, Light> pipeline{mesher, presses, Light{}};
-      pipeline.optical_error.mesh = 0.0;  // the same mesh for both
+      pipeline.optical_error.area = 0.0;  // the same mesh for both
       pipeline.rays = rays;
       const Evaluation once = evaluate({d, silicone}, ensemble, pipeline, TbbExecutor{threads});
       Light::Config other;

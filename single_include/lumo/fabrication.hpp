@@ -1416,10 +1416,10 @@ struct FingerOptions {
     static constexpr double quick_edges = 1.8;  ///< for a look in a fifth of the time
     /// The same, but for a stem's rounded edges: elements that are longer than the rounding lose equilibria there.
     constexpr Mesh coarser(double factor) const {
-      Mesh mesh = scaled(factor);
-      mesh.shortest_chord = shortest_chord;
-      mesh.stem_edge = stem_edge;
-      return mesh;
+      Mesh longer = scaled(factor);
+      longer.shortest_chord = shortest_chord;
+      longer.stem_edge = stem_edge;
+      return longer;
     }
     bool operator==(const Mesh&) const = default;
   };
