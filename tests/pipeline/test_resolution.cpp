@@ -4,8 +4,13 @@
 #include "lumo/mechanics/indenters/capsule.hpp"
 #include "lumo/mechanics/indenters/oriented.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <memory>
+#include <set>
 #include <string>
+#include <utility>
+#include <vector>
 
 using namespace lumo;
 
@@ -60,6 +65,31 @@ void validate(const TwoBalls&) {}
 
 const NeoHookean soft{.mu = 106e3, .lambda = 10.494e6};
 constexpr double reduced_Pa = 2 * 106e3 / (1 - 0.495);  // E* of Hertz under a rigid tool, ν = 0.495
+
+/// Presses that are lost on the first meshes of some places.
+struct LostPresses {
+  using Simulation = decltype(CoarsePipeline::simulator);
+  Simulation simulation;
+  std::set<double> lost_y_m;
+  std::size_t first_meshes;
+  std::shared_ptr<std::vector<std::size_t>> nodes = std::make_shared<std::vector<std::size_t>>();  ///< of all meshes
+
+  struct Pad {
+    decltype(std::declval<Simulation>().prepare(std::declval<Body>(), std::declval<TetMesh>())) pad;
+    std::set<double> lost_y_m;
+
+    const TetMesh& mesh() const { return pad.mesh(); }
+    std::vector<MechanicalState> press(const Scenario<Sphere>& s) const {
+      std::vector<MechanicalState> states = pad.press(s);
+      if (lost_y_m.contains(s.y_m)) states.back().status = Status::not_positive_definite;
+      return states;
+    }
+  };
+  Pad prepare(const Body& body, const TetMesh& mesh) const {
+    nodes->push_back(mesh.nodes.size());
+    return {simulation.prepare(body, mesh), nodes->size() <= first_meshes ? lost_y_m : std::set<double>{}};
+  }
+};
 
 template <class Tool> SolvedScenario pressed(
     const Body& body, const Scenario<Tool>& scenario, const Focus& focus = {}, bool refine_once = true) {
@@ -155,4 +185,30 @@ TEST_CASE("printed errors of depth and area cover what a finer mesh says") {
       CHECK(a.contact_area_error_m2 < 0.4 * a.contact_area_m2);
     }
   }
+}
+
+TEST_CASE("a press that is lost at one place is tried on a finer mesh, and where most are, the body gives way") {
+  const Body body = body_of({12e-3, 20e-3, 10e-3}, {true, false});
+  std::vector<Scenario<Sphere>> scenarios;
+  for (const double y : {-10e-3, 0.0, 10e-3}) scenarios.push_back({Sphere{10e-3}, 0.0, y, {1.0}});
+  const auto pressed_with = [&](std::set<double> lost, bool refine_once) {
+    const CoarsePipeline usual = coarse_pipeline();
+    LostPresses presses{{soft}, std::move(lost), scenarios.size()};
+    Pipeline<TetgenMesher, LostPresses, CoarseLight> pipeline{usual.mesher, presses, usual.tracer, usual.focus};
+    pipeline.mirror_once = false;
+    pipeline.refine_once = refine_once;
+    std::vector<Status> status;
+    for (const SolvedScenario& s : press(body, scenarios, pipeline, Serial{}).solved) status.push_back(s.record.status);
+    return std::pair(status, *presses.nodes);
+  };
+  constexpr Status found = Status::converged, lost = Status::not_positive_definite;
+
+  const auto [again, meshes] = pressed_with({10e-3}, true);
+  CHECK(again == std::vector{found, found, found});
+  REQUIRE(meshes.size() == 4);
+  CHECK(meshes.back() > *std::min_element(meshes.begin(), meshes.end() - 1));
+
+  CHECK(pressed_with({10e-3}, false) ==
+        std::pair(std::vector{found, found, lost}, std::vector(meshes.begin(), meshes.end() - 1)));
+  CHECK(pressed_with({-10e-3, 10e-3}, true).first == std::vector{lost, found, lost});
 }

@@ -10,7 +10,7 @@ namespace lumo::program {
 
 /// Raised whenever an evaluation of the same design gives other numbers than before, or a search asks for other designs
 /// after the same trials: old stores are then of another problem.
-inline constexpr int results_version = 21;
+inline constexpr int results_version = 22;
 
 /// What decides the results of a store, besides its designs.
 inline Json conditions(const Configuration& o, const std::vector<std::string>& groups) {

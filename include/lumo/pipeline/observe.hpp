@@ -16,6 +16,7 @@
 #include <memory>
 #include <mutex>
 #include <numeric>
+#include <set>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -33,7 +34,7 @@ template <Mesher M, class Simulation, class Light> struct Pipeline {
   bool mirror_once = true;  ///< solve mirror images once
   RayRefinement rays = {};
   int mesh_order = 2;        ///< of the simulator's elements
-  bool refine_once = true;   ///< mesh a place again, and finer, where a contact was not resolved
+  bool refine_once = true;   ///< mesh a place again, and finer, where a contact was not resolved, or a press lost
   bool accept_held = false;  ///< score states that a solver in time holds, too, not equilibria only
 };
 
@@ -178,6 +179,7 @@ template <class P, Indenter Tool> struct PlacePresses {
   TetMesh coarse;
   Pressed<PadOf<P>, Tool>& out;
   std::vector<std::vector<FinePlace>> more = std::vector<std::vector<FinePlace>>(out.plan.places.size());
+  std::set<std::size_t> lost = {};  ///< places whose next mesh is to be another one
 
   template <Executor E> void run(const std::vector<std::size_t>& places, const E& executor,
       const ProgressReport& progress, const std::string& how) {
@@ -205,22 +207,30 @@ template <class P, Indenter Tool> struct PlacePresses {
     out.seconds.mesh += std::accumulate(spent.begin(), spent.end(), 0.0);
   }
 
-  /// Places with a contact that is not resolved; their next mesh will be finer there.
-  std::vector<std::size_t> unresolved() {
-    std::vector<std::size_t> places;
+  /// Places with a contact that is not resolved, whose next mesh will be finer there, and with a press that was lost,
+  /// which will be tried on another mesh; unless so many were that it is the body which gives way.
+  std::vector<std::size_t> to_try_again() {
+    std::set<std::size_t> places;
     for (std::size_t k = 0; k < out.solved.size(); ++k) {
-      if (!out.solved[k].record.unresolved) continue;
       const std::size_t place = out.plan.solves[k].place;
+      if (is_lost(out.solved[k].record.status)) lost.insert(place);
+      if (!out.solved[k].record.unresolved) continue;
       for (const MechanicalState& s : out.solved[k].states) add_places(s, more[place]);
-      if (places.empty() || places.back() != place) places.push_back(place);
+      places.insert(place);
     }
-    std::sort(places.begin(), places.end());
-    places.erase(std::unique(places.begin(), places.end()), places.end());
-    return places;
+    if (lost.size() > std::max<std::size_t>(1, out.plan.places.size() / 4)) lost.clear();
+    places.insert(lost.begin(), lost.end());
+    return {places.begin(), places.end()};
   }
 
  private:
   static constexpr double finest_wanted = 20e-6;  // [m]
+  static constexpr double of_lost = 0.8;          // edges about a lost contact, on its next mesh
+
+  static bool is_lost(Status s) {
+    return s == Status::not_positive_definite || s == Status::line_search || s == Status::inverted ||
+           s == Status::max_iterations;
+  }
 
   // Covers where the tool presses, if a contact wants a finer mesh.
   void add_places(const MechanicalState& state, std::vector<FinePlace>& all) const {
@@ -242,9 +252,10 @@ template <class P, Indenter Tool> struct PlacePresses {
   void mesh(std::size_t place) const {
     std::vector<Scenario<Tool>> here;
     for (const std::size_t s : out.plan.places[place].solves) here.push_back(out.plan.solves[s].scenario);
-    Body wanted = focused_on_contact(body, coarse, here, pipeline.focus);
+    const bool other = lost.contains(place);
+    Focus about = other ? pipeline.focus.scaled(of_lost) : pipeline.focus;
+    Body wanted = focused_on_contact(body, coarse, here, about);
     if (!more[place].empty()) {
-      Focus about = pipeline.focus;
       about.growth = std::min(about.growth, Focus{}.growth);
       wanted = focused(wanted, more[place], about);
     }
@@ -252,16 +263,16 @@ template <class P, Indenter Tool> struct PlacePresses {
       out.places[place] = std::make_unique<PadOf<P>>(
           pipeline.simulator.prepare(body, mesh_body(wanted, pipeline.mesher, pipeline.mesh_order)));
     } catch (const MeshError&) {
-      if (more[place].empty()) throw;
+      if (more[place].empty() && !other) throw;
     }
   }
 };
 
 }  // namespace detail
 
-/// Presses a body in every scenario. Where a mesh turns out to be too coarse for a contact, its place is meshed and
-/// pressed once more (Pipeline::refine_once). Bit-identical for every executor. Throws InvalidArgument and MeshError; a
-/// solve that fails is a status in its record.
+/// Presses a body in every scenario. Where a mesh turns out to be too coarse for a contact, or a press is lost on it at
+/// a place or two, that is meshed and pressed once more (Pipeline::refine_once). Bit-identical for every executor.
+/// Throws InvalidArgument and MeshError; a solve that fails is a status in its record.
 template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(const Body& body,
     const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
     const ProgressReport& progress = {}) {
@@ -277,7 +288,7 @@ template <class P, Indenter Tool, Executor E> Pressed<PadOf<P>, Tool> press(cons
   std::iota(places.begin(), places.end(), std::size_t(0));
   presses.run(places, executor, progress, "");
   if (pipeline.refine_once)
-    if (const auto again = presses.unresolved(); !again.empty())
+    if (const auto again = presses.to_try_again(); !again.empty())
       presses.run(again, executor, progress, " again, finer");
   for (const auto& s : out.solved) out.seconds.mechanics += s.seconds;
   out.seconds.total = clock.seconds();
