@@ -1493,7 +1493,8 @@ inline void take_velocity_from_positions(
 }
 
 /// Takes the velocities of those joints from the positions that move, but not as their velocities say: zeros, degrees
-/// or turns a minute. Returns a line for each, for whoever reads the log.
+/// or turns a minute. Returns a line for each, for whoever reads the log. Throws InvalidArgument for positions in
+/// degrees.
 inline std::vector<std::string> mend_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
   std::vector<std::string> notes;
   if (samples.empty()) return notes;
@@ -1501,6 +1502,12 @@ inline std::vector<std::string> mend_velocities(std::vector<JointSample>& sample
   for (int j = 0; j < joints; ++j) {
     const VelocityCheck check = check_velocity(samples, j, limits);
     if (check.agrees) continue;
+    const auto [least, most] = std::minmax_element(samples.begin(), samples.end(),
+        [j](const JointSample& a, const JointSample& b) { return a.position_rad[j] < b.position_rad[j]; });
+    if (std::abs(check.scale * 180.0 / pi - 1.0) <= limits.wrong_scale &&
+        most->position_rad[j] - least->position_rad[j] > pi)
+      throw InvalidArgument(message("positions of joint ", j,
+          " change 57.3 times as fast as its velocities say: they seem to be in degrees, must be in rad"));
     take_velocity_from_positions(samples, j, limits);
     notes.push_back(message("velocities of joint ", j, " are ", 0.01 * std::round(100.0 * check.scale),
         " times the change of its positions"
@@ -3950,6 +3957,20 @@ inline void require_common_time(const Recording& log) {
         "; if their clocks differ, joint_clock of session.json must say by how much"));
 }
 
+/// Throws InputError where pictures or joint samples come faster than cameras and drives give them, more than 10,000 or
+/// 100,000 times a second: their stamps are then not in ns.
+inline void require_nanoseconds(const Recording& log) {
+  const auto require = [&](const char* what, const auto& rows, double shortest_s) {
+    if (rows.size() < 2) return;
+    const double period_s = stream_period_s(rows);
+    if (!(period_s > 0.0) || period_s >= shortest_s) return;
+    throw InputError(message(log.path, ": ", what, " come ", std::round(1.0 / period_s),
+        " times a second: stamps seem to be in ", period_s >= 1e-3 * shortest_s ? "µs" : "ms", ", must be in ns"));
+  };
+  require("pictures", log.frames, 1e-4);
+  require("joint samples", log.joints, 1e-5);
+}
+
 /// Throws InputError if session and tables do not match: currents need a torque constant for each joint.
 inline void validate(const Recording& log) {
   if (log.joints.empty() || log.joints.front().unit == Effort::torque_Nm) return;
@@ -5997,6 +6018,8 @@ struct UnloadedLimits {
   double repeated_DN = 1.5;       ///< least noise of a profile's value then: a codec's steps
   double repeated_scatter = 1.5;  ///< … and of the largest deviation, what is more than that, times √block_bins
   double largest_scatter = 0.04;  ///< of one response, share of the light, that a finger at rest has
+  double band_together = 1.6;  ///< scatter of an eighth of the finger over that of places that vary by themselves …
+  double band_DN = 0.3;        ///< … and scatter of one place, above which light moves along the finger in bands
 };
 
 /// The reference of a stretch, and what was found in it.
@@ -6010,6 +6033,7 @@ struct CheckedReference {
   double scatter = 0.0;      ///< of one response, share of the light (median over the finger)
   bool scatters = false;     ///< more than a finger at rest does
   double together = 0.0;     ///< part of that scatter that all places have together, share of the light
+  double bands = 0.0;        ///< scatter by light that moves along the finger in bands, share of the light; 0: none
   double saturated = 0.0;    ///< share of full pixels, mean over the pictures
 };
 
@@ -6035,6 +6059,17 @@ inline Eigen::MatrixXd shape_deviations(const std::vector<const Profile*>& profi
   const double light = std::max(middle.mean(), 1e-9);
   for (Eigen::Index k = 0; k < n; ++k) value.col(k) -= value.col(k).mean() / light * middle;
   return value;
+}
+
+/// Scatter of means over neighbouring places, an eighth of all, over that of as many that vary by themselves.
+inline double scatter_together(const Eigen::MatrixXd& deviation) {
+  const Eigen::Index width = std::max<Eigen::Index>(2, deviation.rows() / 8), windows = deviation.rows() - width + 1;
+  const double single = deviation.squaredNorm() / double(deviation.size());
+  if (windows < 1 || !(single > 0.0)) return 1.0;
+  double sum = 0.0;
+  for (Eigen::Index first = 0; first < windows; ++first)
+    sum += deviation.middleRows(first, width).colwise().mean().squaredNorm();
+  return std::sqrt(double(width) * sum / double(windows * deviation.cols()) / single);
 }
 
 /// Those whose light is that of the closest half. Where some are far off, that half may hold some of them: what is left
@@ -6108,6 +6143,16 @@ inline CheckedReference checked_reference(
                  seen = limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff();
     r.least_noise = step + std::sqrt(repeats.block_bins) * std::max(0.0, seen - step);
     r.reference.set_least_noise(r.least_noise);
+  }
+  if (kept.size() >= limits.least) {
+    const Eigen::MatrixXd deviation = detail::shape_deviations(kept);
+    const double together = detail::scatter_together(deviation),
+                 single = deviation.norm() / std::sqrt(double(deviation.size()));
+    if (together > limits.band_together && single > limits.band_DN) {
+      r.bands = single / std::max(r.reference.mean().mean(), 1e-9);
+      r.least_noise = std::max(r.least_noise, limits.repeated_scatter * together * single);
+      r.reference.set_least_noise(r.least_noise);
+    }
   }
   const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));
   r.scatter = median({share.data(), share.data() + share.size()});
@@ -10329,6 +10374,7 @@ inline constexpr double least_light_DN = 1e-6;
 /// `make_camera()` gives the pictures from their start. Throws InputError if no unloaded finger is seen or felt.
 template <class MakeCamera>
 FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, const FingerOptics& assumed = {}) {
+  require_nanoseconds(recording);
   const std::int64_t start_ns = recording.frames.empty() ? 0 : recording.frames.front().stamp_ns;
   const UnloadedStretch rest = UnloadedStretch::of(recording.session, start_ns);
   FingerModel<> finger = finger_model(recording.session);
@@ -10753,6 +10799,7 @@ struct StreamCheckLimits {
   // Force sensor
   double least_force_N = 2.0;  ///< from which torque over force is a place
   double wrong_force_N = 0.5;  ///< on the wrong side, in holds (median)
+  double wrong_scale = 2.0;    ///< of torques over force and place, or its inverse: no friction makes as much
 };
 
 /// Frames in which the finger is darker at one place than in its reference, while no other place is brighter by as
@@ -10926,22 +10973,34 @@ template <ContactJacobian J> std::optional<double> torque_without_contact(std::s
   return far && std::max(share, 1.0 - share) > limits.one_sign ? std::optional(middle) : std::nullopt;
 }
 
-/// Places by one joint's torque over the force sensor's force against places by light: whether they run against each
-/// other, as where the view is mirrored. For the sensor's sign see force_falls_in_contacts.
-inline bool mirrored_by_sensor(std::span<const FrameEstimate> estimates, const MomentArm& joint, const Session& session,
-    const std::vector<WrenchSample>& wrenches, const StreamCheckLimits& limits = {}) {
-  if (wrenches.empty()) return false;
+/// What a force sensor makes of one joint's torque: torque over force is the contact's distance from the joint.
+struct SensorAgreement {
+  bool mirrored = false;  ///< places by torque run against places by light, as where the view is mirrored
+  double scale = 1.0;     ///< of the torques, where they are out of all proportion to force and place (median); 1: not
+};
+
+/// `joint`: where the finger is. For the sensor's sign see force_falls_in_contacts.
+inline SensorAgreement sensor_agreement(std::span<const FrameEstimate> estimates, const MomentArm& joint,
+    const Session& session, const std::vector<WrenchSample>& wrenches, const StreamCheckLimits& limits = {}) {
+  SensorAgreement r;
+  if (wrenches.empty()) return r;
   const TimeSeries force = normal_force(wrenches, session.wrench_clock, force_tare_N(session, wrenches));
-  std::vector<double> light, torque;
+  std::vector<double> light, torque, scale;
   for (const FrameEstimate& e : estimates)
     if (const auto at = e.contact(); at && e.joints && e.joints->size() == 2 && e.location.probability > limits.sure)
       if (const auto f = force.at(e.stamp_ns, LogTruth::max_gap_s); f && (*f)[0] > limits.least_force_N) {
+        const double arm_m = (*e.joints)[1] / (*f)[0];
         light.push_back(at->y_m);
-        torque.push_back((*e.joints)[1] / (*f)[0] - joint.joint_to_origin_m);
+        torque.push_back(arm_m - joint.joint_to_origin_m);
+        scale.push_back(arm_m / (joint.joint_to_origin_m + at->y_m));
       }
-  return int(light.size()) >= limits.least_contacts &&
-         quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m &&
-         detail::correlation(light, torque) < limits.mirrored;
+  if (int(light.size()) < limits.least_contacts) return r;
+  r.mirrored = quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m &&
+               detail::correlation(light, torque) < limits.mirrored;
+  const double middle = median(scale);
+  if (std::isfinite(middle) && (middle > limits.wrong_scale || (middle > 0.0 && middle < 1.0 / limits.wrong_scale)))
+    r.scale = middle;
+  return r;
 }
 
 /// The force sensor against contacts that the pictures see: the force falls where they begin. For logs without holds.

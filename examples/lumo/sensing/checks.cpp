@@ -39,6 +39,13 @@ void tell_reference(const SensedLog& s, const CheckedReference& checked, Progres
                   (s.view.unchanged > 0.0 ? " (up to " + cell(100.0 * s.view.unchanged, 0) + " %)" : std::string()) +
                   ", as a video codec makes them; their noise is taken as at least " + cell(checked.least_noise, 1) +
                   " DN, small contacts may be missed");
+  if (checked.bands > 0.0)
+    progress.note(path + ": light moves along the unloaded finger in bands (" + stretch_text(s) + "), " +
+                  cell(100.0 * checked.bands, 1) +
+                  " % of it, as a rolling shutter sees lamps that flicker; noise is taken as at least " +
+                  cell(checked.least_noise, 1) +
+                  " DN, small contacts are missed; expose for whole periods of the lamps, or turn the camera's rows "
+                  "across the finger");
   if (checked.scatters)
     progress.note(path + ": the pictures of the unloaded finger (" + stretch_text(s) + ") scatter by " +
                   cell(100.0 * checked.scatter, 1) + " % of the light, " + cell(100.0 * checked.together, 1) +
@@ -96,7 +103,9 @@ void tell_joints(const OpenLog& log, Progress& progress) {
   std::vector<JointSample> samples = log.joints;
   const auto joints = samples.empty() ? 0 : int(samples.front().effort.size());
   for (int j = 0; j < joints; ++j) tell_effort(log, j, progress);
-  for (const std::string& note : mend_velocities(samples)) progress.note(log.path + ": " + note);
+  about(log.path, [&] {
+    for (const std::string& note : mend_velocities(samples)) progress.note(log.path + ": " + note);
+  });
 }
 
 void tell_torques(const SensedLog& s, std::span<const FrameEstimate> estimates, const FingerModel<>& finger,
@@ -114,9 +123,16 @@ void tell_torques(const SensedLog& s, std::span<const FrameEstimate> estimates, 
   if (!t.better_order.empty())
     progress.note(log.path + ": the joints seem to be listed in another order than along the finger: in the order " +
                   listing(t.better_order, [](int j) { return std::to_string(j); }) + " their torques fit" + seen);
-  const bool single = finger.jacobian.joints() == 1;
-  if (t.mirrored ||
-      (single && mirrored_by_sensor(estimates, MomentArm{log.session.joint_to_origin_m}, log.session, log.wrenches)))
+  const SensorAgreement sensor =
+      finger.jacobian.joints() == 1
+          ? sensor_agreement(estimates, MomentArm{log.session.joint_to_origin_m}, log.session, log.wrenches)
+          : SensorAgreement{};
+  if (sensor.scale != 1.0)
+    progress.note(log.path + ": torques are " + short_number(sensor.scale) +
+                  " times what the force sensor and the places seen ask for" + seen +
+                  ": torque_constant_Nm_per_A (the gear?) or the joint's distance in session.json, or the unit of "
+                  "the efforts or forces is another");
+  if (t.mirrored || sensor.mirrored)
     progress.note(log.path + ": places by torque run against places by light" + seen +
                   ": leds.distal in session.json may name the other end");
   if (force_falls_in_contacts(estimates, log.session, log.wrenches) && !check_loads(log.session, log.wrenches).reversed)

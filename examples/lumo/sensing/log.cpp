@@ -177,6 +177,7 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
   SensedLog s;
   s.bins = bins;
   s.log = open_log(path, progress, topics);
+  require_nanoseconds(s.log);
   s.joints = on_frames_clock(s.log);
   s.stretch = unloaded_stretch(s.log);
   if (unloaded) {

@@ -22,6 +22,7 @@ inline constexpr double least_light_DN = 1e-6;
 /// `make_camera()` gives the pictures from their start. Throws InputError if no unloaded finger is seen or felt.
 template <class MakeCamera>
 FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, const FingerOptics& assumed = {}) {
+  require_nanoseconds(recording);
   const std::int64_t start_ns = recording.frames.empty() ? 0 : recording.frames.front().stamp_ns;
   const UnloadedStretch rest = UnloadedStretch::of(recording.session, start_ns);
   FingerModel<> finger = finger_model(recording.session);

@@ -173,14 +173,25 @@ TEST_CASE("torque where pictures see no contact shows joints that were learnt in
   CHECK_FALSE(torque_without_contact(std::span<const FrameEstimate>(s.estimates), two_joints, 0.01, 1'000'000'000'000));
 }
 
-TEST_CASE("one joint and a force sensor show a mirrored view", "[checks]") {
+TEST_CASE("one joint and a force sensor show a mirrored view, and torques out of all proportion", "[checks]") {
   const MomentArm one{55e-3};
+  const auto agreement = [&](const CheckedScene& s) {
+    return sensor_agreement(s.estimates, one, Session{}, s.wrenches);
+  };
   for (std::uint64_t seed = 1; seed <= 50; ++seed) {
-    const CheckedScene good = scene(one, 0, {}, seed), turned = scene(one, 0, {.mirrored = true}, seed);
+    const CheckedScene good = scene(one, 0, {}, seed);
     INFO("seed " << seed);
-    CHECK_FALSE(mirrored_by_sensor(good.estimates, one, Session{}, good.wrenches));
-    CHECK(mirrored_by_sensor(turned.estimates, one, Session{}, turned.wrenches));
+    CHECK_FALSE(agreement(good).mirrored);
+    CHECK(agreement(good).scale == 1.0);
+    CHECK(agreement(scene(one, 0, {.mirrored = true}, seed)).mirrored);
+    for (const double factor : {0.1, 4.0, 1000.0}) {  // a gear left out, counted twice; mN·m
+      CheckedScene other = good;
+      for (FrameEstimate& e : other.estimates)
+        if (e.joints) e.joints->tail(1) *= factor;
+      CHECK(agreement(other).scale == Approx(factor).epsilon(0.1));
+    }
   }
+  CHECK(agreement({scene(one, 0, {}, 1).estimates, {}}).scale == 1.0);
 }
 
 TEST_CASE("a force sensor that reports the finger's force falls in contacts", "[checks]") {

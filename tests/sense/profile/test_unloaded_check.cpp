@@ -168,6 +168,52 @@ TEST_CASE("pictures that repeat their pixels have a noise that their scatter doe
   CHECK(seen_before > 0);
 }
 
+TEST_CASE("light that moves along the finger in bands is noise of many places at once", "[profiles]") {
+  const auto banded = [](double amplitude, double period_m, std::uint64_t seed) {
+    std::vector<Profile> list = rest(30, seed);
+    for (std::size_t k = 0; k < list.size(); ++k)
+      list[k].value.array() *=
+          1.0 + amplitude * (2.0 * pi * (rest_places_m.array() / period_m + 0.37 * double(k))).sin();
+    return list;
+  };
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    const CheckedReference clean = checked_reference(all_of(rest(30, seed)));
+    CHECK(clean.bands == 0.0);
+    CHECK(clean.least_noise == 0.0);
+  }
+  for (const double amplitude : {0.03, 0.08})
+    for (const double period_m : {15e-3, 30e-3, 60e-3}) {
+      CAPTURE(amplitude, period_m);
+      const std::vector<Profile> list = banded(amplitude, period_m, 7);
+      const CheckedReference seen = checked_reference(all_of(list));
+      CHECK(seen.bands == Approx(amplitude / std::sqrt(2.0)).epsilon(0.3));
+      CHECK(seen.left_out == 0);
+      // No picture at rest is a contact to whoever knows this noise, and a strong one still is.
+      BayesLocalizer::Config known;
+      known.position_m = rest_places_m;
+      known.noise = seen.reference.noise();
+      known.unloaded = seen.reference.mean();
+      BayesLocalizer localizer(known);
+      const auto touched = [&](Profile p) {
+        seen.reference.subtract(p);
+        const LocationEstimate e = localizer.update(p);
+        return e.contacts > 0 ? e.probability : 1.0 - e.probability;
+      };
+      double most = 0.0;
+      for (const Profile& p : list) most = std::max(most, touched(p));
+      CHECK(most < 0.9);
+      Profile pressed = list.front();
+      pressed.stamp_ns = list.back().stamp_ns;
+      pressed.value += bump_at(0.0, 20.0);
+      double found = 0.0;
+      for (int k = 0; k < 10; ++k) {
+        pressed.stamp_ns += 33 * ms;
+        found = touched(pressed);
+      }
+      CHECK(found > 0.9);
+    }
+}
+
 TEST_CASE("light that flickers as a whole is said to", "[profiles]") {
   std::vector<Profile> list = rest(30, 7);
   for (std::size_t k = 0; k < list.size(); ++k) list[k].value *= 1.0 + 0.1 * std::sin(2.1 * double(k));

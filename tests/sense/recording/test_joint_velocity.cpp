@@ -49,6 +49,12 @@ TEST_CASE("velocities that positions contradict are taken from these, and said t
   }
 }
 
+TEST_CASE("positions in degrees are refused by name", "[log]") {
+  std::vector<JointSample> samples = swinging(1.0);
+  for (JointSample& s : samples) s.position_rad *= 180.0 / pi;
+  CHECK_THROWS_WITH(mend_velocities(samples), Catch::Contains("joint 0") && Catch::Contains("degrees"));
+}
+
 TEST_CASE("a joint that rests, wraps round or has few samples shows nothing of its velocities", "[log]") {
   CHECK_FALSE(check_velocity(swinging(1.0), 1).moves);
   CHECK_FALSE(check_velocity({}, 0).moves);

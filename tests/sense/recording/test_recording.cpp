@@ -140,6 +140,26 @@ void check_errors(const std::vector<ForceSample>& samples) {
 
 }  // namespace
 
+TEST_CASE("stamps that are not in nanoseconds are refused by name", "[log]") {
+  const auto log = [](std::int64_t picture_ns, std::int64_t joint_ns) {
+    Recording r;
+    r.path = "log";
+    for (int k = 0; k < 30; ++k) {
+      r.frames.push_back({k * picture_ns, ""});
+      r.joints.push_back({k * joint_ns, JointVector::Zero(1), JointVector::Zero(1), JointVector::Zero(1)});
+    }
+    return r;
+  };
+  CHECK_NOTHROW(require_nanoseconds(log(33'000'000, 1'000'000)));
+  CHECK_NOTHROW(require_nanoseconds(log(500'000, 50'000)));  // 2,000 pictures and 20,000 samples a second
+  CHECK_NOTHROW(require_nanoseconds(Recording{}));
+  CHECK_THROWS_WITH(require_nanoseconds(log(33'000, 1'000'000)),
+      Catch::Contains("pictures come 30303 times") && Catch::Contains("µs"));
+  CHECK_THROWS_WITH(require_nanoseconds(log(33, 1'000'000)), Catch::Contains("ms, must be in ns"));
+  CHECK_THROWS_WITH(
+      require_nanoseconds(log(33'000'000, 1'000)), Catch::Contains("joint samples") && Catch::Contains("µs"));
+}
+
 TEST_CASE("from a folder of pictures and currents to location and force, with the baselines", "[log]") {
   const TemporaryFolder folder;
   const std::string name = folder.path.string();

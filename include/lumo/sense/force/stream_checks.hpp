@@ -50,6 +50,7 @@ struct StreamCheckLimits {
   // Force sensor
   double least_force_N = 2.0;  ///< from which torque over force is a place
   double wrong_force_N = 0.5;  ///< on the wrong side, in holds (median)
+  double wrong_scale = 2.0;    ///< of torques over force and place, or its inverse: no friction makes as much
 };
 
 /// Frames in which the finger is darker at one place than in its reference, while no other place is brighter by as
@@ -223,22 +224,34 @@ template <ContactJacobian J> std::optional<double> torque_without_contact(std::s
   return far && std::max(share, 1.0 - share) > limits.one_sign ? std::optional(middle) : std::nullopt;
 }
 
-/// Places by one joint's torque over the force sensor's force against places by light: whether they run against each
-/// other, as where the view is mirrored. For the sensor's sign see force_falls_in_contacts.
-inline bool mirrored_by_sensor(std::span<const FrameEstimate> estimates, const MomentArm& joint, const Session& session,
-    const std::vector<WrenchSample>& wrenches, const StreamCheckLimits& limits = {}) {
-  if (wrenches.empty()) return false;
+/// What a force sensor makes of one joint's torque: torque over force is the contact's distance from the joint.
+struct SensorAgreement {
+  bool mirrored = false;  ///< places by torque run against places by light, as where the view is mirrored
+  double scale = 1.0;     ///< of the torques, where they are out of all proportion to force and place (median); 1: not
+};
+
+/// `joint`: where the finger is. For the sensor's sign see force_falls_in_contacts.
+inline SensorAgreement sensor_agreement(std::span<const FrameEstimate> estimates, const MomentArm& joint,
+    const Session& session, const std::vector<WrenchSample>& wrenches, const StreamCheckLimits& limits = {}) {
+  SensorAgreement r;
+  if (wrenches.empty()) return r;
   const TimeSeries force = normal_force(wrenches, session.wrench_clock, force_tare_N(session, wrenches));
-  std::vector<double> light, torque;
+  std::vector<double> light, torque, scale;
   for (const FrameEstimate& e : estimates)
     if (const auto at = e.contact(); at && e.joints && e.joints->size() == 2 && e.location.probability > limits.sure)
       if (const auto f = force.at(e.stamp_ns, LogTruth::max_gap_s); f && (*f)[0] > limits.least_force_N) {
+        const double arm_m = (*e.joints)[1] / (*f)[0];
         light.push_back(at->y_m);
-        torque.push_back((*e.joints)[1] / (*f)[0] - joint.joint_to_origin_m);
+        torque.push_back(arm_m - joint.joint_to_origin_m);
+        scale.push_back(arm_m / (joint.joint_to_origin_m + at->y_m));
       }
-  return int(light.size()) >= limits.least_contacts &&
-         quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m &&
-         detail::correlation(light, torque) < limits.mirrored;
+  if (int(light.size()) < limits.least_contacts) return r;
+  r.mirrored = quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m &&
+               detail::correlation(light, torque) < limits.mirrored;
+  const double middle = median(scale);
+  if (std::isfinite(middle) && (middle > limits.wrong_scale || (middle > 0.0 && middle < 1.0 / limits.wrong_scale)))
+    r.scale = middle;
+  return r;
 }
 
 /// The force sensor against contacts that the pictures see: the force falls where they begin. For logs without holds.

@@ -73,6 +73,8 @@ struct UnloadedLimits {
   double repeated_DN = 1.5;       ///< least noise of a profile's value then: a codec's steps
   double repeated_scatter = 1.5;  ///< … and of the largest deviation, what is more than that, times √block_bins
   double largest_scatter = 0.04;  ///< of one response, share of the light, that a finger at rest has
+  double band_together = 1.6;  ///< scatter of an eighth of the finger over that of places that vary by themselves …
+  double band_DN = 0.3;        ///< … and scatter of one place, above which light moves along the finger in bands
 };
 
 /// The reference of a stretch, and what was found in it.
@@ -86,6 +88,7 @@ struct CheckedReference {
   double scatter = 0.0;      ///< of one response, share of the light (median over the finger)
   bool scatters = false;     ///< more than a finger at rest does
   double together = 0.0;     ///< part of that scatter that all places have together, share of the light
+  double bands = 0.0;        ///< scatter by light that moves along the finger in bands, share of the light; 0: none
   double saturated = 0.0;    ///< share of full pixels, mean over the pictures
 };
 
@@ -111,6 +114,17 @@ inline Eigen::MatrixXd shape_deviations(const std::vector<const Profile*>& profi
   const double light = std::max(middle.mean(), 1e-9);
   for (Eigen::Index k = 0; k < n; ++k) value.col(k) -= value.col(k).mean() / light * middle;
   return value;
+}
+
+/// Scatter of means over neighbouring places, an eighth of all, over that of as many that vary by themselves.
+inline double scatter_together(const Eigen::MatrixXd& deviation) {
+  const Eigen::Index width = std::max<Eigen::Index>(2, deviation.rows() / 8), windows = deviation.rows() - width + 1;
+  const double single = deviation.squaredNorm() / double(deviation.size());
+  if (windows < 1 || !(single > 0.0)) return 1.0;
+  double sum = 0.0;
+  for (Eigen::Index first = 0; first < windows; ++first)
+    sum += deviation.middleRows(first, width).colwise().mean().squaredNorm();
+  return std::sqrt(double(width) * sum / double(windows * deviation.cols()) / single);
 }
 
 /// Those whose light is that of the closest half. Where some are far off, that half may hold some of them: what is left
@@ -184,6 +198,16 @@ inline CheckedReference checked_reference(
                  seen = limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff();
     r.least_noise = step + std::sqrt(repeats.block_bins) * std::max(0.0, seen - step);
     r.reference.set_least_noise(r.least_noise);
+  }
+  if (kept.size() >= limits.least) {
+    const Eigen::MatrixXd deviation = detail::shape_deviations(kept);
+    const double together = detail::scatter_together(deviation),
+                 single = deviation.norm() / std::sqrt(double(deviation.size()));
+    if (together > limits.band_together && single > limits.band_DN) {
+      r.bands = single / std::max(r.reference.mean().mean(), 1e-9);
+      r.least_noise = std::max(r.least_noise, limits.repeated_scatter * together * single);
+      r.reference.set_least_noise(r.least_noise);
+    }
   }
   const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));
   r.scatter = median({share.data(), share.data() + share.size()});

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/units.hpp"
 #include "lumo/sense/devices/device.hpp"
 
 #include <Eigen/Core>
@@ -110,7 +111,8 @@ inline void take_velocity_from_positions(
 }
 
 /// Takes the velocities of those joints from the positions that move, but not as their velocities say: zeros, degrees
-/// or turns a minute. Returns a line for each, for whoever reads the log.
+/// or turns a minute. Returns a line for each, for whoever reads the log. Throws InvalidArgument for positions in
+/// degrees.
 inline std::vector<std::string> mend_velocities(std::vector<JointSample>& samples, const VelocityLimits& limits = {}) {
   std::vector<std::string> notes;
   if (samples.empty()) return notes;
@@ -118,6 +120,12 @@ inline std::vector<std::string> mend_velocities(std::vector<JointSample>& sample
   for (int j = 0; j < joints; ++j) {
     const VelocityCheck check = check_velocity(samples, j, limits);
     if (check.agrees) continue;
+    const auto [least, most] = std::minmax_element(samples.begin(), samples.end(),
+        [j](const JointSample& a, const JointSample& b) { return a.position_rad[j] < b.position_rad[j]; });
+    if (std::abs(check.scale * 180.0 / pi - 1.0) <= limits.wrong_scale &&
+        most->position_rad[j] - least->position_rad[j] > pi)
+      throw InvalidArgument(message("positions of joint ", j,
+          " change 57.3 times as fast as its velocities say: they seem to be in degrees, must be in rad"));
     take_velocity_from_positions(samples, j, limits);
     notes.push_back(message("velocities of joint ", j, " are ", 0.01 * std::round(100.0 * check.scale),
         " times the change of its positions"

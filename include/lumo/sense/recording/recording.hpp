@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -49,6 +50,20 @@ inline void require_common_time(const Recording& log) {
     throw InputError(message(log.path, ": pictures and joint samples have no time in common: pictures from ",
         to_string(*frames), ", joints from ", to_string(*joints),
         "; if their clocks differ, joint_clock of session.json must say by how much"));
+}
+
+/// Throws InputError where pictures or joint samples come faster than cameras and drives give them, more than 10,000 or
+/// 100,000 times a second: their stamps are then not in ns.
+inline void require_nanoseconds(const Recording& log) {
+  const auto require = [&](const char* what, const auto& rows, double shortest_s) {
+    if (rows.size() < 2) return;
+    const double period_s = stream_period_s(rows);
+    if (!(period_s > 0.0) || period_s >= shortest_s) return;
+    throw InputError(message(log.path, ": ", what, " come ", std::round(1.0 / period_s),
+        " times a second: stamps seem to be in ", period_s >= 1e-3 * shortest_s ? "µs" : "ms", ", must be in ns"));
+  };
+  require("pictures", log.frames, 1e-4);
+  require("joint samples", log.joints, 1e-5);
 }
 
 /// Throws InputError if session and tables do not match: currents need a torque constant for each joint.
