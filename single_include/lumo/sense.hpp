@@ -9920,11 +9920,15 @@ inline UnloadedStretch joint_stretch(const Session& session, const UnloadedStret
 }
 
 /// A recording's joint samples, stamped on the frames' clock. Velocities that do not fit the positions are taken from
-/// these (mend_velocities).
+/// these (mend_velocities). Throws InputError for positions in degrees.
 inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
   std::vector<JointSample> samples = recording.joints;
   for (JointSample& s : samples) s.stamp_ns = recording.session.joint_clock(s.stamp_ns);
-  mend_velocities(samples);
+  try {
+    mend_velocities(samples);
+  } catch (const InvalidArgument& e) {
+    throw InputError(message(recording.path, ": ", e.what()));
+  }
   return samples;
 }
 
