@@ -164,6 +164,32 @@ def light(by):
     return make
 
 
+def bands(amplitude, period):
+    """Lines along the finger that a rolling shutter exposes one after the other, under lamps that flicker."""
+
+    def make(log):
+        log.pictures = [
+            np.clip(
+                p * (1.0 + amplitude * np.sin(2.0 * np.pi * (np.arange(p.shape[1]) / period + 0.37 * k))) + 0.5, 0, 255
+            ).astype(np.uint8)
+            for k, p in enumerate(log.pictures)
+        ]
+
+    return make
+
+
+def microseconds(log):
+    for table in log.tables.values():
+        table["stamp_ns"] = [str(int(t) // 1000) for t in table["stamp_ns"]]
+    for segment in log.session["segments"]:
+        segment["from_ns"] //= 1000
+        segment["to_ns"] //= 1000
+
+
+def gear(log):
+    log.session["torque_constant_Nm_per_A"] = [10 * k for k in log.session["torque_constant_Nm_per_A"]]
+
+
 def drift(log):
     rows = len(log.tables["wrench"]["stamp_ns"])
     log.tables.pop("truth")
@@ -242,6 +268,13 @@ VARIANTS = [
             noted_and_right("rises and falls")),
     Variant("pulses", "every third picture has 20 % less light", light(lambda k: 0.8 if k % 3 == 0 else 1.0),
             "as the control, noted", noted_and_right("rises and falls")),
+    Variant("bands", "bands of 3 % move along the finger", bands(0.03, 60), "at most 1.1 times the control's frames, noted",
+            lambda r, c, n: noted("in bands")(r, c, n) and frames_with_force(r) < 1.1 * frames_with_force(c)),
+    Variant("microseconds", "stamps in µs", microseconds, "refused", None),
+    Variant("degrees", "positions in degrees", scaled("joint", "position_rad_0", lambda v, k: 57.29578 * v), "refused",
+            None),
+    Variant("gear", "the session's torque constant is ten times too large", gear, "noted",
+            noted("times what the force sensor")),
     Variant("over_exposed", "2.5 times the light", light(lambda k: 2.5), "noted", noted("are full (255)")),
     Variant("drift", "the force sensor drifts by 4 N; no truth", drift, "as the control, noted",
             noted_and_right("tared before each contact")),
