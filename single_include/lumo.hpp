@@ -9701,6 +9701,12 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
   return s == Status::converged || (accept_held && s == Status::held);
 }
 
+/// Whether the way to an equilibrium was lost: other strides, or another mesh, may find it.
+constexpr bool is_lost(Status s) {
+  return s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
+         s == Status::max_iterations;
+}
+
 constexpr std::string_view to_string(Status s) {
   constexpr std::array<std::string_view, 9> names{"converged", "held", "max_iterations", "line_search", "inverted",
       "not_positive_definite", "non_finite", "time_limit", "unresolved"};
@@ -12907,9 +12913,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         }
         continue;
       }
-      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
-                        s == Status::max_iterations;
-      if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
+      if (!is_lost(s) || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
       state = reached;
       first /= 4.0;
       stride = std::sqrt(stride);
@@ -18805,11 +18809,6 @@ template <class P, Indenter Tool> struct PlacePresses {
  private:
   static constexpr double finest_wanted = 20e-6;  // [m]
   static constexpr double of_lost = 0.8;          // edges about a lost contact, on its next mesh
-
-  static bool is_lost(Status s) {
-    return s == Status::not_positive_definite || s == Status::line_search || s == Status::inverted ||
-           s == Status::max_iterations;
-  }
 
   // Covers where the tool presses, if a contact wants a finer mesh.
   void add_places(const MechanicalState& state, std::vector<FinePlace>& all) const {

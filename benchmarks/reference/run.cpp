@@ -19,7 +19,6 @@
 #include <optional>
 #include <set>
 #include <sstream>
-#include <stdexcept>
 #include <string>
 
 namespace {
@@ -244,7 +243,7 @@ Body spelled_out(Body b, int axis) {
           } else if constexpr (requires { shape.center; }) {
             shape.center = reflect(shape.center);
           } else {
-            throw std::invalid_argument("a shape of one's own has no mirror image");
+            throw InvalidArgument("a shape of one's own has no mirror image");
           }
         },
         p.shape);

@@ -158,24 +158,19 @@ def joints_later(seconds):
 
 
 def light(by):
-    def make(log):
-        log.pictures = [np.clip(p * by(k) + 0.5, 0, 255).astype(np.uint8) for k, p in enumerate(log.pictures)]
-
-    return make
-
-
-def bands(amplitude, period):
-    """Lines along the finger that a rolling shutter exposes one after the other, under lamps that flicker."""
+    """`by(k, x)`: the factor on picture k at its columns x."""
 
     def make(log):
         log.pictures = [
-            np.clip(
-                p * (1.0 + amplitude * np.sin(2.0 * np.pi * (np.arange(p.shape[1]) / period + 0.37 * k))) + 0.5, 0, 255
-            ).astype(np.uint8)
-            for k, p in enumerate(log.pictures)
+            np.clip(p * by(k, np.arange(p.shape[1])) + 0.5, 0, 255).astype(np.uint8) for k, p in enumerate(log.pictures)
         ]
 
     return make
+
+
+def bands(k, x):
+    """Lines along the finger that a rolling shutter exposes one after the other, under lamps that flicker."""
+    return 1.0 + 0.03 * np.sin(2.0 * np.pi * (x / 60 + 0.37 * k))
 
 
 def microseconds(log):
@@ -264,18 +259,18 @@ VARIANTS = [
             lambda r, c, n: latency(150)(r, c, n) and noted("joint samples are stamped")(r, c, n)),
     Variant("late_150_given", "the same, given", joints_later(0.15), "as the control", as_control, ("--latency", "150")),
     Variant("early_40", "joints are stamped 40 ms earlier", joints_later(-0.04), "-40 ms within its error", latency(-40)),
-    Variant("mains", "light rises and falls by 8 %", light(lambda k: 1.0 + 0.08 * np.sin(1.9 * k)), "as the control, noted",
-            noted_and_right("rises and falls")),
-    Variant("pulses", "every third picture has 20 % less light", light(lambda k: 0.8 if k % 3 == 0 else 1.0),
+    Variant("mains", "light rises and falls by 8 %", light(lambda k, x: 1.0 + 0.08 * np.sin(1.9 * k)),
             "as the control, noted", noted_and_right("rises and falls")),
-    Variant("bands", "bands of 3 % move along the finger", bands(0.03, 60), "at most 1.1 times the control's frames, noted",
+    Variant("pulses", "every third picture has 20 % less light", light(lambda k, x: 0.8 if k % 3 == 0 else 1.0),
+            "as the control, noted", noted_and_right("rises and falls")),
+    Variant("bands", "bands of 3 % move along the finger", light(bands), "at most 1.1 times the control's frames, noted",
             lambda r, c, n: noted("in bands")(r, c, n) and frames_with_force(r) < 1.1 * frames_with_force(c)),
     Variant("microseconds", "stamps in µs", microseconds, "refused", None),
     Variant("degrees", "positions in degrees", scaled("joint", "position_rad_0", lambda v, k: 57.29578 * v), "refused",
             None),
     Variant("gear", "the session's torque constant is ten times too large", gear, "noted",
             noted("times what the force sensor")),
-    Variant("over_exposed", "2.5 times the light", light(lambda k: 2.5), "noted", noted("are full (255)")),
+    Variant("over_exposed", "2.5 times the light", light(lambda k, x: 2.5), "noted", noted("are full (255)")),
     Variant("drift", "the force sensor drifts by 4 N; no truth", drift, "as the control, noted",
             noted_and_right("tared before each contact")),
     Variant("mounted", "the force sensor's x points out of the pad; no truth", mounted, "as the control", as_control,

@@ -6142,7 +6142,6 @@ inline CheckedReference checked_reference(
     const double step = limits.repeated_DN,
                  seen = limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff();
     r.least_noise = step + std::sqrt(repeats.block_bins) * std::max(0.0, seen - step);
-    r.reference.set_least_noise(r.least_noise);
   }
   if (kept.size() >= limits.least) {
     const Eigen::MatrixXd deviation = detail::shape_deviations(kept);
@@ -6151,9 +6150,9 @@ inline CheckedReference checked_reference(
     if (together > limits.band_together && single > limits.band_DN) {
       r.bands = single / std::max(r.reference.mean().mean(), 1e-9);
       r.least_noise = std::max(r.least_noise, limits.repeated_scatter * together * single);
-      r.reference.set_least_noise(r.least_noise);
     }
   }
+  r.reference.set_least_noise(r.least_noise);
   const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));
   r.scatter = median({share.data(), share.data() + share.size()});
   std::vector<double> light;
@@ -10989,18 +10988,17 @@ inline SensorAgreement sensor_agreement(std::span<const FrameEstimate> estimates
   SensorAgreement r;
   if (wrenches.empty()) return r;
   const TimeSeries force = normal_force(wrenches, session.wrench_clock, force_tare_N(session, wrenches));
-  std::vector<double> light, torque, scale;
+  std::vector<double> light, arm_m, scale;
   for (const FrameEstimate& e : estimates)
     if (const auto at = e.contact(); at && e.joints && e.joints->size() == 2 && e.location.probability > limits.sure)
       if (const auto f = force.at(e.stamp_ns, LogTruth::max_gap_s); f && (*f)[0] > limits.least_force_N) {
-        const double arm_m = (*e.joints)[1] / (*f)[0];
         light.push_back(at->y_m);
-        torque.push_back(arm_m - joint.joint_to_origin_m);
-        scale.push_back(arm_m / (joint.joint_to_origin_m + at->y_m));
+        arm_m.push_back((*e.joints)[1] / (*f)[0]);
+        scale.push_back(arm_m.back() / (joint.joint_to_origin_m + at->y_m));
       }
   if (int(light.size()) < limits.least_contacts) return r;
   r.mirrored = quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m &&
-               detail::correlation(light, torque) < limits.mirrored;
+               detail::correlation(light, arm_m) < limits.mirrored;
   const double middle = median(scale);
   if (std::isfinite(middle) && (middle > limits.wrong_scale || (middle > 0.0 && middle < 1.0 / limits.wrong_scale)))
     r.scale = middle;

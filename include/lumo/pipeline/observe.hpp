@@ -227,11 +227,6 @@ template <class P, Indenter Tool> struct PlacePresses {
   static constexpr double finest_wanted = 20e-6;  // [m]
   static constexpr double of_lost = 0.8;          // edges about a lost contact, on its next mesh
 
-  static bool is_lost(Status s) {
-    return s == Status::not_positive_definite || s == Status::line_search || s == Status::inverted ||
-           s == Status::max_iterations;
-  }
-
   // Covers where the tool presses, if a contact wants a finer mesh.
   void add_places(const MechanicalState& state, std::vector<FinePlace>& all) const {
     double edge = std::numeric_limits<double>::infinity(), apart = edge;

@@ -31,6 +31,12 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
   return s == Status::converged || (accept_held && s == Status::held);
 }
 
+/// Whether the way to an equilibrium was lost: other strides, or another mesh, may find it.
+constexpr bool is_lost(Status s) {
+  return s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
+         s == Status::max_iterations;
+}
+
 constexpr std::string_view to_string(Status s) {
   constexpr std::array<std::string_view, 9> names{"converged", "held", "max_iterations", "line_search", "inverted",
       "not_positive_definite", "non_finite", "time_limit", "unresolved"};

@@ -163,9 +163,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         }
         continue;
       }
-      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
-                        s == Status::max_iterations;
-      if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
+      if (!is_lost(s) || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
       state = reached;
       first /= 4.0;
       stride = std::sqrt(stride);

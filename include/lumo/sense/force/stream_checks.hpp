@@ -236,18 +236,17 @@ inline SensorAgreement sensor_agreement(std::span<const FrameEstimate> estimates
   SensorAgreement r;
   if (wrenches.empty()) return r;
   const TimeSeries force = normal_force(wrenches, session.wrench_clock, force_tare_N(session, wrenches));
-  std::vector<double> light, torque, scale;
+  std::vector<double> light, arm_m, scale;
   for (const FrameEstimate& e : estimates)
     if (const auto at = e.contact(); at && e.joints && e.joints->size() == 2 && e.location.probability > limits.sure)
       if (const auto f = force.at(e.stamp_ns, LogTruth::max_gap_s); f && (*f)[0] > limits.least_force_N) {
-        const double arm_m = (*e.joints)[1] / (*f)[0];
         light.push_back(at->y_m);
-        torque.push_back(arm_m - joint.joint_to_origin_m);
-        scale.push_back(arm_m / (joint.joint_to_origin_m + at->y_m));
+        arm_m.push_back((*e.joints)[1] / (*f)[0]);
+        scale.push_back(arm_m.back() / (joint.joint_to_origin_m + at->y_m));
       }
   if (int(light.size()) < limits.least_contacts) return r;
   r.mirrored = quantile(light, 0.9) - quantile(light, 0.1) > limits.least_spread_m &&
-               detail::correlation(light, torque) < limits.mirrored;
+               detail::correlation(light, arm_m) < limits.mirrored;
   const double middle = median(scale);
   if (std::isfinite(middle) && (middle > limits.wrong_scale || (middle > 0.0 && middle < 1.0 / limits.wrong_scale)))
     r.scale = middle;

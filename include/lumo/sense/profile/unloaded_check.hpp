@@ -197,7 +197,6 @@ inline CheckedReference checked_reference(
     const double step = limits.repeated_DN,
                  seen = limits.repeated_scatter * detail::shape_deviations(fresh).cwiseAbs().maxCoeff();
     r.least_noise = step + std::sqrt(repeats.block_bins) * std::max(0.0, seen - step);
-    r.reference.set_least_noise(r.least_noise);
   }
   if (kept.size() >= limits.least) {
     const Eigen::MatrixXd deviation = detail::shape_deviations(kept);
@@ -206,9 +205,9 @@ inline CheckedReference checked_reference(
     if (together > limits.band_together && single > limits.band_DN) {
       r.bands = single / std::max(r.reference.mean().mean(), 1e-9);
       r.least_noise = std::max(r.least_noise, limits.repeated_scatter * together * single);
-      r.reference.set_least_noise(r.least_noise);
     }
   }
+  r.reference.set_least_noise(r.least_noise);
   const Eigen::VectorXd noise = r.reference.noise(), share = noise.cwiseQuotient(r.reference.mean().cwiseMax(1e-9));
   r.scatter = median({share.data(), share.data() + share.size()});
   std::vector<double> light;
